@@ -1,0 +1,15 @@
+"""HRSI: block triangulation of high-resolution satellite images. The folder is a Python package and a QGIS plugin."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .plugin.plugin import HrsiPlugin
+
+
+def classFactory(iface: Any) -> HrsiPlugin:  # noqa: N802 - the name that QGIS calls
+    """Make the QGIS plugin; qgis is imported here and not before."""
+    from .plugin.plugin import HrsiPlugin
+
+    return HrsiPlugin(iface)

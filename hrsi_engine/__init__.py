@@ -1,0 +1,43 @@
+"""HRSI's engine: block triangulation of satellite images with RPC cameras, on arrays and objects.
+
+The names below are the public interface; each is imported when it is first used, so that command line and plugin
+start without the numerics.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_WHERE = {
+    "RPC": ".rpc",
+    "Adjustment": ".adjustment",
+    "AdjustOptions": ".adjustment",
+    "adjust": ".adjustment",
+    "Block": ".block",
+    "GroundPoints": ".block",
+    "Image": ".block",
+    "ImagePoints": ".block",
+    "Role": ".block",
+    "assemble": ".block",
+    "HrsiError": ".errors",
+    "MODELS": ".refinement",
+    "TieOptions": ".measurement.tie_points",
+    "find_tie_points": ".measurement.tie_points",
+    "fit_rpc": ".rpc_fit",
+    "open_image": ".io.rasters",
+    "read_rpc": ".io.rpc_files",
+    "residuals": ".residuals",
+}
+
+__all__ = sorted(_WHERE)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_WHERE[name], __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,124 @@
+"""The figures of an adjusted block, as the report's schema (version 1) names them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .adjustment import Adjustment
+from .block import Role
+from .refinement import RefinedRPC
+from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, radial_rmse, rmse
+
+OUTLIER_SIGMAS = 4.0  # a residual beyond this many of its sigmas is listed
+MOST_OUTLIERS = 200
+
+
+def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
+    """Return the report's entries about the adjustment; paths, times and settings are the caller's."""
+    return {
+        "model": result.model.name,
+        "converged": result.converged,
+        "status": result.status,
+        "iterations": len(result.history),
+        "history": [{"cost": step.cost, "damping": step.damping} for step in result.history],
+        "sigma0": result.sigma0,
+        "observations": result.observations,
+        "unknowns": result.unknowns,
+        "redundancy": round(result.redundancy, 3),
+        "images": {
+            image.id: _image_entry(result, left, index, refined[index])
+            for index, image in enumerate(result.block.images)
+        },
+        "control": _known_entry(result, left, Role.GCP),
+        "check": _check_entry(result, left),
+        "ties": _tie_entry(result, left),
+        "outliers": outliers(result, left),
+    }
+
+
+def _image_entry(result: Adjustment, left: Residuals, index: int, refined: RefinedRPC) -> dict[str, Any]:
+    here = result.block.measurements.image == index
+    values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
+    return {
+        "observations": int((here & np.isfinite(result.residual_px).all(axis=1)).sum()),
+        "before_rmse_sample_px": rmse(left.before_px[here, 0]),
+        "before_rmse_line_px": rmse(left.before_px[here, 1]),
+        "rmse_sample_px": rmse(left.at_known_px[here, 0]),
+        "rmse_line_px": rmse(left.at_known_px[here, 1]),
+        "rpc_fit_max_px": refined.fit_max_px,
+        "parameters": {name: {"value": float(value), "sigma": float(sigma)} for name, value, sigma in values},
+    }
+
+
+def _known_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, Any]:
+    points = result.block.points.role == role
+    rows = points[result.block.measurements.point]
+    east, north, height = (rmse(left.ground_m[points, axis]) for axis in range(3))
+    return {
+        "points": int(points.sum()),
+        "rmse_east_m": east,
+        "rmse_north_m": north,
+        "rmse_height_m": height,
+        "rmse_sample_px": rmse(left.at_known_px[rows, 0]),
+        "rmse_line_px": rmse(left.at_known_px[rows, 1]),
+    }
+
+
+def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    entry = _known_entry(result, left, Role.CHECK)
+    points = result.block.points.role == Role.CHECK
+    radial, height = radial_rmse(left.ground_m[points, :2]), entry["rmse_height_m"]
+    entry["ce90_m"] = None if radial is None else CE90_OF_RADIAL_RMSE * radial
+    entry["le90_m"] = None if height is None else LE90_OF_RMSE * height
+    return entry
+
+
+def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images."""
+    block = result.block
+    used = np.isfinite(result.residual_px).all(axis=1) & (block.points.role == Role.TIE)[block.measurements.point]
+    points = block.measurements.point[used]
+    rays = np.bincount(points, minlength=len(block.points))
+    return {
+        **_tie_figures(result, left, used),
+        "by_rays": {
+            str(count): _tie_figures(result, left, used & (rays[block.measurements.point] == count))
+            for count in np.unique(rays[rays > 0])
+        },
+    }
+
+
+def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[str, Any]:
+    return {
+        "points": len(np.unique(result.block.measurements.point[rows])),
+        "observations": int(rows.sum()),
+        "before_rmse_px": radial_rmse(left.tie_before_px[rows]),
+        "rmse_px": radial_rmse(result.residual_px[rows]),
+    }
+
+
+def outlier_statistic(result: Adjustment, left: Residuals) -> np.ndarray:
+    """Return each measurement's residual length over its sigma; of known points at their known position."""
+    known = result.block.known[result.block.measurements.point]
+    residual = np.where(known[:, None], left.at_known_px, result.residual_px)
+    return np.linalg.norm(residual, axis=1) / (result.block.measurements.sigma_px * max(result.sigma0, 1.0))
+
+
+def outliers(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
+    """Return the measurements beyond 4 sigma, worst first."""
+    statistic = outlier_statistic(result, left)
+    rows = result.block.measurements
+    worst = np.argsort(-np.nan_to_num(statistic))[:MOST_OUTLIERS]
+    return [
+        {
+            "id": str(result.block.points.ids[rows.point[row]]),
+            "image": result.block.images[rows.image[row]].id,
+            "role": Role(result.block.points.role[rows.point[row]]).label,
+            "statistic": float(statistic[row]),
+        }
+        for row in worst
+        if statistic[row] > OUTLIER_SIGMAS
+    ]

@@ -1,0 +1,1 @@
+"""Files in and out: the only part of the engine that opens paths or imports ``osgeo``."""

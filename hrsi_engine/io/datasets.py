@@ -1,0 +1,62 @@
+"""Opening GDAL datasets without touching GDAL's global state: quiet, with or without GDAL exceptions enabled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from osgeo import gdal
+
+
+@contextmanager
+def gdal_messages() -> Iterator[list[str]]:
+    """Collect the failures that GDAL reports in the calling thread instead of printing them.
+
+    RuntimeError (GDAL with exceptions enabled) and SystemError (GDAL 3.6 given a message that is not UTF-8) are
+    taken as such a failure: results must be preset.
+    """
+    messages: list[str] = []
+
+    def collect(severity: int, _code: int, text: str) -> None:
+        if severity >= gdal.CE_Failure:
+            messages.append(" ".join(text.split()))
+
+    gdal.PushErrorHandler(collect)
+    try:
+        yield messages
+    except (RuntimeError, SystemError) as error:
+        messages.append(" ".join(str(error).split()))
+    finally:
+        gdal.PopErrorHandler()
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Drop what GDAL would print; for damaged files, whose text may be in no known encoding."""
+    gdal.PushErrorHandler("CPLQuietErrorHandler")
+    try:
+        yield
+    finally:
+        gdal.PopErrorHandler()
+
+
+def open_dataset(path: str, flags: int = 0) -> tuple[gdal.Dataset | None, str]:
+    """Return a raster dataset opened for reading (or with ``flags``) and GDAL's last message; None where it fails."""
+    with quiet():
+        gdal.ErrorReset()
+        try:
+            dataset = gdal.OpenEx(path, gdal.OF_RASTER | flags)
+            return dataset, "" if dataset is not None else " ".join(gdal.GetLastErrorMsg().split())
+        except (RuntimeError, SystemError, UnicodeDecodeError) as error:
+            return None, " ".join(str(error).split())
+
+
+def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
+    """Return a metadata domain as text, quietly; GDAL gives bytes where damaged text is not UTF-8."""
+    with quiet():
+        metadata = dataset.GetMetadata(domain)
+    return {_text(key): _text(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
+
+
+def _text(value: str | bytes) -> str:
+    return value.decode("latin-1") if isinstance(value, bytes) else value

@@ -1,0 +1,146 @@
+"""DEMs on disk as height surfaces: any raster of GDAL's, any CRS, heights brought to the ellipsoid on reading."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pyproj
+from osgeo import gdal
+
+from ..dem import GridSurface
+from ..errors import InputError
+from ..geodesy import geoid_heights, has_vertical_datum, undulations_of_crs, wrap_degrees
+from .datasets import gdal_messages, open_dataset
+
+#: Metres per unit of height, by the names that drivers give (lower case).
+HEIGHT_UNITS_M = {
+    "": 1.0, "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0,
+    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200.0 / 3937.0, "us survey foot": 1200.0 / 3937.0,
+}  # fmt: skip
+
+Undulations = Callable[[np.ndarray], np.ndarray]  # (n, 3) lon, lat, anything -> (n,) m to add
+
+
+def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
+    """Open a DEM as a surface of ellipsoidal heights; its cells are read when they are needed.
+
+    Parameters
+    ----------
+    path : any raster that GDAL opens, with a geotransform and a CRS; the first band holds the heights
+    height_datum : ``layer`` (as the CRS of the file says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file
+
+    Raises
+    ------
+    InputError
+        The file is no DEM, has no CRS, does not say what its heights refer to, or a geoid grid is missing.
+    """
+    dataset, message = open_dataset(path)
+    if dataset is None:
+        raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): check the file")
+    crs = _crs_of(dataset, path)
+    geotransform = dataset.GetGeoTransform(can_return_null=True)
+    if geotransform is None or gdal.InvGeoTransform(geotransform) is None:
+        raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the DEM")
+    reader = _DemReader(dataset, path, geotransform, crs, _undulations(path, crs, height_datum))
+    return GridSurface((dataset.RasterYSize, dataset.RasterXSize), reader.read, reader.to_grid)
+
+
+def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
+    wkt = dataset.GetProjection()
+    if not wkt:
+        raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
+    try:
+        return pyproj.CRS.from_wkt(wkt)
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None
+
+
+def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations:
+    """Return the function that gives what is to be added to the DEM's heights."""
+    if height_datum == "ellipsoidal":
+        return lambda ground: np.zeros(len(ground))
+    if height_datum != "layer":
+        return lambda ground: geoid_heights(ground, height_datum)
+    if not has_vertical_datum(crs.to_wkt()):
+        raise InputError(
+            f"{path}: does not say what its heights refer to: "
+            "give --dem-datum egm96, egm2008, ellipsoidal or the file of a geoid grid"
+        )
+    return undulations_of_crs(crs.to_wkt())
+
+
+def _metres_per_unit(band: gdal.Band, crs: pyproj.CRS, path: str) -> float:
+    """Return metres per unit of height: as the band says, else as the vertical part of the CRS says."""
+    unit = (band.GetUnitType() or "").lower()
+    if unit not in HEIGHT_UNITS_M:
+        raise InputError(f"{path}: heights are in {unit!r}, which is no unit of length known here: convert to metres")
+    if not unit and len(crs.sub_crs_list) > 1:
+        return float(crs.sub_crs_list[1].axis_info[0].unit_conversion_factor)
+    return HEIGHT_UNITS_M[unit]
+
+
+class _DemReader:
+    """Reads windows of a DEM and places its cells; used by one thread at a time (`GridSurface` sees to that)."""
+
+    def __init__(
+        self,
+        dataset: gdal.Dataset,
+        path: str,
+        geotransform: tuple[float, ...],
+        crs: pyproj.CRS,
+        undulations: Undulations,
+    ) -> None:
+        self._dataset, self._path, self._undulations = dataset, path, undulations
+        self._geotransform, self._inverse = geotransform, gdal.InvGeoTransform(geotransform)
+        band = dataset.GetRasterBand(1)
+        self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
+        self._metres = _metres_per_unit(band, crs, path)
+        horizontal = crs.sub_crs_list[0] if crs.sub_crs_list else crs
+        self._geographic = bool(horizontal.is_geographic)
+        self._from_wgs84 = pyproj.Transformer.from_crs(4326, horizontal, always_xy=True)
+        self._to_wgs84 = pyproj.Transformer.from_crs(horizontal, 4326, always_xy=True)
+        self._middle_x = self._xy(np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))[0, 0]
+
+    def to_grid(self, lonlat: np.ndarray) -> np.ndarray:
+        """Return column, row, (0, 0) the centre of the first cell, of lon, lat points ``(n, 2)``."""
+        x, y = self._from_wgs84.transform(lonlat[:, 0], lonlat[:, 1])
+        x = np.asarray(x)
+        if self._geographic:
+            x = self._middle_x + wrap_degrees(x - self._middle_x)
+        x0, dx_column, dx_row, y0, dy_column, dy_row = self._inverse
+        return np.column_stack(
+            [x0 + dx_column * x + dx_row * y - 0.5, y0 + dy_column * x + dy_row * y - 0.5]
+        )  # corner to centre
+
+    def _xy(self, corner: np.ndarray) -> np.ndarray:
+        """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
+        x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
+        column, row = corner.T
+        return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
+
+    def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
+        """Return a window's ellipsoidal heights, NaN where there are none.
+
+        Raises `InputError` where it cannot be read or a geoid grid does not cover it.
+        """
+        band, cells, mask = self._dataset.GetRasterBand(1), None, None
+        with gdal_messages() as messages:
+            cells = band.ReadAsArray(column, row, columns, rows)
+            mask = band.GetMaskBand().ReadAsArray(column, row, columns, rows)
+        if cells is None or mask is None:
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(f"{self._path}: heights at row {row}, column {column} cannot be read ({reason})")
+        heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
+        known = (mask != 0) & np.isfinite(heights)
+        heights[~known] = np.nan
+        if known.any():
+            heights[known] += self._undulations(self._positions(row, column, known))
+        return heights
+
+    def _positions(self, row: int, column: int, known: np.ndarray) -> np.ndarray:
+        """Return lon, lat, 0 of the known cells of a window."""
+        i, j = np.nonzero(known)
+        xy = self._xy(np.column_stack([column + j + 0.5, row + i + 0.5]))
+        lon, lat = self._to_wgs84.transform(xy[:, 0], xy[:, 1])
+        return np.column_stack([wrap_degrees(np.asarray(lon)), lat, np.zeros(len(xy))])

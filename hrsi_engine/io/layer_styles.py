@@ -1,0 +1,97 @@
+"""QGIS styles of the result's layers: residual arrows whose scale suits the data, footprints, points.
+
+The styles are QML templates in ``styles/``, made for QGIS 3.22 and later. The arrow of the 90th percentile is
+8 mm long on the screen; the legend says how many metres or pixels that is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import jinja2
+import numpy as np
+
+TYPICAL_ARROW_MM = 8.0
+COLORS = {
+    "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
+}  # fmt: skip
+
+Columns = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Style:
+    """A QGIS style (QML) and what it shows."""
+
+    qml: str
+    description: str = ""
+
+
+def default_styles(layers: Mapping[str, Columns]) -> dict[str, Style]:
+    """Return the styles of the layers, given by name with their fields, that HRSI has one for."""
+    return {name: STYLES[name](columns) for name, columns in layers.items() if name in STYLES}
+
+
+def _residuals(fields: Columns) -> Style:
+    level = np.asarray(fields["level"])
+    good = np.asarray(fields["flag"]) != "outlier"
+    ground = _typical(fields["residual_east_m"], fields["residual_north_m"], (level == "ground") & good)
+    image = _typical(fields["residual_sample_px"], fields["residual_line_px"], (level == "image") & good)
+    return _rendered(
+        "residuals.qml.j2", "Residual arrows (observed - computed)",
+        ground_scale=_scale(ground), ground_key=_key(ground, "m"),
+        image_scale=_scale(image), image_key=_key(image, "px"),
+        has_ground=bool(np.any((level == "ground") & np.isfinite(fields["residual_east_m"]))),
+    )  # fmt: skip
+
+
+def _image_points(fields: Columns) -> Style:
+    good = ~np.isin(fields["flag"], ("outlier", "rejected"))
+    typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
+    return _rendered(
+        "image_points.qml.j2", "Image residuals", image_scale=_scale(typical), image_key=_key(typical, "px")
+    )
+
+
+STYLES: dict[str, Callable[[Columns], Style]] = {
+    "images": lambda _fields: _rendered("images.qml.j2", "Footprints"),
+    "ground_points": lambda _fields: _rendered("ground_points.qml.j2", "Control, check and tie points"),
+    "image_points": _image_points,
+    "residuals_wgs84": _residuals,
+    "residuals_utm": _residuals,
+}
+
+
+def _typical(x: np.ndarray, y: np.ndarray, rows: np.ndarray) -> float:
+    """Return the 90th percentile of the lengths of vectors; 1 without any."""
+    length = np.hypot(np.asarray(x)[rows], np.asarray(y)[rows])
+    length = length[np.isfinite(length)]
+    typical = float(np.percentile(length, 90.0)) if len(length) else 0.0
+    return typical if typical > 0.0 else 1.0
+
+
+def _scale(typical: float) -> str:
+    return f"{TYPICAL_ARROW_MM / typical:.6g}"
+
+
+def _key(typical: float, unit: str) -> str:
+    """Return what an arrow's length means, for the legend."""
+    return f"{TYPICAL_ARROW_MM:g} mm = {typical:.2g} {unit}"
+
+
+def _rendered(template: str, description: str, **values: Any) -> Style:
+    text = _environment().get_template(template).render(**COLORS, **values)
+    return Style("\n".join(line for line in text.splitlines() if line.strip()), description)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    folder = os.path.join(os.path.dirname(__file__), "styles")
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip

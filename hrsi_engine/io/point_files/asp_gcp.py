@@ -1,0 +1,77 @@
+"""``.gcp`` of the Ames Stereo Pipeline, one point a line.
+
+id, lat, lon, height above the ellipsoid, three sigmas (m), then for each image its name, column and row from the centre
+of the first pixel, and their sigmas (px). Fields are separated by blanks or commas.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...errors import InputError
+from .table import Reader, Table
+
+_POINT_FIELDS, _IMAGE_FIELDS = 7, 5
+_NAMES = ("id", "lat", "lon", "height", "sigma_xy", "sigma_h", "image", "sample", "line", "sigma")
+_Row = tuple[int, str, str, list[float]]
+
+
+def read(path: str, _layer: str = "") -> Table:
+    """Return one row for each point and image; raise `InputError` naming the line where one is damaged."""
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            lines = file.read().splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error}): check the file") from None
+    rows: list[_Row] = []
+    for number, line in enumerate(lines, start=1):
+        fields = line.partition("#")[0].replace(",", " ").split()
+        rows += _rows(path, number, fields) if fields else []
+    return _table(path, rows)
+
+
+def _table(path: str, rows: list[_Row]) -> Table:
+    values = np.array([row[3] for row in rows], dtype=np.float64).reshape(-1, 10)
+    lat, lon, height, sx, sy, sz, sample, line, s_sample, s_line = values.T
+    columns = {
+        "id": np.array([row[1] for row in rows], dtype=str),
+        "image": np.array([row[2] for row in rows], dtype=str),
+        "sample": sample,
+        "line": line,
+        "sigma": np.hypot(s_sample, s_line) / math.sqrt(2.0),
+        "sigma_xy": np.hypot(sx, sy) / math.sqrt(2.0),
+        "sigma_h": sz,
+    }
+    geometry = np.column_stack([lon, lat, height])
+    return Table(path, columns, _NAMES, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979")
+
+
+def _rows(path: str, number: int, fields: list[str]) -> list[_Row]:
+    """Return the rows of one line: a point that no image shows gives one without a measurement."""
+    point, images = fields[:_POINT_FIELDS], fields[_POINT_FIELDS:]
+    if len(point) < _POINT_FIELDS or len(images) % _IMAGE_FIELDS:
+        raise InputError(
+            f"{path}, line {number}: needs {_POINT_FIELDS} fields and {_IMAGE_FIELDS} more for each image: complete it"
+        )
+    position = _floats(path, number, point[1:])
+    if not images:
+        return [(number, point[0], "", position + [math.nan] * 4)]
+    groups = [images[start : start + _IMAGE_FIELDS] for start in range(0, len(images), _IMAGE_FIELDS)]
+    return [(number, point[0], group[0], position + _floats(path, number, group[1:])) for group in groups]
+
+
+def _floats(path: str, number: int, texts: list[str]) -> list[float]:
+    values = []
+    for text in texts:
+        try:
+            values.append(float(text))
+        except ValueError:
+            values.append(math.nan)
+        if not math.isfinite(values[-1]):
+            raise InputError(f"{path}, line {number}: {text[:40]!r} is not a number: correct it")
+    return values
+
+
+READER = Reader("Ames Stereo Pipeline GCPs", lambda _path, name, _head: name.endswith(".gcp"), read)

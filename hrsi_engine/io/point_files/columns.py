@@ -1,0 +1,84 @@
+"""Field names of point files and the values of text fields.
+
+Names are matched without regard to case; the first alias that a file has wins. ``pixel`` is not among the
+aliases of ``sample``, because programs that write it disagree on where pixel 0 begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ...errors import InputError
+
+#: Text fields and what else they may be called.
+TEXT_FIELDS: dict[str, tuple[str, ...]] = {
+    "id": ("id", "point_id", "pointid", "gcp_id", "point", "name", "fid"),
+    "image": ("image", "image_id", "filename", "file"),
+    "role": ("role",),
+    "kind": ("kind",),
+}
+#: Number fields and what else they may be called.
+NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
+    "lon": ("lon", "longitude", "long"),
+    "lat": ("lat", "latitude"),
+    "x": ("x", "easting", "east"),
+    "y": ("y", "northing", "north"),
+    "height": ("height", "h", "z", "elev", "elevation", "altitude"),
+    "sigma_xy": ("sigma_xy",),
+    "sigma_h": ("sigma_h", "sigma_z"),
+    "sample": ("sample", "samp", "column", "col", "sample_px", "x_px"),
+    "line": ("line", "row", "line_px", "y_px"),
+    "sigma": ("sigma", "sigma_px"),
+    "quality": ("quality",),
+}
+FIELDS = TEXT_FIELDS | NUMBER_FIELDS
+
+_EMPTY = frozenset({"", "null", "none", "na", "n/a", "nan"})
+
+
+def match_fields(names: Sequence[str]) -> dict[str, int]:
+    """Return, for each known field that a file has, the position of its column."""
+    position: dict[str, int] = {}
+    for index, name in enumerate(names):
+        position.setdefault(name.strip().lower(), index)
+    found = {}
+    for field, aliases in FIELDS.items():
+        alias = next((alias for alias in aliases if alias in position), None)
+        if alias is not None:
+            found[field] = position[alias]
+    return found
+
+
+def stripped(texts: Sequence[str]) -> np.ndarray:
+    """Return a text column without surrounding blanks, ``(n,)`` str."""
+    return np.array(list(map(str.strip, texts)), dtype=str)
+
+
+def numbers(texts: Sequence[str], where: Callable[[int], str], decimal_comma: bool = False) -> np.ndarray:
+    """Return a number column, ``(n,)`` float64, NaN where the field is empty.
+
+    ``where`` names the field and the row of an index. Raises `InputError` for a text that is no finite number.
+    """
+    try:
+        values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    except ValueError:
+        pass
+    else:
+        if np.isfinite(values).all() and "_" not in "".join(texts):  # Python reads 1_000 as a number
+            return values
+    return np.array([_number(text, index, where, decimal_comma) for index, text in enumerate(texts)], dtype=np.float64)
+
+
+def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool) -> float:
+    text = text.strip()
+    if text.lower() in _EMPTY:
+        return np.nan
+    try:
+        value = float(text.replace(",", ".") if decimal_comma else text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value) or "_" in text:
+        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: correct it, or leave an optional field empty")
+    return value

@@ -1,0 +1,137 @@
+"""CSV with a header line: comma, semicolon or tab; UTF-8 (with or without BOM), UTF-16 or Latin-1.
+
+Decimal commas are understood where the separator is not the comma. The file is read in chunks of rows, and only
+the fields that are known are kept, so that millions of image points need little more memory than their columns.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
+
+import numpy as np
+
+from ...errors import InputError
+from .columns import NUMBER_FIELDS, match_fields, numbers, stripped
+from .table import Reader, Table
+
+EXTENSIONS = (".csv", ".tsv", ".txt", ".tab")
+SEPARATORS = (",", ";", "\t")
+_CHUNK_ROWS = 100_000
+_BOMS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+
+
+def read(path: str, _layer: str = "") -> Table:
+    """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged."""
+    try:
+        return _read(path, _encoding(path))
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
+
+
+def _read(path: str, encoding: str) -> Table:
+    rows = _rows(path, encoding)
+    names = [name.strip() for name in next(rows, [])]
+    found = match_fields(names)
+    if not found:
+        raise InputError(
+            f"{path}: the first line names none of the fields of points (id, lon, lat, height, image, sample, line): "
+            f"add a header line, with separators ',', ';' or tab"
+        )
+    row_name = partial(_row_name, path, encoding)
+    decimal_comma = _separator(path, encoding) != ","
+    parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
+    done = 0
+    while chunk := list(islice(rows, _CHUNK_ROWS)):
+        where = partial(_row_name_after, row_name, done)
+        texts = _columns(path, chunk, len(names), where)
+        for field, column in found.items():
+            parts[field].append(_values(f"{path}, field {field!r}", field, texts[column], where, decimal_comma))
+        done += len(chunk)
+    columns = {field: np.concatenate(parts.pop(field)) if done else np.empty(0) for field in found}
+    return Table(path, columns, tuple(names), row_name)
+
+
+def _values(
+    source: str, field: str, texts: tuple[str, ...], row_name: Callable[[int], str], decimal_comma: bool
+) -> np.ndarray:
+    if field in NUMBER_FIELDS:
+        return numbers(texts, lambda index: f"{source}, {row_name(index)}", decimal_comma)
+    return stripped(texts)
+
+
+def _separator(path: str, encoding: str) -> str:
+    """Return the separator that occurs most in the header line."""
+    with open(path, encoding=encoding, newline="") as file:
+        header = next((line for line in file if _is_header(line)), "")
+    return max(SEPARATORS, key=header.count)
+
+
+def _is_header(line: str) -> bool:
+    """Whether a line is neither empty nor a comment before the header."""
+    return bool(line.strip()) and not line.startswith("#")
+
+
+def _rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> Iterator[list[str]]:
+    """Yield the header and every row that is not empty; on request note the line where each one ends."""
+    separator = _separator(path, encoding)
+    with open(path, encoding=encoding, newline="") as file:
+        before = next((number for number, line in enumerate(file) if _is_header(line)), 0)
+        file.seek(0)
+        reader = csv.reader(islice(file, before, None), delimiter=separator, skipinitialspace=True)
+        for row in reader:
+            if row and (row[0] or any(row)):
+                if line_numbers is not None:
+                    line_numbers.append(reader.line_num + before)
+                yield row
+
+
+def _columns(path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str]) -> list[tuple[str, ...]]:
+    """Return the columns of rows; short rows are filled up with empty fields."""
+    if set(map(len, rows)) != {width}:
+        rows = [_fitted(path, row, width, row_name, index) for index, row in enumerate(rows)]
+    return list(zip(*rows, strict=True))
+
+
+def _fitted(path: str, row: list[str], width: int, row_name: Callable[[int], str], index: int) -> list[str]:
+    if any(row[width:]):
+        raise InputError(
+            f"{path}, {row_name(index)}: has {len(row)} fields, the header {width}: quote texts with separators in them, "
+            f"and separate by semicolons where numbers have decimal commas"
+        )
+    return row[:width] + [""] * (width - len(row))
+
+
+def _row_name(path: str, encoding: str, row: int) -> str:
+    """Return the line of a row by reading the file again: only error messages want it."""
+    numbers: list[int] = []
+    next(islice(_rows(path, encoding, numbers), row + 1, None), None)
+    return f"line {numbers[-1]}"
+
+
+def _row_name_after(row_name: Callable[[int], str], done: int, index: int) -> str:
+    return row_name(done + index)
+
+
+def _encoding(path: str) -> str:
+    """Return UTF-8 or UTF-16 by the byte order mark or because every byte fits, otherwise Latin-1."""
+    with open(path, "rb") as file:
+        head = file.read(4)
+        for mark, name in _BOMS:
+            if head.startswith(mark):
+                return name
+        file.seek(0)
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        try:
+            while block := file.read(1 << 20):
+                decoder.decode(block)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "latin-1"
+    return "utf-8"
+
+
+READER = Reader("CSV", lambda _path, name, _head: name.endswith(EXTENSIONS), read)

@@ -1,0 +1,160 @@
+"""From the rows of a point file to ground points and image points: the one place where point files are checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
+from ...errors import InputError
+from ..rasters import image_id
+from .positions import Reference, ground_positions, has_positions
+from .table import Table
+
+_SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
+
+
+@dataclass(frozen=True)
+class PointTables:
+    """What one file holds; None for what it does not hold."""
+
+    ground: GroundPoints | None
+    image: ImagePoints | None
+    warnings: tuple[str, ...] = ()
+
+
+def interpret(table: Table, reference: Reference, image_ids: Sequence[str]) -> PointTables:
+    """Return a table's ground points and image points; raise `InputError` naming the row and what to do."""
+    if not len(table):
+        raise InputError(f"{table.source}: holds no points: add some, or name another layer")
+    measures, known = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
+    if not (measures or known):
+        raise InputError(
+            f"{table.source}: has neither positions (point geometry, lon and lat, x and y) nor image coordinates "
+            f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
+        )
+    _require_field(table, "id")
+    _require_text(table, "id", np.arange(len(table)))
+    image = _image_points(table, known, image_ids) if measures else None
+    ground, warnings = _ground_points(table, measures, reference) if known else (None, [])
+    return PointTables(ground, image, (*table.notes, *warnings))
+
+
+def _require_field(table: Table, field: str) -> np.ndarray:
+    if field not in table.columns:
+        raise InputError(
+            f"{table.source}: has no field {field!r}; its fields are {', '.join(table.field_names) or 'none'}: "
+            f"rename or add it"
+        )
+    return table.columns[field]
+
+
+def _require_text(table: Table, field: str, rows: np.ndarray) -> None:
+    empty = rows[table.columns[field][rows] == ""]
+    if len(empty):
+        raise InputError(f"{table.source}, {table.row_name(int(empty[0]))}: field {field!r} is empty: fill it in")
+
+
+def _image_points(table: Table, known: bool, image_ids: Sequence[str]) -> ImagePoints | None:
+    """Return the rows that have sample and line; in a table that holds ground points too, others may have none."""
+    xy = np.column_stack([_require_field(table, "sample"), _require_field(table, "line")])
+    empty = np.isnan(xy)
+    wrong = empty.any(axis=1) & ~(empty.all(axis=1) & known)
+    if wrong.any():
+        row = np.flatnonzero(wrong)[0]
+        field = "sample" if empty[row, 0] else "line"
+        raise InputError(f"{table.at(row)}: field {field!r} is empty: fill it in, or remove the row")
+    rows = np.flatnonzero(~empty.any(axis=1))
+    if not len(rows):
+        return None
+    everything = len(rows) == len(table)  # millions of rows are not copied without need
+    columns = table.columns if everything else {name: column[rows] for name, column in table.columns.items()}
+    images = _image_names(table, rows, image_ids)
+    sigma = _positive(table, "sigma")
+    return ImagePoints(
+        columns["id"],
+        images,
+        xy if everything else xy[rows],
+        sigma if everything else sigma[rows],
+        columns.get("kind", np.zeros(len(rows), dtype="U1")),
+        columns.get("quality", np.full(len(rows), np.nan)),
+        table.source,
+    )
+
+
+def _image_names(table: Table, rows: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
+    """Return each row's image id; a file without that field belongs to the only image there is."""
+    if "image" not in table.columns:
+        if len(image_ids) == 1:
+            return np.full(len(rows), image_ids[0])
+        _require_field(table, "image")
+    _require_text(table, "image", rows)
+    given = table.columns["image"]
+    names, index = unique_ids(given if len(rows) == len(given) else given[rows])
+    wanted = set(image_ids)
+    return np.array([_matching_id(str(name), wanted) for name in names], dtype=str)[index]
+
+
+def _matching_id(name: str, image_ids: set[str]) -> str:
+    """Return the id of the image that a file calls by id, file name or path; the name itself where there is none."""
+    if name in image_ids:
+        return name
+    stem = image_id(name.replace("\\", "/"))
+    return stem if stem in image_ids else name
+
+
+def _ground_points(table: Table, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
+    """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
+    ground, warnings = ground_positions(table, reference)
+    role = _roles(table)
+    sigma = np.column_stack([_positive(table, "sigma_xy"), _positive(table, "sigma_h")])
+    rows = np.flatnonzero(~np.isnan(ground[:, 0]))
+    ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
+    chosen = rows[first]
+    if len(ids) < len(rows):
+        _require_same_position(table, ground, rows, chosen[inverse], measures)
+    if not len(ids):
+        return None, warnings
+    order = np.sort(chosen)
+    return GroundPoints(table.columns["id"][order], ground[order], role[order], sigma[order], table.source), warnings
+
+
+def _require_same_position(
+    table: Table, ground: np.ndarray, rows: np.ndarray, first: np.ndarray, measures: bool
+) -> None:
+    """Raise `InputError` for an id that occurs twice, or in a table of measurements with two positions."""
+    wrong = np.any(np.abs(ground[rows] - ground[first]) > _SAME_POSITION, axis=1) if measures else rows != first
+    if wrong.any():
+        at = np.flatnonzero(wrong)[0]
+        what = "with another position" if measures else "a second time"
+        raise InputError(
+            f"{table.at(rows[at])}: stands in {table.row_name(int(first[at]))} already, here {what}: "
+            f"keep one, or rename it"
+        )
+
+
+def _roles(table: Table) -> np.ndarray:
+    role = np.full(len(table), UNSET, dtype=np.int8)
+    names, index = unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
+    for number, name in enumerate(names):
+        try:
+            parsed = Role.parse(str(name))
+        except KeyError:
+            row = np.flatnonzero(index == number)[0]
+            raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check or tie") from None
+        role[index == number] = UNSET if parsed is None else parsed
+    return role
+
+
+def _positive(table: Table, field: str) -> np.ndarray:
+    """Return a column of standard deviations, NaN where there is none."""
+    sigma = table.columns.get(field)
+    if sigma is None:
+        return np.full(len(table), np.nan)
+    wrong = sigma <= 0.0  # NaN: not given
+    if wrong.any():
+        row = np.flatnonzero(wrong)[0]
+        raise InputError(f"{table.at(row)}: field {field!r} is {sigma[row]:g}: give a number above 0 or leave it empty")
+    return sigma

@@ -1,0 +1,131 @@
+"""Any vector layer that OGR reads: GeoPackage, Shapefile, GeoJSON, KML …; point geometry or coordinates in fields."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from osgeo import gdal, ogr
+
+from ...errors import InputError
+from ..datasets import gdal_messages
+from .columns import NUMBER_FIELDS, match_fields, numbers, stripped
+from .table import Reader, Table
+
+_NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
+_NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
+
+
+def open_vector(path: str) -> gdal.Dataset | None:
+    """Return the opened vector dataset, None where OGR cannot read the file."""
+    dataset = None
+    with gdal_messages():
+        dataset = gdal.OpenEx(path, gdal.OF_VECTOR)
+    return dataset
+
+
+def read(path: str, layer_wanted: str = "") -> Table:
+    """Return the known fields and the geometry of a layer; raise `InputError` where there are none."""
+    dataset = open_vector(path)
+    if dataset is None:
+        raise InputError(f"{path}: cannot be opened as a vector layer: check the file")
+    layer = _choose_layer(path, dataset, layer_wanted)
+    source = path if dataset.GetLayerCount() == 1 else f"{path}, layer {layer.GetName()!r}"
+    table = None
+    with gdal_messages() as messages:
+        table = _read_layer(source, layer)
+    if table is None or messages:
+        reason = messages[-1] if messages else "unknown reason"
+        raise InputError(f"{source}: cannot be read to the end ({reason}): get it again")
+    return table
+
+
+def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
+    layers = [dataset.GetLayer(index) for index in range(dataset.GetLayerCount())]
+    if wanted.startswith("#"):
+        chosen = [layer for index, layer in enumerate(layers) if f"#{index}" == wanted]
+    else:
+        layers = [layer for layer in layers if layer.GetName() not in _NOT_DATA]
+        chosen = [layer for layer in layers if wanted in ("", layer.GetName())]
+    if len(chosen) == 1:
+        return chosen[0]
+    names = ", ".join(layer.GetName() for layer in layers) or "none"
+    if wanted:
+        raise InputError(f"{path}: has no layer {wanted!r} (layers: {names}): correct the name after |layername=")
+    raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
+
+
+def _read_layer(source: str, layer: ogr.Layer) -> Table:
+    definition = layer.GetLayerDefn()
+    names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
+    found = match_fields(names)
+    types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
+    has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
+    values: dict[str, list] = {field: [] for field in found}
+    positions: list[tuple[float, float, float]] = []
+    feature_ids: list[int] = []
+    plan = [(values[field].append, index, _getter(field, types[index])) for field, index in found.items()]
+    layer.ResetReading()
+    for feature in layer:
+        feature_ids.append(feature.GetFID())
+        for append, index, get in plan:
+            append(get(feature, index))
+        if has_geometry:
+            positions.append(_position(source, feature))
+    columns = {f: _column(source, f, names[found[f]], values[f], feature_ids) for f in found}
+    geometry = np.array(positions, dtype=np.float64).reshape(-1, 3) if has_geometry else None
+    return Table(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
+
+
+def _getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str
+    return _float if field in NUMBER_FIELDS and field_type in _NUMERIC else _text
+
+
+def _float(feature: ogr.Feature, index: int) -> float:
+    return feature.GetFieldAsDouble(index) if feature.IsFieldSetAndNotNull(index) else np.nan
+
+
+def _text(feature: ogr.Feature, index: int) -> str:
+    return feature.GetFieldAsString(index) if feature.IsFieldSetAndNotNull(index) else ""
+
+
+def _column(source: str, field: str, name: str, values: Sequence, feature_ids: list[int]) -> np.ndarray:
+    if field not in NUMBER_FIELDS:
+        return stripped(values)
+    where = f"field {name!r}"
+    if values and isinstance(values[0], str):
+        return numbers(values, lambda row: f"{source}, feature {feature_ids[row]}, {where}")
+    column = np.array(values, dtype=np.float64)
+    if np.isinf(column).any():
+        row = int(np.flatnonzero(np.isinf(column))[0])
+        raise InputError(f"{source}, feature {feature_ids[row]}, {where}: is infinite: give a number")
+    return column
+
+
+def _position(source: str, feature: ogr.Feature) -> tuple[float, float, float]:
+    """Return x, y, z of a point or of a multi-point of one part; NaN where there is none."""
+    geometry = feature.GetGeometryRef()
+    if geometry is None or geometry.IsEmpty():
+        return np.nan, np.nan, np.nan
+    if ogr.GT_Flatten(geometry.GetGeometryType()) == ogr.wkbMultiPoint and geometry.GetGeometryCount() == 1:
+        geometry = geometry.GetGeometryRef(0)
+    if ogr.GT_Flatten(geometry.GetGeometryType()) != ogr.wkbPoint:
+        name = geometry.GetGeometryName().capitalize()
+        raise InputError(f"{source}, feature {feature.GetFID()}: is a {name}: give a layer of points")
+    return geometry.GetX(), geometry.GetY(), geometry.GetZ() if geometry.Is3D() else np.nan
+
+
+def _crs(layer: ogr.Layer) -> str:
+    """Return the layer's CRS as WKT 2, which keeps a vertical part; empty where there is none."""
+    reference = layer.GetSpatialRef()
+    wkt = reference.ExportToWkt(["FORMAT=WKT2_2019"]) if reference is not None else ""
+    return "" if "Undefined" in wkt[:40] else wkt
+
+
+def _recognises(path: str, _name: str, _head: bytes) -> bool:
+    dataset = open_vector(path)
+    return dataset is not None and dataset.GetLayerCount() > 0
+
+
+READER = Reader("vector layer", _recognises, read)

@@ -1,0 +1,55 @@
+"""Orthority's GCP GeoJSON: points with ``ji`` = [column, row] from the centre of the first pixel, and ``filename``.
+
+Positions are longitude, latitude and ellipsoidal height, as GeoJSON (RFC 7946) says.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .table import Reader, Table
+
+
+def read(path: str, _layer: str = "") -> Table:
+    """Return the GCPs of a file; raise `InputError` naming the feature where one is damaged."""
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            features = json.load(file)["features"]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(f"{path}: is no GeoJSON feature collection ({error}): check the file") from None
+    if not isinstance(features, list):
+        raise InputError(f"{path}: 'features' is no list: check the file")
+    rows = [_row(path, number, feature) for number, feature in enumerate(features)]
+    numbers = np.array([row[2] for row in rows], dtype=np.float64).reshape(-1, 5)
+    columns = {
+        "id": np.array([row[0] for row in rows], dtype=str),
+        "image": np.array([row[1] for row in rows], dtype=str),
+        "sample": numbers[:, 0],
+        "line": numbers[:, 1],
+    }
+    return Table(path, columns, ("id", "filename", "ji"), lambda row: f"feature {row}", numbers[:, 2:], "EPSG:4979")
+
+
+def _row(path: str, number: int, feature: Any) -> tuple[str, str, list[float]]:
+    """Return id, file name and column, row, lon, lat, height of one feature."""
+    try:
+        properties, coordinates = feature["properties"], feature["geometry"]["coordinates"]
+        values = [float(value) for value in (*properties["ji"], *coordinates)]
+        name, filename = properties["id"], properties["filename"]
+        if len(properties["ji"]) != 2 or len(coordinates) not in (2, 3) or not all(map(math.isfinite, values)):
+            raise ValueError("numbers are missing or too many")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{path}, feature {number}: needs id, filename, ji and point ({error}): correct it") from None
+    return str(name).strip(), str(filename).strip(), values + [math.nan] * (5 - len(values))
+
+
+def _recognises(_path: str, name: str, head: bytes) -> bool:
+    return name.endswith((".geojson", ".json")) and b'"ji"' in head
+
+
+READER = Reader("Orthority GCPs", _recognises, read)

@@ -1,0 +1,193 @@
+"""Positions of a table's rows as longitude, latitude and ellipsoidal height, whatever they were given in.
+
+A height datum is never assumed silently: ``layer`` takes what the CRS says and warns where it says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pyproj
+from osgeo import osr
+
+from ...errors import InputError
+from ...geodesy import geoid_heights, has_vertical_datum, to_wgs84
+from .table import Table
+
+#: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
+Surface = Callable[[np.ndarray], np.ndarray]
+
+_ADD_HEIGHTS = "add a field 'height' or points with z, or name a DEM with --dem"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the coordinates of a file refer to where the file leaves it open.
+
+    ground_crs : CRS of a file that names none; height_datum : ``layer``, ``ellipsoidal``, ``egm96``, ``egm2008`` or
+    a geoid grid; surface : where the heights of points without one come from
+    """
+
+    ground_crs: str = ""
+    height_datum: str = "layer"
+    surface: Surface | None = None
+
+
+def has_positions(table: Table) -> bool:
+    """Tell whether a table has ground positions, in its geometry or in fields."""
+    fields = table.columns
+    return table.geometry is not None or {"lon", "lat"} <= fields.keys() or {"x", "y"} <= fields.keys()
+
+
+def ground_positions(table: Table, reference: Reference) -> tuple[np.ndarray, list[str]]:
+    """Return ``(n, 3)`` lon, lat, ellipsoidal height, NaN rows where there is no position, and warnings.
+
+    Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
+    """
+    xyz, crs, warnings = _given_positions(table, reference)
+    present = np.isfinite(xyz[:, :2]).all(axis=1)
+    _require_whole(table, xyz, present)
+    ground = np.full_like(xyz, np.nan)
+    if not present.any():
+        return ground, warnings
+    parsed = _parsed(table, crs)
+    rows = np.flatnonzero(present)
+    _require_plausible(table, xyz, rows, parsed)
+    without = np.isnan(xyz[rows, 2])
+    warnings += _fill_heights(table, xyz, rows[without], parsed, reference, ground)
+    rows = rows[~without]
+    if len(rows):
+        ground[rows], more = _to_ellipsoidal(table, xyz[rows], parsed, reference.height_datum)
+        warnings += more
+    _require_finite(table, ground, present)
+    return ground, warnings
+
+
+def _given_positions(table: Table, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
+    """Return x, y, z as they stand in the file, and their CRS."""
+    fields, warnings = table.columns, []
+    prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys() and not _is_geographic(reference.ground_crs)
+    if table.geometry is not None:
+        x, y, z, crs = *table.geometry.T, table.crs or reference.ground_crs
+        if table.crs and reference.ground_crs:
+            warnings.append(f"{table.source}: has a CRS of its own, --ground-crs is not used for it")
+    else:
+        x, y = (fields["x"], fields["y"]) if prefer_xy or "lon" not in fields else (fields["lon"], fields["lat"])
+        z = np.full(len(table), np.nan)
+        crs = reference.ground_crs or ("" if x is fields.get("x") else "EPSG:4326")
+    if not crs:
+        raise InputError(f"{table.source}: names no CRS: assign one to the layer, or give --ground-crs EPSG:…")
+    if "height" in fields:
+        z = _field_heights(table, z, warnings)
+    return np.column_stack([x, y, z]), crs, warnings
+
+
+def _field_heights(table: Table, z: np.ndarray, warnings: list[str]) -> np.ndarray:
+    """Return the heights of the field, of the geometry where the field is empty."""
+    height = table.columns["height"]
+    apart = np.abs(z - height)
+    if np.any(apart > 0.001) and np.any(z[np.isfinite(z)] != 0.0):
+        warnings.append(
+            f"{table.source}: heights of the points and of the field differ by up to {np.nanmax(apart):.3f} m; "
+            f"the field is used"
+        )
+    return np.where(np.isnan(height), z, height)
+
+
+def _parsed(table: Table, crs: str) -> pyproj.CRS:
+    try:
+        return pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"{table.source}: CRS {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
+
+
+def _is_geographic(crs: str) -> bool:
+    try:
+        return bool(pyproj.CRS.from_user_input(crs).is_geographic)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"--ground-crs {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
+
+
+def _require_whole(table: Table, xyz: np.ndarray, present: np.ndarray) -> None:
+    half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
+    missing = half if "sample" in table.columns else ~present
+    if missing.any():
+        raise InputError(f"{table.at(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
+
+
+def _require_plausible(table: Table, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
+    """Raise `InputError` for degrees that cannot be: swapped latitude and longitude, or metres in a geographic CRS."""
+    x, y = xyz[rows, 0], xyz[rows, 1]
+    if not crs.is_geographic:
+        if np.all((np.abs(x) <= 360.0) & (np.abs(y) <= 90.0)) and crs.is_projected:
+            raise InputError(
+                f"{table.source}: its coordinates look like degrees, but its CRS {crs.name!r} is projected: "
+                f"correct the CRS"
+            )
+        return
+    wrong = (np.abs(y) > 90.0) | (np.abs(x) > 360.0)
+    if wrong.any():
+        row = rows[np.flatnonzero(wrong)[0]]
+        what = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= 360.0 else "no degrees"
+        raise InputError(f"{table.at(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS")
+
+
+def _fill_heights(
+    table: Table, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS, reference: Reference, ground: np.ndarray
+) -> list[str]:
+    """Set the positions of rows without a height in ``ground``, with heights of the surface."""
+    if not len(rows):
+        return []
+    if reference.surface is None:
+        raise InputError(f"{table.at(rows[0])}: has no height: {_ADD_HEIGHTS}")
+    flat = np.column_stack([xyz[rows, :2], np.zeros(len(rows))])
+    ground[rows] = _transformed(table, flat, _horizontal(crs))
+    ground[rows, 2] = reference.surface(ground[rows, :2])
+    outside = rows[np.isnan(ground[rows, 2])]
+    if len(outside):
+        raise InputError(f"{table.at(outside[0])}: has no height, and the DEM has none there: {_ADD_HEIGHTS}")
+    return [f"{table.source}: {len(rows)} points have no height; it is taken from the DEM"]
+
+
+def _to_ellipsoidal(table: Table, xyz: np.ndarray, crs: pyproj.CRS, height_datum: str) -> tuple[np.ndarray, list[str]]:
+    """Return lon, lat, ellipsoidal height by the datum the user names, or by the CRS."""
+    if height_datum == "layer":
+        if has_vertical_datum(crs.to_wkt()):
+            return _transformed(table, xyz, crs), []
+        return _transformed(table, xyz, crs), [
+            f"{table.source}: says nothing about its heights; they are taken as ellipsoidal "
+            f"(--height-datum ellipsoidal|egm96|egm2008|FILE says what they are)"
+        ]
+    ground = _transformed(table, xyz, _horizontal(crs))
+    if height_datum != "ellipsoidal":
+        ground[:, 2] += geoid_heights(ground, height_datum)
+    return ground, []
+
+
+def _transformed(table: Table, xyz: np.ndarray, crs: pyproj.CRS) -> np.ndarray:
+    try:
+        return to_wgs84(xyz, crs.to_wkt())
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}") from None
+    except pyproj.exceptions.ProjError as error:
+        raise InputError(
+            f"{table.source}: no way from {crs.name!r} to WGS84 ({error}): convert the layer first"
+        ) from None
+
+
+def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:
+    """Return a CRS without its vertical part, so that heights pass unchanged."""
+    if len(crs.axis_info) == 2 or crs.is_geocentric:
+        return crs
+    flat = osr.SpatialReference()
+    flat.ImportFromWkt((crs.sub_crs_list[0] if crs.sub_crs_list else crs).to_wkt())
+    flat.DemoteTo2D()
+    return pyproj.CRS.from_wkt(flat.ExportToWkt(["FORMAT=WKT2_2019"]))
+
+
+def _require_finite(table: Table, ground: np.ndarray, present: np.ndarray) -> None:
+    lost = np.flatnonzero(present & ~np.isfinite(ground).all(axis=1))
+    if len(lost):
+        raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")

@@ -1,0 +1,98 @@
+"""Images on disk: opening one with its RPC, and reading windows of pixels from several threads."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import numpy as np
+from osgeo import gdal
+
+from ..block import Image
+from ..errors import InputError
+from .datasets import gdal_messages
+from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
+
+RPC_SUFFIX = "_rpc"
+
+
+def image_id(path: str) -> str:
+    """Return an image's id: the file's stem without a trailing ``_RPC``."""
+    stem = Path(path).stem
+    return stem[: -len(RPC_SUFFIX)] if stem.lower().endswith(RPC_SUFFIX) and len(stem) > len(RPC_SUFFIX) else stem
+
+
+def open_image(path: str) -> Image:
+    """Open an image with its RPC, or an RPC file alone (then without pixels).
+
+    Raises `InputError` where the file is missing, is neither an image nor an RPC file, or has no RPC.
+    """
+    path = os.fspath(path)
+    alone = read_rpc_file(path)
+    if alone is not None:
+        return Image(image_id(path), alone.rpc, alone.size, path)
+    raster = GdalRaster(path)
+    return Image(image_id(path), rpc_of_dataset(path, raster.dataset).rpc, raster.size, path, raster)
+
+
+class GdalRaster:
+    """Pixels of the first band of an image. Threads may read at the same time: each has its own GDAL handle.
+
+    Of images with several bands the first one is read: it is the panchromatic or a visible band in every product
+    known, and a mean of bands would mix bands that do not lie exactly on each other.
+    """
+
+    def __init__(self, path: str, band: int = 1) -> None:
+        self.path, self._band = path, band
+        self._handles = threading.local()
+        self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
+        if not 1 <= band <= self.dataset.RasterCount:
+            raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")
+
+    @property
+    def dataset(self) -> gdal.Dataset:
+        """The calling thread's GDAL dataset."""
+        dataset = getattr(self._handles, "dataset", None)
+        if dataset is None:
+            dataset = self._handles.dataset = open_raster(self.path)
+        return dataset
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).
+
+        The window may reach over the image's edge: there the mask is False and the grey value 0. Not valid are
+        also nodata, pixels that a mask or alpha band leaves out, and values that are not finite. Raises `InputError`
+        where the pixels cannot be read.
+        """
+        first_sample, first_line = max(sample, 0), max(line, 0)
+        width = min(sample + samples, self.size[0]) - first_sample
+        height = min(line + lines, self.size[1]) - first_line
+        if width <= 0 or height <= 0:
+            return np.zeros((lines, samples), dtype=np.float32), np.zeros((lines, samples), dtype=bool)
+        grey, valid = self._read_inside(first_sample, first_line, width, height)
+        if (width, height) == (samples, lines):
+            return grey, valid
+        place = np.s_[
+            first_line - line : first_line - line + height, first_sample - sample : first_sample - sample + width
+        ]
+        whole, mask = np.zeros((lines, samples), dtype=grey.dtype), np.zeros((lines, samples), dtype=bool)
+        whole[place], mask[place] = grey, valid
+        return whole, mask
+
+    def _read_inside(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        band = self.dataset.GetRasterBand(self._band)
+        grey = mask = None
+        with gdal_messages() as messages:
+            grey = band.ReadAsArray(sample, line, samples, lines)
+            if band.GetMaskFlags() != gdal.GMF_ALL_VALID:
+                mask = band.GetMaskBand().ReadAsArray(sample, line, samples, lines)
+        if grey is None or (mask is None and messages):
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(
+                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): get the file again"
+            )
+        valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
+        if np.issubdtype(grey.dtype, np.inexact):
+            valid &= np.isfinite(grey)
+        return grey, valid

@@ -1,0 +1,110 @@
+"""Bytes, text and XML of small side files: bounded in size, and every fault an `InputError` that names the file."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from xml.parsers import expat
+
+from osgeo import gdal
+
+from ...errors import InputError
+
+LIMIT_BYTES = 32 * 2**20  # the largest vendor XML known (with ephemeris and attitude lists) has about 2 MB
+HEAD_BYTES = 2**20  # enough to tell the format of a file
+
+
+def read_bytes(path: str, limit: int = LIMIT_BYTES) -> bytes:
+    """Return a file's content; it may lie behind a GDAL virtual path (``/vsizip/…``).
+
+    Raises `InputError` where the file cannot be read or is too large to be an RPC file.
+    """
+    content = read_head(path, limit + 1)
+    if len(content) > limit:
+        raise InputError(f"{path}: larger than {limit // 2**20} MiB, not an RPC file: name an image or an RPC file")
+    return content
+
+
+def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
+    """Return the first bytes of a file; raise `InputError` where it cannot be read."""
+    if path.startswith("/vsi"):
+        return _read_virtual(path, count)
+    try:
+        with open(path, "rb") as file:
+            return file.read(count)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
+
+
+def _read_virtual(path: str, count: int) -> bytes:
+    handle = gdal.VSIFOpenL(path, "rb")
+    if handle is None:
+        raise InputError(f"{path}: cannot be read: check the path")
+    try:
+        return bytes(gdal.VSIFReadL(1, count, handle) or b"")
+    finally:
+        gdal.VSIFCloseL(handle)
+
+
+def read_text(path: str) -> str:
+    """Return a file's text; bytes that are not UTF-8 are taken as Latin-1, which cannot fail."""
+    content = read_bytes(path)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def read_xml(path: str) -> ElementTree.Element:
+    """Return the root element of an XML file.
+
+    Raises `InputError` where it is not well-formed or declares a document type: entities can blow up or read other
+    files, and no RPC file needs them.
+    """
+    content = read_bytes(path)
+    tree, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+
+    def refuse(*_declaration: object) -> None:
+        raise InputError(f"{path}: holds a DOCTYPE declaration, which RPC files do not need: remove it")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = tree.start
+    parser.EndElementHandler = tree.end
+    parser.CharacterDataHandler = tree.data
+    try:
+        parser.Parse(content, True)
+        return tree.close()
+    except (expat.ExpatError, AssertionError, ValueError, LookupError) as error:
+        raise InputError(f"{path}: not well-formed XML ({error}): get the file again") from None
+
+
+def element_text(root: ElementTree.Element, name: str) -> str | None:
+    """Return the text of the first element with this name anywhere below ``root``."""
+    element = next(root.iter(name), None)
+    return None if element is None else (element.text or "")
+
+
+def positive_size(samples: str | None, lines: str | None) -> tuple[int, int] | None:
+    """Return an image size given as text, None unless both are whole numbers above zero."""
+    try:
+        size = int(samples or ""), int(lines or "")
+    except ValueError:
+        return None
+    return size if min(size) > 0 and max(size) < 2**31 else None
+
+
+def siblings(path: str) -> dict[str, str]:
+    """Return the files beside ``path``: name in lower case -> full path.
+
+    File systems may tell case apart; vendors write ``_RPC.TXT`` and ``_rpc.txt``. Of names that differ in case
+    only, the first in sorted order counts (capitals).
+    """
+    folder = os.path.dirname(path)
+    try:
+        names = (gdal.ReadDir(folder) or []) if folder.startswith("/vsi") else os.listdir(folder or ".")
+    except OSError:
+        return {}
+    found: dict[str, str] = {}
+    for name in sorted(names):
+        found.setdefault(name.lower(), os.path.join(folder, name))
+    return found

@@ -1,0 +1,147 @@
+"""The 90 numbers of an RPC and their names; checked construction from the text of a file.
+
+``ERR_BIAS`` and ``ERR_RAND`` are optional everywhere. A missing, empty or negative value means "not known" (None):
+GeoTIFF has no other way to leave them out than -1. Zero is kept as it stands in the file, except in OTB ``.geom``,
+where 0 is what the program writes when it knows nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ...errors import InputError
+from ...rpc import RPC
+
+#: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
+SCALARS = (
+    "line_off", "samp_off", "lat_off", "long_off", "height_off",
+    "line_scale", "samp_scale", "lat_scale", "long_scale", "height_scale",
+)  # fmt: skip
+#: Fields of `RPC` with twenty numbers each, in the order of the tag.
+POLYNOMIALS = ("line_num", "line_den", "samp_num", "samp_den")
+ERRORS = ("err_bias", "err_rand")
+#: RPC field -> its name in GDAL's RPC metadata domain.
+GDAL_NAMES = {name: name.upper() for name in (*ERRORS, *SCALARS)} | {
+    name: f"{name.upper()}_COEFF" for name in POLYNOMIALS
+}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+
+Text = str | Sequence[str]
+
+
+def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[str, str] | None = None) -> RPC:
+    """Return the RPC of numbers still in text form.
+
+    Parameters
+    ----------
+    where : the file, as error messages name it
+    values : RPC field name -> text of the number (a unit may follow), or the 20 texts of a polynomial;
+        ``err_bias`` and ``err_rand`` may be missing
+    names : RPC field name -> its name in the file, for messages (default: GDAL's names)
+
+    Raises
+    ------
+    InputError
+        A field is missing, is not a finite number, a polynomial has not 20 coefficients, or a scale is zero.
+    """
+    names = names or GDAL_NAMES
+    numbers: dict[str, float | np.ndarray | None] = {}
+    for field in SCALARS:
+        numbers[field] = _number(where, names[field], values.get(field))
+    for field in POLYNOMIALS:
+        numbers[field] = _coefficients(where, names[field], values.get(field))
+    for field in ERRORS:
+        numbers[field] = _optional(where, names[field], values.get(field))
+    return checked(where, RPC(**numbers), names)  # type: ignore[arg-type]
+
+
+def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
+    """Return the RPC of the 92 doubles of GeoTIFF tag 50844; raise `InputError` where they make no camera."""
+    scalars = dict(zip(SCALARS, numbers[2:12], strict=True))
+    polynomials = {name: np.array(numbers[12 + 20 * i : 32 + 20 * i]) for i, name in enumerate(POLYNOMIALS)}
+    errors = {name: _known(value) for name, value in zip(ERRORS, numbers[:2], strict=True)}
+    return checked(where, RPC(**scalars, **polynomials, **errors), GDAL_NAMES)  # type: ignore[arg-type]
+
+
+def numbers_of(rpc: RPC) -> list[float]:
+    """Return the 92 doubles of GeoTIFF tag 50844; unknown errors are -1 there."""
+    errors = [-1.0 if value is None else value for value in (rpc.err_bias, rpc.err_rand)]
+    scalars = [getattr(rpc, name) for name in SCALARS]
+    return errors + scalars + [float(value) for name in POLYNOMIALS for value in getattr(rpc, name)]
+
+
+def gdal_metadata(rpc: RPC) -> dict[str, str]:
+    """Return GDAL's RPC metadata domain; 17 digits, so that reading gives the same doubles."""
+    metadata = {GDAL_NAMES[name]: repr(value) for name in ERRORS if (value := getattr(rpc, name)) is not None}
+    metadata |= {GDAL_NAMES[name]: repr(getattr(rpc, name)) for name in SCALARS}
+    return metadata | {GDAL_NAMES[name]: " ".join(map(repr, getattr(rpc, name).tolist())) for name in POLYNOMIALS}
+
+
+def rpc_from_gdal(where: str, metadata: Mapping[str, str]) -> RPC:
+    """Return the RPC of GDAL's RPC metadata domain; raise `InputError` naming the field that is wrong."""
+    values: dict[str, Text | None] = {name: metadata.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
+    for name in POLYNOMIALS:
+        text = metadata.get(GDAL_NAMES[name])
+        values[name] = None if text is None else text.replace(",", " ").split()
+    return rpc_from_text(where, values)
+
+
+def checked(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
+    """Return ``rpc``; raise `InputError` for numbers with which no point can be projected."""
+    for field in SCALARS:
+        value = getattr(rpc, field)
+        if not math.isfinite(value):
+            raise InputError(f"{where}: {names[field]} is {value}: a finite number is needed")
+        if field.endswith("_scale") and value == 0.0:
+            raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, get the file again")
+    for field in POLYNOMIALS:
+        values = getattr(rpc, field)
+        if not np.isfinite(values).all():
+            raise InputError(f"{where}: {names[field]} holds a number that is not finite: get the file again")
+        if field.endswith("_den") and not values.any():
+            raise InputError(f"{where}: all coefficients of {names[field]} are 0: get the file again")
+    return rpc
+
+
+def _number(where: str, name: str, text: Text | None) -> float:
+    """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
+    if not isinstance(text, str) or not text.strip():
+        raise InputError(f"{where}: {name} is missing: this is not a whole RPC, get the file again")
+    match = _NUMBER.match(text.strip())
+    rest = text.strip()[match.end() :] if match else ""
+    if match is None or (rest and not (rest[0].isspace() or rest[0] in ",;")):
+        raise InputError(f"{where}: {name} is {shortened(text)!r}: a number is needed")
+    return float(match.group().replace("d", "e").replace("D", "e"))
+
+
+def _optional(where: str, name: str, text: Text | None) -> float | None:
+    if not isinstance(text, str) or not text.strip():
+        return None
+    return _known(_number(where, name, text))
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) and value >= 0.0 else None
+
+
+def _coefficients(where: str, name: str, texts: Text | None) -> np.ndarray:
+    found = 0 if texts is None else len(texts)
+    if texts is None or isinstance(texts, str) or found != 20:
+        raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: get the file again")
+    return np.array([_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)])
+
+
+def numbered(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
+    """Return the texts of ``name1``, ``name2`` … that are there; None without any."""
+    texts = [entries[key] for number in numbers if (key := f"{name}{number:0{width}d}") in entries]
+    return texts or None
+
+
+def shortened(text: object, most: int = 40) -> str:
+    """Return ``text`` cut to a length that fits an error message of one line."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= most else line[: most - 1] + "…"

@@ -1,0 +1,225 @@
+"""Which RPC is an image's: every source beside it and inside it, in GDAL's order, the first one wins.
+
+For GeoTIFF, GDAL takes ``.RPB`` before ISD XML, ``_RPC.TXT``, DIMAP XML and ``.rpc``, these before the tag, and that
+before its own ``.aux.xml`` (tried with GDAL 3.6; a test compares). For other images the order depends on the driver:
+there GDAL's word counts where it has one. ``.geom`` and rpcm JSON, which GDAL does not read, come last. So an image has
+the same RPC here as in GDAL wherever GDAL finds one, except that a scene's RPC is moved to the crop and ICHIPB is
+applied. A source that would win but is damaged is an error, never skipped silently.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+from osgeo import gdal
+
+from ...errors import InputError
+from ..datasets import metadata_of, open_dataset
+from . import crop, dimap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
+from .content import read_head, siblings
+from .fields import numbers_of, rpc_from_gdal
+from .reading import FoundRpc, Reader, Reading
+
+#: Formats of files that hold an RPC and no pixels, in the order in which they win beside an image.
+READERS: dict[str, Reader] = {
+    "rpb": rpb.READER,
+    "isd": isd.READER,
+    "rpc-txt": rpc_txt.READER,
+    "dimap": dimap.READER,
+    "kompsat": rpc_txt.KOMPSAT,
+    "geom": geom.READER,
+    "rpcm-json": rpcm_json.READER,
+}
+#: Formats that win over the tag inside a GeoTIFF.
+BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
+
+Source = tuple[str, Callable[[], FoundRpc]]
+
+
+def read_rpc(path: str) -> FoundRpc:
+    """Return the RPC of an image, or of an RPC file alone, and where it came from.
+
+    Raises `InputError` where the file is missing, is neither an image nor an RPC file, has no RPC, or the source
+    that wins is damaged.
+    """
+    path = os.fspath(path)
+    found = read_rpc_file(path)
+    return found if found is not None else rpc_of_dataset(path, open_raster(path))
+
+
+def read_rpc_file(path: str) -> FoundRpc | None:
+    """Return the RPC of a file without pixels; None for anything else. Raises `InputError` as `read_rpc` does."""
+    reader = reader_of(path)
+    if reader is None:
+        return None
+    reading = reader.read(path)
+    return FoundRpc(reading.rpc, f"{reader.title} {os.path.basename(path)}", size=reading.size)
+
+
+def reader_of(path: str) -> Reader | None:
+    """Return the reader of a file that is an RPC without pixels; None for anything else.
+
+    Raises `InputError` where there is no such file.
+    """
+    if os.path.isdir(path):
+        return None
+    if not path.startswith("/vsi") and not os.path.exists(path):
+        if ":" in path and open_dataset(path)[0] is not None:
+            return None  # a GDAL subdataset or connection string
+        raise InputError(f"{path}: no such file: check the path")
+    head, name = read_head(path), os.path.basename(path).lower()
+    return next((reader for reader in READERS.values() if reader.recognises(name, head)), None)
+
+
+def open_raster(path: str) -> gdal.Dataset:
+    """Return an image opened by GDAL; raise `InputError` where it is none."""
+    dataset, message = open_dataset(path)
+    if dataset is None or dataset.RasterCount < 1:
+        reason = f" ({message})" if message else ""
+        raise InputError(f"{path}: neither an image nor an RPC file{reason}: check the file")
+    return dataset
+
+
+def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
+    """Return the RPC of an image that is already open; raise `InputError` where it has none."""
+    sources = _sources(path, dataset)
+    if not sources:
+        raise InputError(
+            f"{path}: has no RPC, inside or beside it: "
+            "put its _RPC.TXT, .RPB, XML or .geom file beside it under the same name"
+        )
+    found = sources[0][1]()
+    ignored = tuple(title for title, _read in sources[1:])
+    return FoundRpc(found.rpc, found.source, ignored, (dataset.RasterXSize, dataset.RasterYSize))
+
+
+def read_rpc_or_none(path: str) -> FoundRpc | None:
+    """Return the RPC as `read_rpc` does; None for an image that has none."""
+    found = read_rpc_file(path)
+    if found is not None:
+        return found
+    dataset = open_raster(path)
+    return rpc_of_dataset(path, dataset) if _sources(path, dataset) else None
+
+
+def rpc_in_folder(folder: str, image_path: str) -> str:
+    """Return the RPC file in a folder that is named like an image; raise `InputError` where there is none."""
+    beside = side_files(os.path.join(folder, os.path.basename(image_path)))
+    found = [file for files in beside.values() for file in files]
+    if not found:
+        stem = os.path.splitext(os.path.basename(image_path))[0]
+        raise InputError(f"{folder}: holds no RPC file for {stem} ({stem}_RPC.TXT, {stem}.RPB …): check the folder")
+    return found[0]
+
+
+def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
+    """Return the RPC that any file holds, as that of another image: a scene's RPC is moved to the image's crop."""
+    reader = reader_of(rpc_path)
+    if reader is None:
+        return read_rpc(rpc_path)
+    title = f"{reader.title} {os.path.basename(rpc_path)}"
+    if read_rpc_file(image_path) is not None:
+        return FoundRpc(reader.read(rpc_path).rpc, title)
+    return _placed(reader, rpc_path, title, image_path, open_raster(image_path))
+
+
+def side_files(path: str) -> dict[str, list[str]]:
+    """Return the RPC files that stand beside an image under its name, by format in the order of `READERS`."""
+    files = siblings(path)
+    stem = os.path.splitext(os.path.basename(path))[0].lower()
+    return {key: [file for name in reader.beside(stem) if (file := _existing(files, name, path, reader))]
+            for key, reader in READERS.items()}  # fmt: skip
+
+
+def _existing(files: dict[str, str], name: str, path: str, reader: Reader) -> str | None:
+    """Return the side file of a name where it is there and of the reader's format."""
+    file = files.get(name)
+    if file is None or file == path or not (path.startswith("/vsi") or os.path.isfile(file)):
+        return None
+    return file if reader.recognises(name, read_head(file)) else None
+
+
+def _sources(path: str, dataset: gdal.Dataset) -> list[Source]:
+    """Return every source of an image's RPC, the one that wins first."""
+    if dataset.GetDriver().ShortName != "GTiff":
+        return _as_gdal_ranks(path, dataset)
+    before: list[Source] = []
+    after: list[Source] = []
+    for key, files in side_files(path).items():
+        ranked = before if key in BEFORE_THE_TAG else after
+        ranked += [_side_source(READERS[key], file, path, dataset) for file in files]
+    return [*before, *_inside(path, dataset), *after]
+
+
+def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
+    """Return the sources of an image that is no GeoTIFF: first the one with the numbers that GDAL reports."""
+    files = [(READERS[key], file) for key, listed in side_files(path).items() for file in listed]
+    sources = [_side_source(reader, file, path, dataset) for reader, file in files]
+    metadata = metadata_of(dataset, "RPC")
+    if not metadata:
+        return sources
+    for place, (reader, file) in enumerate(files):
+        if _reads_as(reader, file, metadata):
+            return [sources.pop(place), *sources]
+    return [*_inside(path, dataset), *sources]
+
+
+def _reads_as(reader: Reader, file: str, metadata: dict[str, str]) -> bool:
+    """Return whether a side file is where GDAL's metadata come from; GDAL may have rounded them to 15 digits."""
+    try:
+        ours, theirs = numbers_of(reader.read(file).rpc), numbers_of(rpc_from_gdal(file, metadata))
+    except InputError:
+        return False
+    return np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0)
+
+
+def _side_source(reader: Reader, file: str, path: str, dataset: gdal.Dataset) -> Source:
+    title = f"{reader.title} {os.path.basename(file)}"
+    return title, lambda: _placed(reader, file, title, path, dataset)
+
+
+def _placed(reader: Reader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
+    """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
+    reading: Reading = reader.read(file)
+    size = (dataset.RasterXSize, dataset.RasterYSize)
+    origin = crop.crop_origin(dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection()))
+    if origin == (0.0, 0.0):
+        origin = reader.tile_origin(path, file)
+    if origin == (0.0, 0.0) or reading.size == size or not crop.is_of_full_scene(reading.rpc, origin, size):
+        return FoundRpc(reading.rpc, title)
+    moved = reading.rpc.shifted(-origin[0], -origin[1])
+    return FoundRpc(moved, f"{title}, moved to the crop at sample {origin[0]:g}, line {origin[1]:g} of its scene")
+
+
+def _inside(path: str, dataset: gdal.Dataset) -> list[Source]:
+    """Return the RPC in the image itself (tag, NITF, VRT …) and that of its ``.aux.xml``."""
+    name = os.path.basename(path)
+    found: list[Source] = []
+    if tiff_tag.has_tag(path):
+        found.append((f"GeoTIFF tag of {name}", lambda: _tag(path, f"GeoTIFF tag of {name}")))
+    auxiliary = f"{path}.aux.xml"
+    if os.path.isfile(auxiliary) and (kept := pam.read_domain(auxiliary, "RPC")):
+        title = f"PAM {os.path.basename(auxiliary)}"
+        found.append((title, lambda: FoundRpc(rpc_from_gdal(auxiliary, kept), title)))
+    if not found and (metadata := metadata_of(dataset, "RPC")):
+        driver = f"{dataset.GetDriver().ShortName} {name}"
+        found.append((driver, lambda: _from_gdal(path, dataset, metadata, driver)))
+    return found
+
+
+def _tag(path: str, title: str) -> FoundRpc:
+    reading = tiff_tag.read(path)
+    if reading is None:
+        raise InputError(f"{path}: its RPC tag was there a moment ago: do not change the file meanwhile")
+    return FoundRpc(reading.rpc, title)
+
+
+def _from_gdal(path: str, dataset: gdal.Dataset, metadata: dict[str, str], title: str) -> FoundRpc:
+    """Return what a GDAL driver says, with ICHIPB applied to NITF chips."""
+    rpc = rpc_from_gdal(path, metadata)
+    if dataset.GetDriver().ShortName == "NITF":
+        rpc, note = nitf.apply_ichipb(path, rpc, metadata_of(dataset))
+        title = f"{title}, {note}" if note else title
+    return FoundRpc(rpc, title)

@@ -1,0 +1,32 @@
+"""``.geom`` of the Orfeo ToolBox and OSSIM: ``name: value`` in lower case, image coordinates from 0.
+
+The file describes the full scene, also beside a crop; 0 for an accuracy means that nothing is known.
+"""
+
+from __future__ import annotations
+
+from .content import positive_size, read_text
+from .fields import ERRORS, POLYNOMIALS, SCALARS, numbered, rpc_from_text
+from .reading import Reader, Reading
+
+NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name in POLYNOMIALS}
+NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
+
+
+def read(path: str) -> Reading:
+    """Return the RPC of a ``.geom`` file and the scene's size where it is written there."""
+    pairs = (line.partition(":") for line in read_text(path).splitlines())
+    entries = {name.strip(): value.strip() for name, _, value in pairs}
+    values: dict[str, str | list[str] | None] = {name: entries.get(NAMES[name]) for name in SCALARS}
+    values |= {name: numbered(entries, f"{NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
+    values |= {name: text for name in ERRORS if (text := entries.get(NAMES[name], "0")).strip("0. ")}
+    return Reading(
+        rpc_from_text(path, values, NAMES), positive_size(entries.get("number_samples"), entries.get("number_lines"))
+    )
+
+
+def _recognises(name: str, head: bytes) -> bool:
+    return name.endswith(".geom")
+
+
+READER = Reader("OTB .geom", lambda stem: (f"{stem}.geom",), _recognises, read)

@@ -1,0 +1,110 @@
+"""Writing an RPC into an image itself or beside it, and bringing the original back.
+
+The image is copied beside itself, changed there, flushed and renamed: a killed process leaves the old image or the new
+one. The RPC that it had before the first writing is kept in its metadata (see `tiff_tag`); files beside it that
+would win are set aside (see `sidecars`). The order of the steps is such that at any moment some complete RPC, old or
+new, is what a reader finds.
+"""
+
+from __future__ import annotations
+
+import os
+
+from ...errors import InputError
+from ...progress import Progress, silent
+from ...rpc import RPC
+from ..replacing import copy_bytes, replacing
+from . import tiff_tag
+from .compare import require_same
+from .content import siblings
+from .fields import numbers_of
+from .find import READERS, open_raster, read_rpc, reader_of, side_files
+from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
+from .tiff_directory import read_directory
+from .write import write_rpb, write_rpc_text
+
+#: Format of a sidecar -> what follows the image's stem, and the function that writes it.
+SIDECARS = {"rpc-txt": ("_RPC.TXT", write_rpc_text), "rpb": (".RPB", write_rpb)}
+
+
+def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
+    """Give an image another RPC and keep the original in it; return notices for the log.
+
+    ``path`` is a GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``).
+    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. Raises `InputError` where the file
+    is of another kind, `OutputError` where it cannot be written, `Cancelled` where ``progress`` asks to stop.
+    """
+    reader = reader_of(path)
+    if reader is not None:
+        return _write_rpc_file_in_place(path, rpc)
+    notices = _rewrite_tag(path, rpc, progress)
+    if vendor_xml(path):
+        notices += write_sidecar(os.path.splitext(path)[0] + SIDECARS["rpb"][0], rpc, "rpb")
+    else:
+        notices += tuple(set_aside(file) for file in stale_files(path, rpc))
+    require_same(path, rpc, read_rpc(path).rpc)
+    return notices
+
+
+def _write_rpc_file_in_place(path: str, rpc: RPC) -> tuple[str, ...]:
+    key = next(key for key, reader in READERS.items() if reader is reader_of(path))
+    if key not in SIDECARS:
+        raise InputError(f"{path}: {READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
+    keep_original(path)
+    SIDECARS[key][1](path, rpc)
+    return ()
+
+
+def _rewrite_tag(path: str, rpc: RPC, progress: Progress) -> tuple[str, ...]:
+    """Replace the image by a copy with the new tag, which keeps the original."""
+    if not os.path.isfile(path) or read_directory(path) is None:
+        raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
+    was_cog = open_raster(path).GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") == "COG"
+    with replacing(path) as temporary:
+        copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
+        stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True)
+        written = tiff_tag.read(temporary)
+        open_raster(temporary)
+        require_same(path, rpc, written.rpc if written else rpc.shifted(float("nan"), 0.0))
+    if was_cog and not stayed:
+        return (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)
+    return ()
+
+
+def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]:
+    """Write a ``_RPC.TXT`` (``kind`` ``rpc-txt``) or ``.RPB`` (``rpb``) file; return notices for the log.
+
+    A vendor's file of that name, in whatever case, is kept as ``<name>.original``. An ``.RPB`` of the same image, which
+    would win over a new ``_RPC.TXT`` with another RPC, is set aside.
+    """
+    suffix, write = SIDECARS[kind]
+    path = siblings(path).get(os.path.basename(path).lower(), path)
+    keep_original(path)
+    write(path, rpc)
+    if kind == "rpb":
+        return ()
+    image = f"{path[: -len(suffix)]}.tif"
+    stale = [set_aside(file) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
+    winning = [f"{file}: wins over a _RPC.TXT in GDAL; an .RPB would win over it" for file in side_files(image)["isd"]]
+    return (*stale, *winning)
+
+
+def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
+    """Bring back the RPC that an image or RPC file had before the first writing in place; return notices.
+
+    Raises `InputError` where nothing is kept that could be brought back.
+    """
+    stem = os.path.splitext(os.path.basename(path))[0].lower()
+    is_rpc_file = reader_of(path) is not None
+    names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in READERS[k].beside(stem)}
+    kept_inside = not is_rpc_file and os.path.isfile(path) and tiff_tag.keeps_original(path)
+    notices = put_back(path, names)
+    if kept_inside:
+        with replacing(path) as temporary:
+            copy_bytes(path, temporary, progress, f"restoring {os.path.basename(path)}")
+            tiff_tag.restore_numbers(temporary)
+            open_raster(temporary)
+        notices += (f"{path}: the original RPC is back",)
+    if not notices:
+        raise InputError(f"{path}: keeps no original RPC: it was not written in place by this program")
+    return notices

@@ -1,0 +1,60 @@
+"""RPC00B of NITF files, with ICHIPB applied: GDAL gives the RPC of the full image even for a chip.
+
+ICHIPB (STDI-0002, appendix B) lists the four corners of the chip (OP) and their place in the full image (FI), both
+counted from the outer corner of the first pixel, so that 0.5 is its centre. Where the four pairs are a shift and a
+scale along each axis, the RPC's OFF and SCALE take it exactly; chips that are turned or warped are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import InputError
+from ...rpc import RPC
+
+CORNERS = ("11", "12", "21", "22")
+TOLERANCE_PX = 1e-6
+
+
+def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC, str]:
+    """Return the RPC of a chip's own pixels and a note; unchanged and "" where the file has no ICHIPB.
+
+    Raises `InputError` where the chip is turned or warped against the full image, or a field is no number.
+    """
+    if "ICHIP_OP_COL_11" not in metadata:
+        return rpc, ""
+    axes = [_shift_and_scale(path, metadata, axis) for axis in ("COL", "ROW")]
+    (sample, sample_scale), (line, line_scale) = axes
+    chip = replace(
+        rpc,
+        samp_off=(rpc.samp_off - sample) / sample_scale,
+        samp_scale=rpc.samp_scale / sample_scale,
+        line_off=(rpc.line_off - line) / line_scale,
+        line_scale=rpc.line_scale / line_scale,
+    )
+    return chip, f"ICHIPB applied: the chip begins at sample {sample:g}, line {line:g} of the full image"
+
+
+def _shift_and_scale(path: str, metadata: Mapping[str, str], axis: str) -> tuple[float, float]:
+    """Return (shift, scale) of full = shift + scale * chip, in coordinates from the pixel centre."""
+    chip = np.array([_field(path, metadata, f"ICHIP_OP_{axis}_{corner}") for corner in CORNERS]) - 0.5
+    full = np.array([_field(path, metadata, f"ICHIP_FI_{axis}_{corner}") for corner in CORNERS]) - 0.5
+    extent = chip.max() - chip.min()
+    if not extent > 0.0:
+        raise InputError(f"{path}: ICHIPB gives the chip no extent along {axis}: the file is damaged, get it again")
+    first, last = chip.argmin(), chip.argmax()
+    scale = (full[last] - full[first]) / extent
+    shift = full[first] - scale * chip[first]
+    if not scale > 0.0 or np.abs(shift + scale * chip - full).max() > TOLERANCE_PX:
+        raise InputError(f"{path}: ICHIPB turns or warps the chip, which is not supported: use the full image")
+    return float(shift), float(scale)
+
+
+def _field(path: str, metadata: Mapping[str, str], name: str) -> float:
+    try:
+        return float(metadata[name])
+    except (KeyError, ValueError):
+        raise InputError(f"{path}: ICHIPB field {name} is missing or no number: get the file again") from None

@@ -1,0 +1,51 @@
+"""``_RPC.TXT`` / ``_rpc.txt`` (GeoEye, IKONOS, SkySat, ZY-3, OrbView) and KOMPSAT's ``.rpc``: ``NAME: value unit``.
+
+The two are one format, but GDAL takes the vendor's XML between them.
+"""
+
+from __future__ import annotations
+
+import re
+
+from ...rpc import RPC
+from .content import read_text
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, numbered, rpc_from_text
+from .reading import Reader, Reading
+
+#: Last line of files from here: `restore` may take them away again.
+WRITTEN_BY = "WRITTEN_BY: HRSI"
+_MARK = re.compile(rb"(LINE_OFF|LINE_NUM_COEFF_1)[:=\s]", re.IGNORECASE)
+
+
+def read(path: str) -> Reading:
+    """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
+    entries = _entries(read_text(path))
+    values: dict[str, str | list[str] | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
+    values |= {name: numbered(entries, f"{GDAL_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    return Reading(rpc_from_text(path, values))
+
+
+def _entries(text: str) -> dict[str, str]:
+    """Return name (capitals) -> text of its value; a colon, an equals sign or blanks stand between them."""
+    entries: dict[str, str] = {}
+    for line in text.splitlines():
+        name, _, value = line.replace("=", " ", 1).replace(":", " ", 1).strip().partition(" ")
+        entries.setdefault(name.upper(), value.strip())
+    return entries
+
+
+def text_of(rpc: RPC) -> str:
+    """Return the content of a ``_RPC.TXT`` file, all digits; unknown errors are left out."""
+    lines = [f"{GDAL_NAMES[name]}: {getattr(rpc, name)!r}" for name in SCALARS]
+    for name in POLYNOMIALS:
+        lines += [f"{GDAL_NAMES[name]}_{i}: {value!r}" for i, value in enumerate(getattr(rpc, name).tolist(), start=1)]
+    lines += [f"{GDAL_NAMES[name]}: {value!r}" for name in ERRORS if (value := getattr(rpc, name)) is not None]
+    return "\n".join([*lines, WRITTEN_BY]) + "\n"
+
+
+def _recognises(name: str, head: bytes) -> bool:
+    return name.endswith("_rpc.txt") or (name.endswith(".txt") and bool(_MARK.search(head)))
+
+
+READER = Reader("_RPC.TXT", lambda stem: (f"{stem}_rpc.txt",), _recognises, read)
+KOMPSAT = Reader(".rpc", lambda stem: (f"{stem}.rpc",), lambda name, head: name.endswith(".rpc"), read)

@@ -1,0 +1,48 @@
+"""JSON of the rpcm package and the DFC2019 / IARPA data sets: an object ``rpc`` with ``row_offset``, ``col_num`` …"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from ...errors import InputError
+from .content import positive_size, read_text
+from .fields import POLYNOMIALS, SCALARS, rpc_from_text
+from .reading import Reader, Reading
+
+_PARTS = {
+    "line": "row", "samp": "col", "lat": "lat", "long": "lon", "height": "alt",
+    "off": "offset", "scale": "scale", "num": "num", "den": "den",
+}  # fmt: skip
+NAMES = {name: "_".join(_PARTS[part] for part in name.split("_")) for name in (*SCALARS, *POLYNOMIALS)}
+NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
+
+
+def read(path: str) -> Reading:
+    """Return the RPC of an rpcm JSON file and its image's size; the RPC may stand alone or under ``rpc``."""
+    try:
+        document = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not valid JSON ({error}): get the file again") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: an object with the member 'rpc' is needed")
+    members = document.get("rpc", document)
+    if not isinstance(members, dict):
+        raise InputError(f"{path}: the member 'rpc' is not an object: get the file again")
+    values = {name: _text(members.get(NAMES[name])) for name in NAMES}
+    size = positive_size(str(document.get("width")), str(document.get("height")))
+    return Reading(rpc_from_text(path, values, NAMES), size)
+
+
+def _text(value: Any) -> str | list[str] | None:
+    """Return numbers as text (17 digits: the same doubles); anything else as text that is no number."""
+    if isinstance(value, list):
+        return [str(_text(item)) for item in value]
+    return None if value is None else repr(value) if isinstance(value, float) else str(value)
+
+
+def _recognises(name: str, head: bytes) -> bool:
+    return name.endswith(".json") and b"row_offset" in head
+
+
+READER = Reader("rpcm JSON", lambda stem: (f"{stem}.json",), _recognises, read)

@@ -1,0 +1,117 @@
+"""RPC files beside an image that win over the RPC inside it: set aside, taken back, told apart from our own.
+
+A vendor's file is never deleted: it is renamed to ``<name>.original`` and `put_back` renames it again. Files written
+here carry a mark and are simply replaced or removed.
+"""
+
+from __future__ import annotations
+
+import os
+
+from ...errors import InputError, OutputError
+from ...rpc import RPC
+from ..replacing import copy_bytes, replacing
+from . import rpb, rpc_txt
+from .compare import same_numbers
+from .content import read_head, siblings
+from .find import read_rpc, side_files
+
+ORIGINAL = ".original"
+#: Formats that can be set aside; the vendor's XML is left alone, because it holds more than the RPC.
+PLAIN = ("rpb", "rpc-txt", "kompsat")
+VENDOR_XML = ("isd", "dimap")
+_MARKS = tuple(mark.encode() for mark in (rpb.WRITTEN_BY, rpc_txt.WRITTEN_BY))
+
+
+def is_ours(path: str) -> bool:
+    """Return whether an RPC file was written by this program."""
+    head = read_head(path)
+    return any(mark in head for mark in _MARKS)
+
+
+def plain_files(image_path: str) -> list[str]:
+    """Return the ``.RPB`` and ``_RPC.TXT`` files of an image, the one that wins first."""
+    beside = side_files(image_path)
+    return [file for key in PLAIN for file in beside[key]]
+
+
+def vendor_xml(image_path: str) -> list[str]:
+    """Return the vendor's XML files of an image, which also win over an RPC inside it."""
+    beside = side_files(image_path)
+    return [file for key in VENDOR_XML for file in beside[key]]
+
+
+def set_aside(path: str) -> str:
+    """Take an RPC file out of the way: remove our own, rename a vendor's; return a notice for the log."""
+    try:
+        if is_ours(path):
+            os.remove(path)
+            return f"{path}: an RPC file of an earlier run would win over the new RPC and was removed"
+        kept = _free_name(path)
+        os.replace(path, kept)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be set aside ({error.strerror}): check the permissions") from None
+    return f"{path}: would win over the new RPC and was set aside as {os.path.basename(kept)}"
+
+
+def keep_original(path: str) -> None:
+    """Copy a vendor's RPC file to ``<name>.original`` before it is overwritten; nothing for our own or none."""
+    if os.path.exists(path) and not is_ours(path):
+        with replacing(_free_name(path)) as temporary:
+            copy_bytes(path, temporary)
+
+
+def _free_name(path: str) -> str:
+    kept, number = path + ORIGINAL, 1
+    while os.path.exists(kept):
+        number += 1
+        kept = f"{path}{ORIGINAL}-{number}"
+    return kept
+
+
+def put_back(image_path: str, names: set[str]) -> tuple[str, ...]:
+    """Bring back the originals among an image's RPC files and remove our own; return notices for the log.
+
+    ``names`` are the file names, in lower case, that count as the image's.
+    """
+    notices = []
+    files = siblings(image_path)
+    for name in sorted(names):
+        original, current = files.get(name + ORIGINAL), files.get(name)
+        try:
+            if original is not None:
+                os.replace(original, original.removesuffix(ORIGINAL))
+                notices.append(f"{original.removesuffix(ORIGINAL)}: the original is back")
+            elif current is not None and is_ours(current):
+                os.remove(current)
+                notices.append(f"{current}: written by an earlier run, removed")
+        except OSError as error:
+            raise OutputError(f"{original or current}: cannot be renamed ({error.strerror})") from None
+    return tuple(notices)
+
+
+def stale_files(image_path: str, rpc: RPC) -> list[str]:
+    """Return the ``.RPB`` and ``_RPC.TXT`` files of an image that hold another RPC than ``rpc``."""
+    return [file for file in plain_files(image_path) if not _holds(file, rpc)]
+
+
+def _holds(path: str, rpc: RPC) -> bool:
+    try:
+        return same_numbers(rpc, read_rpc(path).rpc)
+    except InputError:
+        return False
+
+
+def free_the_way(target_path: str, source_path: str, rpc: RPC) -> tuple[str, ...]:
+    """Set aside files beside a copy's name that would win over its tag with another RPC; return notices for the log.
+
+    Raises `InputError` where they may belong to the source (the same folder) or are the vendor's XML.
+    """
+    same_folder = os.path.dirname(os.path.abspath(target_path)) == os.path.dirname(os.path.abspath(source_path))
+    stale = stale_files(target_path, rpc)
+    foreign = vendor_xml(target_path) + (stale if same_folder else [])
+    if foreign:
+        raise InputError(
+            f"{foreign[0]}: would win over the RPC of {os.path.basename(target_path)}: choose another output directory"
+        )
+    return tuple(set_aside(file) for file in stale)

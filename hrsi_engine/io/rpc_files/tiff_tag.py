@@ -1,0 +1,136 @@
+"""The RPC in a GeoTIFF: tag 50844 (RPCCoefficientTag), 92 doubles, read and overwritten exactly.
+
+GDAL hands the numbers out rounded to 15 digits; here they are the doubles themselves. An RPC that is replaced in
+place is kept in the file's GDAL metadata, domain ``HRSI_ORIGINAL_RPC``: readable with
+``gdalinfo -mdd HRSI_ORIGINAL_RPC``, and with every double as a hexadecimal float, so that it comes back bit by bit.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+
+from ...errors import InputError
+from .fields import GDAL_NAMES, SCALARS, rpc_from_numbers
+from .reading import Reading
+from .tiff_directory import ASCII, DOUBLE, Directory, Field, edit_directory, read_directory, read_value
+
+TAG_RPC = 50844
+TAG_METADATA = 42112  # GDAL_METADATA, XML
+COUNT = 92
+ORIGINAL_DOMAIN = "HRSI_ORIGINAL_RPC"
+_DOUBLES_ITEM = "TAG_50844"
+_ABSENT = "absent"
+_ORIGINAL_ITEM = re.compile(rf'<Item name="([^"]*)" domain="{ORIGINAL_DOMAIN}"[^>]*>([^<]*)</Item>\r?\n?')
+_END = "</GDALMetadata>"
+
+
+def read(path: str) -> Reading | None:
+    """Return the RPC of a GeoTIFF's tag; None for other files and without the tag.
+
+    Raises `InputError` where the tag is there but damaged.
+    """
+    numbers = read_numbers(path)
+    return None if numbers is None else Reading(rpc_from_numbers(f"{path} (tag {TAG_RPC})", numbers))
+
+
+def has_tag(path: str) -> bool:
+    """Return whether a file is a TIFF with an RPC tag, damaged or not."""
+    directory = read_directory(path)
+    return directory is not None and directory.entry(TAG_RPC) is not None
+
+
+def read_numbers(path: str) -> list[float] | None:
+    """Return the 92 doubles of the tag as they stand in the file; None for other files and without the tag."""
+    directory = read_directory(path)
+    entry = None if directory is None else directory.entry(TAG_RPC)
+    if directory is None or entry is None:
+        return None
+    if entry.kind != DOUBLE or entry.count != COUNT:
+        raise InputError(
+            f"{path}: tag {TAG_RPC} has {entry.count} values of type {entry.kind}, {COUNT} doubles are needed: "
+            "write the RPC anew"
+        )
+    content = read_value(path, directory, TAG_RPC)
+    return list(struct.unpack(f"{directory.order}{COUNT}d", content or b""))
+
+
+def set_numbers(path: str, numbers: list[float], keep_original: bool) -> bool:
+    """Write the tag into a TIFF file, where it stands; return False where its directory had to move.
+
+    With ``keep_original`` the old doubles go into the metadata domain, unless an older original is there already.
+    """
+    directory = _directory(path)
+    changes: dict[int, Field | None] = {TAG_RPC: _doubles(directory, numbers)}
+    xml = _metadata(path, directory)
+    if keep_original and not _ORIGINAL_ITEM.search(xml):
+        changes[TAG_METADATA] = _text(_with_original(xml, read_numbers(path)))
+    return edit_directory(path, changes)
+
+
+def restore_numbers(path: str) -> bool:
+    """Put the original doubles back (or take the tag out where there was none) and forget them.
+
+    Returns False where the file keeps no original. Raises `InputError` where what it keeps is damaged.
+    """
+    directory = _directory(path)
+    xml = _metadata(path, directory)
+    kept = dict(_ORIGINAL_ITEM.findall(xml)).get(_DOUBLES_ITEM)
+    if kept is None:
+        return False
+    cleaned = _ORIGINAL_ITEM.sub("", xml)
+    numbers = None if kept == _ABSENT else _parsed(path, kept)
+    edit_directory(
+        path,
+        {
+            TAG_RPC: None if numbers is None else _doubles(directory, numbers),
+            TAG_METADATA: _text(cleaned) if "<Item" in cleaned else None,
+        },
+    )
+    return True
+
+
+def keeps_original(path: str) -> bool:
+    """Return whether a file keeps the RPC that it had before the first writing in place."""
+    directory = read_directory(path)
+    return directory is not None and bool(_ORIGINAL_ITEM.search(_metadata(path, directory)))
+
+
+def _directory(path: str) -> Directory:
+    directory = read_directory(path)
+    if directory is None:
+        raise InputError(f"{path}: is not a TIFF file, so its RPC cannot be written in place: write a copy or a VRT")
+    return directory
+
+
+def _doubles(directory: Directory, numbers: list[float]) -> Field:
+    return Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers))
+
+
+def _text(xml: str) -> Field:
+    return Field(ASCII, xml.encode("utf-8", "surrogateescape") + b"\0")
+
+
+def _metadata(path: str, directory: Directory) -> str:
+    content = read_value(path, directory, TAG_METADATA) or b""
+    return content.rstrip(b"\0").decode("utf-8", "surrogateescape")
+
+
+def _with_original(xml: str, numbers: list[float] | None) -> str:
+    """Return the GDAL metadata with the original RPC as further items."""
+    items = {_DOUBLES_ITEM: _ABSENT if numbers is None else " ".join(number.hex() for number in numbers)}
+    if numbers is not None:
+        items |= {GDAL_NAMES[name]: repr(value) for name, value in zip(SCALARS, numbers[2:12], strict=True)}
+    lines = "".join(f'<Item name="{n}" domain="{ORIGINAL_DOMAIN}">{v}</Item>\n' for n, v in items.items())
+    body = xml[: xml.rindex(_END)] if _END in xml else "<GDALMetadata>\n"
+    return f"{body}{lines}{_END}\n"
+
+
+def _parsed(path: str, kept: str) -> list[float]:
+    try:
+        numbers = [float.fromhex(text) for text in kept.split()]
+    except (ValueError, OverflowError):
+        numbers = []
+    if len(numbers) != COUNT:
+        raise InputError(f"{path}: the original RPC in domain {ORIGINAL_DOMAIN} is damaged: write the RPC anew")
+    return numbers

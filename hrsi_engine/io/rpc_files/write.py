@@ -1,0 +1,161 @@
+"""Writing RPCs: each file is made under a temporary name, read again, compared, and renamed in one step."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+from osgeo import gdal
+
+from ...errors import Cancelled, InputError, OutputError
+from ...progress import Progress, silent
+from ...rpc import RPC
+from ..datasets import gdal_messages, metadata_of, open_dataset
+from ..replacing import copy_bytes, replacing
+from . import pam, rpb, rpc_txt, tiff_tag
+from .compare import require_same
+from .fields import gdal_metadata, numbers_of, rpc_from_gdal
+from .find import open_raster, read_rpc
+from .reading import Reading
+from .sidecars import free_the_way
+from .tiff_directory import read_directory
+
+
+def write_rpc_text(path: str, rpc: RPC) -> None:
+    """Write a ``_RPC.TXT`` file with all digits, read it again and compare."""
+    _write_text(path, rpc, rpc_txt.text_of(rpc), rpc_txt.READER.read)
+
+
+def write_rpb(path: str, rpc: RPC) -> None:
+    """Write an ``.RPB`` file with all digits, read it again and compare."""
+    _write_text(path, rpc, rpb.text_of(rpc), rpb.READER.read)
+
+
+def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], Reading]) -> None:
+    with replacing(path) as temporary:
+        with open(temporary, "w", encoding="ascii", newline="\n") as file:
+            file.write(text)
+        require_same(path, rpc, read(temporary).rpc)
+
+
+def write_geotiff_copy(source_path: str, target_path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
+    """Copy an image to a GeoTIFF with another RPC; the source is only read. Return notices for the log.
+
+    A TIFF is copied byte for byte and only its RPC tag changes, so that pixels, compression, overviews, metadata
+    and the layout of a Cloud Optimized GeoTIFF stay; what GDAL keeps beside it (``.aux.xml``, ``.msk``, ``.ovr``) is
+    copied too. Any other image is written by GDAL as a tiled, losslessly compressed GeoTIFF.
+
+    Raises `InputError` where the source cannot be read or is the target, `OutputError` where the target
+    cannot be written, `Cancelled` where ``progress`` asks to stop.
+    """
+    _require_other_file(source_path, target_path)
+    source = open_raster(source_path)
+    is_tiff = source.GetDriver().ShortName == "GTiff" and read_directory(source_path) is not None
+    notices = free_the_way(target_path, source_path, rpc)
+    with replacing(target_path) as temporary:
+        if is_tiff:
+            _copy_companions(source_path, target_path)
+            copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
+            notices += _set_tag(temporary, target_path, rpc, source)
+        else:
+            _create_copy(source, temporary, target_path, rpc, progress)
+        written = tiff_tag.read(temporary)
+        if written is None:
+            raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
+        require_same(target_path, rpc, written.rpc)
+    require_same(target_path, rpc, read_rpc(target_path).rpc)
+    return notices
+
+
+def _require_other_file(source_path: str, target_path: str) -> None:
+    if os.path.exists(target_path) and os.path.exists(source_path) and os.path.samefile(source_path, target_path):
+        raise InputError(f"{target_path}: is the input itself: choose another output directory, or write in place")
+
+
+def _set_tag(temporary: str, target_path: str, rpc: RPC, source: gdal.Dataset) -> tuple[str, ...]:
+    stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=False)
+    if stayed or source.GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") != "COG":
+        return ()
+    return (f"{target_path}: there was no room for the RPC tag in the header: no longer a Cloud Optimized GeoTIFF",)
+
+
+def _copy_companions(source_path: str, target_path: str) -> None:
+    """Copy what GDAL keeps beside a TIFF: mask, overviews, and the auxiliary metadata except an old RPC."""
+    for suffix in (".msk", ".ovr"):
+        if os.path.isfile(source_path + suffix):
+            with replacing(target_path + suffix) as temporary:
+                copy_bytes(source_path + suffix, temporary)
+    if os.path.isfile(f"{source_path}.aux.xml"):
+        with replacing(f"{target_path}.aux.xml") as temporary, open(temporary, "wb") as file:
+            file.write(pam.without_domain(f"{source_path}.aux.xml", "RPC"))
+
+
+def _create_copy(source: gdal.Dataset, temporary: str, target_path: str, rpc: RPC, progress: Progress) -> None:
+    """Let GDAL copy pixels and metadata; a virtual dataset brings the new RPC, so that the tag is written once."""
+    virtual = gdal.GetDriverByName("VRT").CreateCopy("", source)
+    virtual.SetMetadata(gdal_metadata(rpc), "RPC")
+    report, cancelled = _callback(progress, f"writing {os.path.basename(target_path)}")
+    written = False
+    with gdal_messages() as messages:
+        copy = gdal.GetDriverByName("GTiff").CreateCopy(
+            temporary, virtual, strict=0, options=_creation_options(source), callback=report
+        )
+        if copy is not None:
+            copy.FlushCache()
+            written = True
+        del copy
+    if cancelled:
+        raise Cancelled(f"cancelled; {target_path} was not written")
+    if not written or messages:
+        raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+
+
+def _callback(progress: Progress, message: str) -> tuple[Callable[..., int], list[bool]]:
+    """Return a progress callback for GDAL, and a list that is not empty once the user cancelled."""
+    cancelled: list[bool] = []
+
+    def report(fraction: float, _message: str, _data: Any) -> int:
+        if progress(fraction, message) is False:
+            cancelled.append(True)
+        return 0 if cancelled else 1
+
+    return report, cancelled
+
+
+def _creation_options(source: gdal.Dataset) -> list[str]:
+    """Return the options of a GeoTIFF that every GDAL can read and that loses nothing."""
+    kind = gdal.GetDataTypeName(source.GetRasterBand(1).DataType)
+    predictor = {"Float32": "3", "Float64": "3", "UInt16": "2", "Int16": "2", "UInt32": "2", "Int32": "2", "Byte": "2"}
+    bits = source.GetRasterBand(1).GetMetadataItem("NBITS", "IMAGE_STRUCTURE")
+    options = ["BIGTIFF=IF_SAFER", "TILED=YES", "COMPRESS=DEFLATE"]
+    if bits:  # pixels of fewer bits than their type has: packed, where no predictor works
+        return [*options, f"NBITS={bits}"]
+    return [*options, f"PREDICTOR={predictor.get(kind, '1')}"]
+
+
+def write_vrt(source_path: str, target_path: str, rpc: RPC) -> tuple[str, ...]:
+    """Write a virtual image: the source's pixels with another RPC; the source is only read. Return notices.
+
+    The path of the source is kept relative where it lies beside or below the VRT, absolute otherwise. Raises
+    `InputError` where the source cannot be read or is the target, `OutputError` where the VRT cannot be written.
+    """
+    _require_other_file(source_path, target_path)
+    local = os.path.exists(source_path)
+    source = open_raster(os.path.abspath(source_path) if local else source_path)
+    with replacing(os.path.abspath(target_path)) as temporary:
+        virtual = None
+        with gdal_messages() as messages:
+            virtual = gdal.GetDriverByName("VRT").CreateCopy(temporary, source)
+            virtual.SetMetadata(gdal_metadata(rpc), "RPC")
+            virtual.FlushCache()
+            del virtual
+        if messages or not os.path.exists(temporary):
+            raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+        reopened, message = open_dataset(temporary)
+        if reopened is None:
+            raise OutputError(f"{target_path}: cannot be opened again ({message})")
+        require_same(target_path, rpc, rpc_from_gdal(target_path, metadata_of(reopened, "RPC")))
+        del reopened
+    require_same(target_path, rpc, read_rpc(target_path).rpc)
+    return ()

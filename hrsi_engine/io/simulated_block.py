@@ -1,0 +1,164 @@
+"""Files of a simulated block: images streamed by blocks, terrain, points and truth.
+
+Nothing here knows how pixels come about: an image is anything whose windows can be read (`block.Raster`).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from osgeo import gdal, osr
+
+from ..block import Block, GroundPoints, Raster, Role
+from ..errors import OutputError
+from ..progress import Progress, advance, silent
+from ..rpc import RPC
+from .datasets import gdal_messages
+from .replacing import replacing
+from .rpc_files.fields import gdal_metadata
+
+TILE = 256
+WINDOW_SAMPLES = 1024  # rendered at a time by one thread
+WGS84_3D = 4979
+
+Geotransform = tuple[float, float, float, float, float, float]
+Part = tuple[int, int, np.ndarray]  # band, first sample, pixels
+
+
+def write_image(
+    path: str,
+    bands: Sequence[Raster],
+    rpc: RPC | None = None,
+    geotransform: Geotransform | None = None,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> None:
+    """Write an image as a tiled 16 bit GeoTIFF with its RPC or geotransform, a row of tiles at a time.
+
+    ``bands`` have the same size. Memory is a few rows of tiles, whatever the size of the image.
+    Raises `OutputError` where the file cannot be written, `Cancelled` where ``progress`` asks to stop.
+    """
+    samples, lines = bands[0].size
+    with replacing(path) as temporary, gdal_messages() as messages:
+        dataset = _create(path, temporary, (samples, lines, len(bands)), gdal.GDT_UInt16, messages)
+        if rpc is not None:
+            dataset.SetMetadata(gdal_metadata(rpc), "RPC")
+        if geotransform is not None:
+            _georeference(dataset, geotransform)
+        for line, parts in _rows_of_tiles(bands, threads):
+            advance(progress, line / lines, f"rendering {os.path.basename(path)}")
+            for band, sample, pixels in parts:
+                dataset.GetRasterBand(band + 1).WriteArray(pixels, sample, line)
+            dataset.FlushCache()  # GDAL would hold up to a twentieth of the machine's memory
+            _require_quiet(path, messages)
+        del dataset
+        _require_quiet(path, messages)
+    advance(progress, 1.0, f"wrote {os.path.basename(path)}")
+
+
+def _create(
+    path: str, temporary: str, shape: tuple[int, int, int], data_type: int, messages: list[str]
+) -> gdal.Dataset:
+    samples, lines, bands = shape
+    options = ["TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER", "INTERLEAVE=BAND"]
+    dataset = gdal.GetDriverByName("GTiff").Create(temporary, samples, lines, bands, data_type, options)
+    if dataset is None:
+        raise OutputError(f"{path}: cannot be created ({messages[-1] if messages else 'unknown reason'})")
+    return dataset
+
+
+def _require_quiet(path: str, messages: list[str]) -> None:
+    if messages:
+        raise OutputError(f"{path}: cannot be written ({messages[-1]}): check free space and permissions")
+
+
+def _georeference(dataset: gdal.Dataset, geotransform: Geotransform) -> None:
+    """Place a dataset in geographic WGS84 with ellipsoidal heights."""
+    reference = osr.SpatialReference()
+    reference.ImportFromEPSG(WGS84_3D)
+    dataset.SetSpatialRef(reference)
+    dataset.SetGeoTransform(geotransform)
+
+
+def _rows_of_tiles(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int, list[Part]]]:
+    """Yield the first line and the parts of each row of tiles, while the next row is in work."""
+    samples, lines = bands[0].size
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        waiting: deque[tuple[int, list[tuple[int, int, Future]]]] = deque()
+        try:
+            for line in range(0, lines, TILE):
+                height = min(TILE, lines - line)
+                jobs = []
+                for band, raster in enumerate(bands):
+                    for sample in range(0, samples, WINDOW_SAMPLES):
+                        width = min(WINDOW_SAMPLES, samples - sample)
+                        jobs.append((band, sample, pool.submit(raster.read, sample, line, width, height)))
+                waiting.append((line, jobs))
+                if len(waiting) > 1:
+                    yield _finished(*waiting.popleft())
+            while waiting:
+                yield _finished(*waiting.popleft())
+        finally:
+            for _, jobs in waiting:
+                for _, _, job in jobs:
+                    job.cancel()
+
+
+def _finished(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[Part]]:
+    return line, [(band, sample, job.result()[0]) for band, sample, job in jobs]
+
+
+def write_dem(path: str, heights: np.ndarray, geotransform: Geotransform) -> None:
+    """Write ellipsoidal heights ``(rows, columns)`` as a float32 GeoTIFF in EPSG:4979, row 0 in the north."""
+    rows, columns = heights.shape
+    with replacing(path) as temporary, gdal_messages() as messages:
+        dataset = _create(path, temporary, (columns, rows, 1), gdal.GDT_Float32, messages)
+        _georeference(dataset, geotransform)
+        dataset.SetMetadata({"VERTICAL_DATUM": "ellipsoidal heights above WGS84", "AREA_OR_POINT": "Point"})
+        band = dataset.GetRasterBand(1)
+        band.SetUnitType("m")
+        band.SetDescription("ellipsoidal height")
+        band.WriteArray(np.asarray(heights, dtype=np.float32))
+        del band, dataset
+        _require_quiet(path, messages)
+
+
+def write_ground_points(path: str, points: GroundPoints) -> None:
+    """Write the known points of a block as CSV: id, role, lon, lat, height, sigma_xy, sigma_h."""
+    known = points.role != Role.TIE
+    names, roles = points.ids[known].tolist(), [Role(role).label for role in points.role[known]]
+    numbers = np.column_stack([points.ground, points.sigma_m])[known].tolist()
+    rows = [[name, role, *values] for name, role, values in zip(names, roles, numbers, strict=True)]
+    _write_csv(path, ["id", "role", "lon", "lat", "height", "sigma_xy", "sigma_h"], rows)
+
+
+def write_image_points(path: str, block: Block) -> None:
+    """Write the measurements of a block as CSV: id, image, sample, line, sigma, kind."""
+    measured = block.measurements
+    image_ids = np.array([image.id for image in block.images])
+    columns = zip(
+        block.points.ids[measured.point].tolist(), image_ids[measured.image].tolist(), measured.xy[:, 0].tolist(),
+        measured.xy[:, 1].tolist(), measured.sigma_px.tolist(), measured.kind.tolist(), strict=True,
+    )  # fmt: skip
+    _write_csv(path, ["id", "image", "sample", "line", "sigma", "kind"], [list(row) for row in columns])
+
+
+def _write_csv(path: str, header: list[str], rows: list[list[Any]]) -> None:
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_document(path: str, document: Mapping[str, Any]) -> None:
+    """Write the truth of a simulated block, or the report of its making, as JSON."""
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        json.dump(document, file, allow_nan=False, indent=1)
+        file.write("\n")

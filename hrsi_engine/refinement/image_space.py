@@ -1,0 +1,146 @@
+"""Bias compensation in image space: a polynomial of the projected position added to it (thesis eqs. 4.2, 4.3).
+
+With (s, l) = RPC(ground), u = s - s0, v = l - l0 counted from the image's centre::
+
+    sample = s + sum_m a_m u^i v^j        line = l + sum_m b_m u^i v^j
+
+The correction's argument is the *projected* position, so that the corrected camera is a plain function of the ground
+and can be written as an RPC (Fraser and Hanley 2003; Grodecki and Dial 2003). The parameters are linear; all models
+of the family differ only in which monomials they have and how the coefficients are shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..block import Image
+from ..rpc import RPC
+from ..rpc_fit import fold_affine, refit_rpc
+from .model import Equations, Linearise, Priors, RefinedRPC
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePolynomial:
+    """An image-space model.
+
+    powers : (m, 2) exponents (i, j) of u and v of each monomial
+    mixing : (2, m, p) how each parameter enters the coefficients of sample and line
+    """
+
+    name: str
+    title: str
+    parameters: tuple[str, ...]
+    powers: np.ndarray
+    mixing: np.ndarray
+
+    def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
+        """Return shift, drift (px/px) or, for higher degrees, drift per half image size."""
+        degree = self.powers.sum(axis=1)
+        reach = image.half_size_px.max()
+        by_monomial = np.where(
+            degree == 0, priors.shift_px, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
+        )
+        used = np.abs(self.mixing).max(axis=0) > 0.0
+        return np.array([by_monomial[used[:, column]].max() for column in range(len(self.parameters))])
+
+    def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
+        """Return the observation equations; they do not depend on where the points were observed."""
+
+        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
+            projected, by_ground = image.rpc.project_with_metric_jacobian(ground)
+            offset = projected - image.centre_px
+            terms = self._terms(offset)
+            by_values = np.einsum("nm,cmp->ncp", terms, self.mixing)
+            if len(self.powers) > 1:
+                by_ground = by_ground + self._slope(offset, values) @ by_ground
+            return Equations(projected + by_values @ values, by_values, by_ground)
+
+        return linearise
+
+    def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return the corrected projection of ground points."""
+        return self._corrected(image, values, image.rpc.project(ground))
+
+    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+        """Fold the correction into the coefficients where that is exact, else fit a new RPC."""
+        if not np.any(values):
+            return RefinedRPC(image.rpc, 0.0)
+        folded = self._folded(image, values)
+        if folded is not None:
+            return RefinedRPC(folded, 0.0)
+        fit = refit_rpc(
+            image.rpc,
+            lambda projected, ground: self._corrected(image, values, projected),
+            image.domain_px,
+            image.rpc.height_range,
+        )
+        return RefinedRPC(fit.rpc, fit.max_px)
+
+    def _corrected(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
+        return projected + self._terms(projected - image.centre_px) @ (self.mixing @ values).T
+
+    def _terms(self, offset: np.ndarray) -> np.ndarray:
+        """Return the monomials of centred positions, ``(n, m)``."""
+        return np.prod(offset[:, None, :] ** self.powers, axis=2)
+
+    def _slope(self, offset: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return the derivative of the correction by the projected position, ``(n, 2, 2)``."""
+        coefficients = self.mixing @ values
+        slope = np.empty((len(offset), 2, 2))
+        for axis in range(2):
+            lowered = self.powers.copy()
+            lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
+            slope[:, :, axis] = np.prod(offset[:, None, :] ** lowered, axis=2) @ (coefficients * self.powers[:, axis]).T
+        return slope
+
+    def _folded(self, image: Image, values: np.ndarray) -> RPC | None:
+        """Return the exact RPC of a correction of first degree, None where there is none."""
+        if self.powers.sum(axis=1).max(initial=0) > 1:
+            return None
+        coefficients = self.mixing @ values
+        affine = np.column_stack([np.zeros(2), np.eye(2)])  # columns: constant, sample, line
+        for (by_sample, by_line), column in zip(self.powers, coefficients.T, strict=True):
+            affine[:, by_sample + 2 * by_line] += column
+        affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.centre_px
+        return fold_affine(image.rpc, affine)
+
+
+def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePolynomial:
+    """Return the model with its own coefficient for every monomial in sample and in line."""
+    count = len(powers)
+    mixing = np.zeros((2, count, 2 * count))
+    mixing[0, :, :count] = np.eye(count)
+    mixing[1, :, count:] = np.eye(count)
+    suffixes = ["0" if powers == (0, 0) else "s" * powers[0] + "l" * powers[1] for powers in powers]
+    names = [f"{coordinate}_{suffix}" for coordinate in ("sample", "line") for suffix in suffixes]
+    return ImagePolynomial(name, title, tuple(names), np.array(powers).reshape(-1, 2), mixing)
+
+
+def _conformal() -> ImagePolynomial:
+    """Shift, scale k and rotation r: sample + k u - r v, line + r u + k v."""
+    mixing = np.zeros((2, 3, 4))
+    mixing[0, 0, 0] = mixing[1, 0, 1] = 1.0
+    mixing[0, 1, 2] = mixing[1, 2, 2] = 1.0
+    mixing[0, 2, 3], mixing[1, 1, 3] = -1.0, 1.0
+    return ImagePolynomial(
+        "conformal", "shift, scale and rotation in the image",
+        ("sample_0", "line_0", "scale", "rotation"), np.array([(0, 0), (1, 0), (0, 1)]), mixing,
+    )  # fmt: skip
+
+
+IMAGE_SPACE = {
+    model.name: model
+    for model in (
+        _polynomial("none", "no correction: the RPCs as they are", []),
+        _polynomial("shift", "a constant in sample and in line", [(0, 0)]),
+        _polynomial("shift-drift", "a constant and a drift along the lines", [(0, 0), (0, 1)]),
+        _conformal(),
+        _polynomial("affine", "an affine transformation of the image", [(0, 0), (1, 0), (0, 1)]),
+        _polynomial(
+            "quadratic", "a polynomial of second degree in the image",
+            [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2)],
+        ),
+    )
+}  # fmt: skip

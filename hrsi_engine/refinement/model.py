@@ -1,0 +1,102 @@
+"""The contract of a refinement model: how an image's correction enters the observation equations and a new RPC.
+
+A model has a few parameters per image (its *values*, zero meaning "the vendor's RPC as it is") and says, for points of
+that image, what the corrected camera computes and how that changes with the values and with the ground position::
+
+    computed(values, ground)      (n, 2)      sample, line in px
+    by_values                     (n, 2, p)   px per unit of each parameter
+    by_ground                     (n, 2, 3)   px per metre east, north, up at each point
+
+The adjustment knows nothing else of a model. A new model is one class or one table entry in `MODELS`; the contract
+tests run over every entry (numeric against analytic derivatives, zero values leave the RPC unchanged, refined RPC
+against the model).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..block import Image
+from ..rpc import RPC
+
+
+class Equations(NamedTuple):
+    """Linearised observation equations of one image's points; shapes in the module's docstring."""
+
+    computed: np.ndarray
+    by_values: np.ndarray
+    by_ground: np.ndarray
+
+
+class RefinedRPC(NamedTuple):
+    """A new RPC and how far it is from its model on an independent grid (px; 0 for an exact fold)."""
+
+    rpc: RPC
+    fit_max_px: float
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations of the corrections before any observation (diagonal of C_A, thesis eq. 5.46).
+
+    ``shift_px`` is the constant part, ``drift`` its change across the image in px per px.
+    """
+
+    shift_px: float
+    drift: float
+
+
+#: With GCPs the priors only keep the equations regular: far above any vendor's error.
+CONTROLLED = Priors(shift_px=100.0, drift=1e-3)
+#: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err.
+UNCONTROLLED = Priors(shift_px=5.0, drift=1e-4)
+
+
+def priors_of(image: Image, controlled: bool) -> Priors:
+    """Return the priors of an image; without GCPs the RPC's own ERR_BIAS (m) is taken where it is given."""
+    if controlled:
+        return CONTROLLED
+    if not image.rpc.err_bias:
+        return UNCONTROLLED
+    middle = np.array([[image.rpc.long_off, image.rpc.lat_off, image.rpc.height_off]])
+    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
+    px_per_m = np.sqrt(abs(np.linalg.det(by_ground[0, :, :2])))
+    return Priors(image.rpc.err_bias * px_per_m, UNCONTROLLED.drift)
+
+
+Linearise = Callable[[np.ndarray, np.ndarray], Equations]
+
+
+class RefinementModel(Protocol):
+    """What every entry of `MODELS` provides."""
+
+    @property
+    def name(self) -> str:
+        """Name on the command line."""
+
+    @property
+    def title(self) -> str:
+        """What it does, in a few words, for help and reports."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters of one image."""
+
+    def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
+        """Return the standard deviation of each parameter before any observation, ``(p,)``."""
+
+    def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
+        """Return the function ``(values, ground) -> Equations`` for points observed at ``observed_px (n, 2)``.
+
+        What depends on the observations only (pseudo rays, say) is computed here once.
+        """
+
+    def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return image points ``(n, 2)`` of ground points by the corrected camera."""
+
+    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+        """Return an RPC that does the same as RPC and correction together over the image and its height range."""

@@ -1,0 +1,104 @@
+"""The scene: what is on the ground, apart from the images that are taken of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from .landscape import Landscape, Objects, discs
+from .terrain import Chart, Terrain, fractal_terrain
+from .texture import Texture
+from .views import View
+
+MOST_POSTS = 4000  # a side of the terrain
+GSD_OF_SCALE_ONE_M = 0.7
+TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])
+APRON_GREY = np.array([330.0, 330.0, 340.0, 340.0, 330.0])
+STEEPEST_BUILT = 0.5  # slope along an object's diagonal
+TARGET_GSD, APRON_GSD = 9.0, 20.0  # diameters in pixels of the finest view
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """What a scene should be like; the same spec and views always give the same scene.
+
+    ``half_extent_m``, ``post_m`` (spacing of the terrain) and ``scale`` (of the landscape) follow from the views where
+    they are None. ``cliff_m`` is the height of cliffs, none where 0.
+    """
+
+    lon_deg: float = 5.45
+    lat_deg: float = 43.53
+    mean_height_m: float = 250.0
+    relief_m: float = 100.0
+    cliff_m: float = 0.0
+    seed: int = 1
+    half_extent_m: float | None = None
+    post_m: float | None = None
+    scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (-180.0 <= self.lon_deg <= 180.0 and -85.0 <= self.lat_deg <= 85.0):
+            raise InputError(
+                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place: give degrees, latitude within 85"
+            )
+        if self.relief_m < 0.0 or self.cliff_m < 0.0:
+            raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Terrain, landscape and painted objects; ``targets_m`` are surveyed targets, chart metres ``(n, 2)``."""
+
+    spec: SceneSpec
+    chart: Chart
+    terrain: Terrain
+    landscape: Landscape
+    half_extent_m: float
+    finest_gsd_m: float
+    targets_m: np.ndarray
+
+    @cached_property
+    def objects(self) -> Objects:
+        """Everything with a known shape, in painting order; targets last, each on a dark apron."""
+        apron = discs("apron", self.targets_m, np.array(APRON_GSD * self.finest_gsd_m), APRON_GREY)
+        target = discs("target", self.targets_m, np.array(TARGET_GSD * self.finest_gsd_m), TARGET_GREY)
+        return self._buildable(self.landscape.objects(self.half_extent_m)).followed_by(apron).followed_by(target)
+
+    def _buildable(self, objects: Objects) -> Objects:
+        """Return the objects that do not stand across a cliff or on a very steep slope."""
+        corners = self.terrain.height(*np.moveaxis(objects.corners_m(), 2, 0))
+        return objects.select(np.ptp(corners, axis=1) < STEEPEST_BUILT * np.hypot(*objects.size_m.T))
+
+    @cached_property
+    def texture(self) -> Texture:
+        """The random fields of the landscape."""
+        return Texture(self.landscape)
+
+    def object_ground(self) -> np.ndarray:
+        """Return lon, lat, height ``(n, 3)`` of the objects' centres."""
+        position = self.objects.position_m
+        return self.chart.to_ground(position, self.terrain.height(*position.T))
+
+
+def make_scene(spec: SceneSpec, views: Sequence[View]) -> Scene:
+    """Return the scene that covers the views, without targets yet. Raises `InputError` without views."""
+    if not views:
+        raise InputError("a block needs at least one view: give some")
+    finest = min(view.sensor.gsd_m for view in views)
+    reach = max(float(np.hypot(*view.offset_m)) + view.half_diagonal_m for view in views)
+    half_extent = spec.half_extent_m or 1.05 * reach + 2.0 * (spec.relief_m + spec.cliff_m) + 50.0 * finest
+    post = spec.post_m or max(8.0 * finest, 2.0 * half_extent / MOST_POSTS)
+    if half_extent / post > MOST_POSTS:
+        raise InputError(
+            f"a scene of {2e-3 * half_extent:.1f} km with posts of {post} m has more than {2 * MOST_POSTS} posts "
+            "a side: make the posts wider"
+        )
+    chart = Chart(spec.lon_deg, spec.lat_deg)
+    terrain = fractal_terrain(chart, half_extent, post, spec.mean_height_m, spec.relief_m, spec.seed, spec.cliff_m)
+    scale = spec.scale or max(1.0, finest / GSD_OF_SCALE_ONE_M)
+    landscape = Landscape(spec.seed, scale)
+    return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)))

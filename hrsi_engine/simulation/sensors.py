@@ -1,0 +1,120 @@
+"""Pushbroom sensors by name, and the errors with which their position and attitude are known.
+
+Values are the published orbit, nadir ground sample distance, detector length and line rate of each satellite,
+rounded; they set the scale of a simulation and do not copy any one product.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class OrientationError:
+    """What is added to a camera's exact position and attitude.
+
+    Positions are metres east, north and up in the topocentric frame of the scene centre (dX, dY, dH); attitudes are
+    roll, pitch and yaw in radians about the sensor's own axes forward, right and down. A drift is the change over
+    the whole image, zero at its middle line. Jitter is a sine over the lines, one amplitude and phase an axis.
+    """
+
+    position_m: Vector = ZERO
+    position_drift_m: Vector = ZERO
+    attitude_rad: Vector = ZERO
+    attitude_drift_rad: Vector = ZERO
+    jitter_rad: Vector = ZERO
+    jitter_period_lines: float = 2000.0
+    jitter_phase_rad: Vector = ZERO
+
+    def position(self, share: np.ndarray) -> np.ndarray:
+        """Return ``(n, 3)`` metres at ``share`` (-0.5 first line, 0.5 last line) of the image."""
+        return np.asarray(self.position_m) + share[:, None] * np.asarray(self.position_drift_m)
+
+    def attitude(self, share: np.ndarray, line: np.ndarray) -> np.ndarray:
+        """Return ``(n, 3)`` roll, pitch and yaw in radians at ``share`` of the image and at ``line``."""
+        angles = np.asarray(self.attitude_rad) + share[:, None] * np.asarray(self.attitude_drift_rad)
+        if any(self.jitter_rad):
+            phase = 2.0 * np.pi * line[:, None] / self.jitter_period_lines + np.asarray(self.jitter_phase_rad)
+            angles = angles + np.asarray(self.jitter_rad) * np.sin(phase)
+        return angles
+
+
+@dataclass(frozen=True)
+class Radiometry:
+    """How grey values become digital numbers: ``gain * grey + offset``, blur and noise, 11 bits.
+
+    ``psf_px`` is the standard deviation of the point spread function in pixels. The noise of a digital number D has
+    the variance ``noise_dn ** 2 + shot_dn * D``.
+    """
+
+    gain: float = 1.0
+    offset: float = 0.0
+    psf_px: float = 0.5
+    noise_dn: float = 2.0
+    shot_dn: float = 0.02
+
+    @property
+    def largest_dn(self) -> int:
+        """The largest digital number of 11 bits."""
+        return 2047
+
+
+class Accuracy(NamedTuple):
+    """Standard deviations with which a vendor knows a satellite's orbit and attitude."""
+
+    position_m: float
+    position_drift_m: float
+    attitude_rad: float
+    attitude_drift_rad: float
+
+    def draw(self, rng: np.random.Generator, scale: float = 1.0) -> OrientationError:
+        """Return one image's error, every component independent and normal."""
+
+        def triple(sigma: float) -> Vector:
+            east, north, up = scale * sigma * rng.standard_normal(3)
+            return float(east), float(north), float(up)
+
+        return OrientationError(
+            position_m=triple(self.position_m),
+            position_drift_m=triple(self.position_drift_m),
+            attitude_rad=triple(self.attitude_rad),
+            attitude_drift_rad=triple(self.attitude_drift_rad),
+        )
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A pushbroom scanner on a circular orbit; ``gsd_m`` and ``altitude_m`` fix the angle of one detector.
+
+    ``samples`` is the full detector line; ``line_rate_hz`` fixes how far the satellite flies from line to line.
+    ``ms_ratio`` is the size of a multispectral pixel in panchromatic ones.
+    """
+
+    name: str
+    altitude_m: float
+    gsd_m: float
+    samples: int
+    line_rate_hz: float
+    accuracy: Accuracy
+    ms_ratio: int = 4
+
+    @property
+    def detector_angle_rad(self) -> float:
+        """Angle of one pixel seen from the sensor."""
+        return self.gsd_m / self.altitude_m
+
+
+SENSORS: dict[str, Sensor] = {
+    "ikonos": Sensor("IKONOS", 681e3, 0.82, 13816, 6500.0, Accuracy(2.0, 0.2, 10e-6, 0.3e-6)),
+    "quickbird": Sensor("QuickBird", 450e3, 0.61, 27552, 6900.0, Accuracy(2.0, 0.5, 30e-6, 4e-6)),
+    "worldview-2": Sensor("WorldView-2", 770e3, 0.46, 35420, 20000.0, Accuracy(1.0, 0.1, 4e-6, 0.2e-6)),
+    "pleiades": Sensor("Pleiades", 694e3, 0.70, 30000, 13600.0, Accuracy(1.0, 0.1, 6e-6, 0.3e-6)),
+    "spot5": Sensor("SPOT 5", 832e3, 2.50, 24000, 2660.0, Accuracy(2.0, 0.3, 40e-6, 2e-6)),
+    "wide-field": Sensor("wide field", 645e3, 16.0, 12000, 425.0, Accuracy(20.0, 3.0, 100e-6, 20e-6)),
+}

@@ -1,0 +1,108 @@
+"""Where lines of sight meet the terrain: the first intersection from above.
+
+Over the few hundred metres of a scene's relief a ray is a curve over the chart, ``E(u), N(u)``, quadratic in the height
+``h = middle + half u`` to less than a tenth of a millimetre; three exact intersections with heights give it. On it the
+surface is met
+
+* where the ground is too flat to hide anything (slope times tangent of the view angle below `OCCLUSION_FREE`) by the
+  iteration ``h <- surface(E(h), N(h))``, a contraction there;
+* elsewhere by walking down from the highest post in steps of half a post on the ground, and halving the step in
+  which the ray goes under.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .pushbroom import PushbroomCamera
+from .terrain import Terrain
+
+OCCLUSION_FREE = 0.7
+HEIGHT_TOLERANCE_M = 5e-4
+BISECTIONS = 14
+
+
+class RayPaths(NamedTuple):
+    """Rays over the chart: ``coefficients[k]`` is the factor of ``u**k``, ``(3, 2, …)`` for east and north.
+
+    ``middle_m`` and ``half_m`` scale the height: ``h = middle_m + half_m * u``.
+    """
+
+    coefficients: np.ndarray
+    middle_m: float
+    half_m: float
+
+    def at(self, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return east and north where the rays have given heights."""
+        u = (height_m - self.middle_m) / self.half_m
+        (e0, n0), (e1, n1), (e2, n2) = self.coefficients
+        return e0 + u * (e1 + u * e2), n0 + u * (n1 + u * n2)
+
+    def tangent(self) -> float:
+        """Return the largest tangent of the angle between rays and the vertical."""
+        return float(np.hypot(*self.coefficients[1]).max() / self.half_m)
+
+    def select(self, chosen: np.ndarray) -> RayPaths:
+        """Return some of the rays (mask or indices)."""
+        return self._replace(coefficients=self.coefficients[:, :, chosen])
+
+
+def ray_paths(camera: PushbroomCamera, terrain: Terrain, image: np.ndarray) -> RayPaths:
+    """Return the paths of image points ``(n, 2)`` over the terrain's range of heights; coefficients ``(3, 2, n)``."""
+    low, high = terrain.height_range
+    middle, half = (low + high) / 2.0, (high - low) / 2.0 + 1.0
+    below, centre, above = (
+        terrain.chart.from_ground(camera.image_to_ground(image, height)).T
+        for height in (middle - half, middle, middle + half)
+    )
+    return RayPaths(
+        np.stack([centre, (above - below) / 2.0, (above + below) / 2.0 - centre]), float(middle), float(half)
+    )
+
+
+def meet_surface(paths: RayPaths, terrain: Terrain) -> np.ndarray:
+    """Return the heights at which rays first meet the terrain from above, in the shape of the rays."""
+    reach = paths.tangent() * paths.half_m
+    east, north = paths.coefficients[0]
+    low, high, slope = terrain.window_statistics(east, north, reach)
+    if slope * paths.tangent() < OCCLUSION_FREE:
+        return _iterate(paths, terrain, (low + high) / 2.0)
+    return _walk_down(paths, terrain, low, high)
+
+
+def _iterate(paths: RayPaths, terrain: Terrain, start_m: float) -> np.ndarray:
+    height = np.full(paths.coefficients.shape[2:], start_m)
+    for _ in range(60):
+        previous = height
+        height = terrain.height(*paths.at(previous))
+        if np.abs(height - previous).max() < HEIGHT_TOLERANCE_M:
+            break
+    return height
+
+
+def _walk_down(paths: RayPaths, terrain: Terrain, low: float, high: float) -> np.ndarray:
+    shape = paths.coefficients.shape[2:]
+    flat = paths._replace(coefficients=paths.coefficients.reshape(3, 2, -1))
+    step = 0.5 * terrain.post_m / max(paths.tangent(), 1e-9)
+    under = np.full(int(np.prod(shape)), low - HEIGHT_TOLERANCE_M)
+    above = np.full(under.size, high + HEIGHT_TOLERANCE_M)
+    active, level = np.arange(under.size), high + HEIGHT_TOLERANCE_M
+    while level > low and active.size:
+        level = max(level - step, low - HEIGHT_TOLERANCE_M)
+        some = flat.select(active)
+        met = level <= terrain.height(*some.at(np.full(active.size, level)))
+        under[active[met]] = level
+        active = active[~met]
+        above[active] = level
+    for _ in range(BISECTIONS):
+        middle = (under + above) / 2.0
+        met = middle <= terrain.height(*flat.at(middle))
+        under, above = np.where(met, middle, under), np.where(met, above, middle)
+    return ((under + above) / 2.0).reshape(shape)
+
+
+def locate_on_surface(camera: PushbroomCamera, terrain: Terrain, image: np.ndarray) -> np.ndarray:
+    """Return the ground points ``(n, 3)`` that a camera sees at image points ``(n, 2)``."""
+    return camera.image_to_ground(image, meet_surface(ray_paths(camera, terrain, image), terrain))

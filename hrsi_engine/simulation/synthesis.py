@@ -1,0 +1,140 @@
+"""A synthetic block with its full truth: scene, cameras, vendor RPCs, points and measurements; no pixels needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..block import Block, Image, Role, assemble
+from ..errors import InputError
+from ..geodesy import metres_per_degree
+from .control import (
+    Noise,
+    PointCounts,
+    TrueImagePoints,
+    measure,
+    observe,
+    place_control,
+    place_ties,
+    survey,
+)  # fmt: skip
+from .pushbroom import PushbroomCamera
+from .scene import Scene, SceneSpec, make_scene
+from .sensors import OrientationError
+from .vendor import VendorRPC, fit_camera
+from .views import View
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Everything that is exactly so.
+
+    cameras : the physical cameras that took the images; vendor_cameras : what the vendor believes
+    vendor_rpcs : the delivered RPCs with their fit errors; height_range_m : the heights they were made for
+    ids, ground, role : ``(m,)``, ``(m, 3)``, ``(m,)`` true positions of all points, sorted by id
+    image_points : exact image points; ``blunder`` marks the measurements that were made gross errors
+    wrong_height : ``(m,)`` GCPs whose surveyed height is wrong
+    """
+
+    cameras: tuple[PushbroomCamera, ...]
+    vendor_cameras: tuple[PushbroomCamera, ...]
+    vendor_rpcs: tuple[VendorRPC, ...]
+    height_range_m: tuple[float, float]
+    ids: np.ndarray
+    ground: np.ndarray
+    role: np.ndarray
+    image_points: TrueImagePoints
+    blunder: np.ndarray
+    wrong_height: np.ndarray
+
+    @cached_property
+    def rpcs(self) -> tuple[VendorRPC, ...]:
+        """RPCs fitted to the true cameras, as `vendor_rpcs` were to the vendor's."""
+        return tuple(fit_camera(camera, self.height_range_m) for camera in self.cameras)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedBlock:
+    """A block as a user would have it, the scene it shows and the truth; rows of the two point tables agree."""
+
+    spec: SceneSpec
+    views: tuple[View, ...]
+    noise: Noise
+    scene: Scene
+    block: Block
+    truth: Truth
+
+    def index(self, image_id: str) -> int:
+        """Return the position of an image; raises `InputError` for an unknown id."""
+        for position, view in enumerate(self.views):
+            if view.id == image_id:
+                return position
+        raise InputError(f"no image {image_id!r} in the simulated block: {', '.join(v.id for v in self.views)}")
+
+
+def simulate_block(
+    spec: SceneSpec,
+    views: Sequence[View],
+    points: PointCounts | None = None,
+    noise: Noise | None = None,
+) -> SimulatedBlock:
+    """Return a synthetic block; the same arguments give the same block to the last bit.
+
+    Raises `InputError` where the views do not see enough in common.
+    """
+    points, noise = points or PointCounts(), noise or Noise()
+    scene = make_scene(spec, views)
+    cameras = tuple(view.camera(scene.chart, spec.mean_height_m) for view in views)
+    vendor_cameras = tuple(
+        camera.disturbed(_vendor_error(view, spec, noise, index))
+        for index, (view, camera) in enumerate(zip(views, cameras, strict=True))
+    )
+    ids, ground, role = _place_points(cameras, scene, points)
+    known = role != Role.TIE
+    scene = replace(scene, targets_m=scene.chart.from_ground(ground[known]))
+    image_points = _sorted(observe(cameras, scene.terrain, ground))
+    vendor_rpcs = tuple(fit_camera(camera, scene.terrain.height_range) for camera in vendor_cameras)
+
+    surveyed, wrong = survey(
+        ids[known], ground[known], role[known], noise, 1.0 / metres_per_degree(ground[known]),
+        np.random.default_rng([spec.seed, 40]),
+    )  # fmt: skip
+    image_ids = np.array([view.id for view in views])
+    measured, blunder = measure(ids, role, image_ids, image_points, noise, np.random.default_rng([spec.seed, 41]))
+    images = [Image(view.id, fit.rpc, view.size) for view, fit in zip(views, vendor_rpcs, strict=True)]
+    wrong_height = np.zeros(len(ids), dtype=bool)
+    wrong_height[known] = wrong
+    truth = Truth(
+        cameras, vendor_cameras, vendor_rpcs, scene.terrain.height_range, ids, ground, role, image_points, blunder,
+        wrong_height,
+    )  # fmt: skip
+    return SimulatedBlock(spec, tuple(views), noise, scene, assemble(images, [surveyed], [measured]), truth)
+
+
+def _vendor_error(view: View, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
+    if view.vendor_error is not None:
+        return view.vendor_error
+    return view.sensor.accuracy.draw(np.random.default_rng([spec.seed, 42, index]), noise.vendor)
+
+
+def _place_points(
+    cameras: Sequence[PushbroomCamera], scene: Scene, points: PointCounts
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ids, positions and roles: check points C…, GCPs G…, tie points T…, sorted by id."""
+    rng = np.random.default_rng([scene.spec.seed, 43])
+    known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
+    ties = place_ties(cameras, scene.terrain, points.ties, rng)
+    gcps, checks = known[: points.gcps], known[points.gcps :]
+    tables = ((checks, "C", Role.CHECK), (gcps, "G", Role.GCP), (ties, "T", Role.TIE))
+    ids = [f"{letter}{number + 1:06d}" for table, letter, _ in tables for number in range(len(table))]
+    role = np.concatenate([np.full(len(table), role, dtype=np.int8) for table, _, role in tables])
+    return np.array(ids, dtype=str), np.concatenate([table for table, _, _ in tables]), role
+
+
+def _sorted(points: TrueImagePoints) -> TrueImagePoints:
+    """Return image points by point, then by image: the order of a block's measurements."""
+    order = np.lexsort((points.image, points.point))
+    return TrueImagePoints(points.point[order], points.image[order], points.xy[order])

@@ -1,0 +1,223 @@
+"""Grey values of the simulated ground at any point and resolution, already blurred by the sensor.
+
+Every part has its closed or exact blurred form, so that one evaluation a pixel is free of aliasing: random textures are
+periodic fields whose Fourier coefficients are multiplied with the transfer function of a Gaussian; borders of parcels
+and roads are ramps as wide as the Gaussian's equivalent width; objects have the Gaussian's integral as their edge
+(`ndtr`). The blur is isotropic on the ground, with a standard deviation given in metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import fft, ndimage
+from scipy.special import ndtr
+
+from .landscape import (
+    BLOCK_M,
+    MAIN_ROAD_BLOCKS,
+    MAIN_ROAD_HALF_M,
+    PARCEL_M,
+    PARCELS,
+    ROAD_GREY,
+    ROAD_HALF_M,
+    Landscape,
+    Objects,
+)  # fmt: skip
+
+#: Width of the ramp with the same slope at the middle as a Gaussian edge of unit standard deviation.
+RAMP = np.float32(np.sqrt(2.0 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicField:
+    """A random field that repeats; ``spectrum`` is its `rfft2`, ``cell_m`` the spacing it was made with.
+
+    The terms of the highest frequency are 0: their phase would be lost between the nodes.
+    """
+
+    spectrum: np.ndarray
+    cell_m: float
+
+    def __post_init__(self) -> None:
+        half = self.spectrum.shape[0] // 2
+        self.spectrum[half], self.spectrum[:, half] = 0.0, 0.0
+
+    @classmethod
+    def power_law(cls, count: int, cell_m: float, slope: float, rng: np.random.Generator) -> PeriodicField:
+        """Return a field of unit standard deviation with amplitudes falling as ``frequency ** -slope``."""
+        frequency = np.hypot(fft.fftfreq(count)[:, None], fft.rfftfreq(count)[None, :])
+        frequency[0, 0] = np.inf
+        spectrum = fft.rfft2(rng.standard_normal((count, count), dtype=np.float32)) * frequency**-slope
+        return cls(spectrum / fft.irfft2(spectrum, s=(count, count)).std(), cell_m)
+
+    @classmethod
+    def tree_crowns(cls, count: int, cell_m: float, crown_m: float, rng: np.random.Generator) -> PeriodicField:
+        """Return a canopy of domes, lit from one side, of zero mean and unit standard deviation."""
+        stems = np.ones((count, count), dtype=bool)
+        number = int((count * cell_m / crown_m) ** 2)
+        stems[tuple(rng.integers(0, count, (2, number)))] = False
+        wrapped = np.pad(stems, 32, mode="wrap")
+        distance = ndimage.distance_transform_edt(wrapped, sampling=cell_m)[32:-32, 32:-32]
+        crown = np.sqrt(np.clip(1.0 - (distance / (0.75 * crown_m)) ** 2, 0.0, 1.0))
+        lit = crown + 0.8 * (np.roll(crown, 1, axis=1) - np.roll(crown, -1, axis=1))
+        return cls(fft.rfft2((lit - lit.mean()) / lit.std()), cell_m)
+
+    def blurred(self, sigma_m: float) -> tuple[np.ndarray, float]:
+        """Return the field blurred by a Gaussian, float32, and its spacing: half the cell where the blur is fine."""
+        count = self.spectrum.shape[0]
+        frequency = np.hypot(fft.fftfreq(count)[:, None], fft.rfftfreq(count)[None, :]) / self.cell_m
+        spectrum = self.spectrum * np.exp(-2.0 * (np.pi * sigma_m * frequency) ** 2)
+        if sigma_m > 2.0 * self.cell_m:
+            return fft.irfft2(spectrum, s=(count, count)).astype(np.float32), self.cell_m
+        wide = np.zeros((2 * count, count + 1), dtype=spectrum.dtype)
+        half = count // 2
+        wide[:half, : half + 1], wide[-half:, : half + 1] = spectrum[:half], spectrum[-half:]
+        return (4.0 * fft.irfft2(wide, s=(2 * count, 2 * count))).astype(np.float32), self.cell_m / 2.0
+
+
+def sample_periodic(field: np.ndarray, cell_m: float, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    """Return a periodic raster (side a power of two) at chart positions, bilinear, float32."""
+    count = field.shape[0]
+    x, y = east / np.float32(cell_m), north / np.float32(cell_m)
+    column, row = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
+    x, y = x - column, y - row
+    return _blend(field, row, column, x.astype(np.float32), y.astype(np.float32), count - 1)
+
+
+def _blend(
+    table: np.ndarray, row: np.ndarray, column: np.ndarray, x: np.ndarray, y: np.ndarray, mask: int
+) -> np.ndarray:
+    """Return the bilinear mixture of four neighbours in a periodic table, weights ``x`` and ``y`` of the next ones."""
+    flat, count = table.ravel(), mask + 1
+    left, right = column & mask, (column + 1) & mask
+    first, second = (row & mask) * count, ((row + 1) & mask) * count
+    upper = flat.take(first + left)
+    upper += x * (flat.take(first + right) - upper)
+    lower = flat.take(second + left)
+    lower += x * (flat.take(second + right) - lower)
+    upper += y * (lower - upper)
+    return upper
+
+
+@dataclass(frozen=True)
+class Texture:
+    """The random fields that belong to a landscape."""
+
+    landscape: Landscape
+
+    @cached_property
+    def fine(self) -> PeriodicField:
+        """Soil, grass, asphalt: 1 m to 512 m."""
+        return PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([self.landscape.seed, 30]))
+
+    @cached_property
+    def broad(self) -> PeriodicField:
+        """Patches of 8 m to 4 km; its period breaks the repetition of the fine one."""
+        return PeriodicField.power_law(1024, 3.7, 1.1, np.random.default_rng([self.landscape.seed, 31]))
+
+    @cached_property
+    def canopy(self) -> PeriodicField:
+        """Tree crowns of about 6 m."""
+        return PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([self.landscape.seed, 32]))
+
+    def blurred(self, sigma_m: float, band: int) -> BlurredTexture:
+        """Return the ground as a sensor sees it whose blur on the ground has ``sigma_m``, in one of `BANDS`."""
+        sigma = sigma_m / self.landscape.scale
+        fields = tuple(field.blurred(sigma) for field in (self.fine, self.broad, self.canopy))
+        return BlurredTexture(self.landscape, fields, sigma, band)
+
+
+@dataclass(frozen=True, eq=False)
+class BlurredTexture:
+    """Grey values of one band at one resolution; ``sigma_m`` is in unscaled metres of the landscape."""
+
+    landscape: Landscape
+    fields: tuple[tuple[np.ndarray, float], ...]
+    sigma_m: float
+    band: int
+
+    def grey(self, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        """Return the ground without objects at chart metres, float32 in the positions' shape."""
+        e = (east / self.landscape.scale).astype(np.float32)
+        n = (north / self.landscape.scale).astype(np.float32)
+        u, v = self.landscape.to_lattice(e, n)
+        grey, contrast, canopy = self._parcels(u, v)
+        fine, broad, crowns = (sample_periodic(*field, e, n) for field in self.fields)
+        grey *= 1.0 + contrast * (fine + 0.6 * broad) + canopy * crowns
+        road = self._road_cover(u, v)
+        return grey + road * (ROAD_GREY[self.band] * (1.0 + np.float32(0.05) * fine) - grey)
+
+    def _parcels(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return grey value, contrast and canopy, mixed across the borders of parcels."""
+        column, x = self._border_mixture(u)
+        row, y = self._border_mixture(v)
+        landscape = self.landscape
+        tables = (landscape.parcel_grey[self.band], *landscape.parcel_contrast)
+        grey, contrast, canopy = (_blend(table, row, column, x, y, PARCELS - 1) for table in tables)
+        return grey, contrast, canopy
+
+    def _border_mixture(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the parcel before the nearest border and the share of the one behind it."""
+        position = u / np.float32(PARCEL_M)
+        border = np.rint(position)
+        width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3)) / np.float32(PARCEL_M)
+        share = np.clip((position - border) / width + np.float32(0.5), 0.0, 1.0)
+        return border.astype(np.int32) - 1, share
+
+    def _road_cover(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the share of road in each pixel."""
+        free = (1.0 - self._roads_along(u)) * (1.0 - self._roads_along(v))
+        return 1.0 - free
+
+    def _roads_along(self, u: np.ndarray) -> np.ndarray:
+        position = u / np.float32(BLOCK_M)
+        border = np.rint(position)
+        main = np.rint(border / MAIN_ROAD_BLOCKS) * MAIN_ROAD_BLOCKS == border
+        half = np.where(main, np.float32(MAIN_ROAD_HALF_M), np.float32(ROAD_HALF_M))
+        inside = half - np.abs(position - border) * np.float32(BLOCK_M)
+        width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3))
+        return np.clip(inside / width + np.float32(0.5), 0.0, 1.0)
+
+
+# ---- objects ---------------------------------------------------------------------------------------------------
+
+
+def disc_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, sigma_m: float) -> np.ndarray:
+    """Return the share of a disc in each pixel; ``right`` and ``ahead`` are metres from its centre."""
+    return ndtr((np.float32(size_m[0] / 2.0) - np.hypot(right, ahead)) / np.float32(sigma_m))
+
+
+def rectangle_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, sigma_m: float) -> np.ndarray:
+    """Return the share of a rectangle, ``size_m`` long ahead and wide to the right, in each pixel; exact."""
+    cover = np.ones_like(right)
+    for distance, size in ((ahead, size_m[0]), (right, size_m[1])):
+        half, sigma = np.float32(size / 2.0), np.float32(sigma_m)
+        cover *= ndtr((half - distance) / sigma) - ndtr((-half - distance) / sigma)
+    return cover
+
+
+Cover = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
+COVERAGE: dict[str, Cover] = {
+    "roof": rectangle_cover,
+    "tank": disc_cover,
+    "roundabout": disc_cover,
+    "island": disc_cover,
+    "apron": disc_cover,
+    "target": disc_cover,
+}
+
+
+def paint(
+    grey: np.ndarray, east: np.ndarray, north: np.ndarray, objects: Objects, index: int, sigma_m: float, band: int
+) -> None:
+    """Paint one object over the pixels of a window, in place; ``east`` and ``north`` are their chart metres."""
+    east_off = (east - objects.position_m[index, 0]).astype(np.float32)
+    north_off = (north - objects.position_m[index, 1]).astype(np.float32)
+    sin, cos = np.float32(np.sin(objects.azimuth_rad[index])), np.float32(np.cos(objects.azimuth_rad[index]))
+    ahead, right = sin * east_off + cos * north_off, cos * east_off - sin * north_off
+    cover = COVERAGE[str(objects.kind[index])](right, ahead, objects.size_m[index], sigma_m)
+    grey += cover * (objects.grey[index, band] - grey)

@@ -1,0 +1,104 @@
+"""Tiles of fixed size that pictures of the simulated ground are made of, and painting the ground into one.
+
+What a pixel is does not depend on the window, the block size or the number of threads, because every window is
+cut from the same tiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .landscape import Objects
+from .texture import BlurredTexture, paint
+
+TILE = 256
+REACH_SIGMAS = 4.0  # an object's blur is painted so far
+
+
+def tiles_of(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:
+    """Yield row and column of the tiles that a window touches, in reading order."""
+    for row in range(line // TILE, -(-(line + lines) // TILE)):
+        for column in range(sample // TILE, -(-(sample + samples) // TILE)):
+            yield row, column
+
+
+def cut_window(
+    tile: Callable[[int, int], np.ndarray], size: tuple[int, int], sample: int, line: int, samples: int, lines: int
+) -> np.ndarray:
+    """Return a window ``(lines, samples)`` of the picture whose tiles ``tile(row, column)`` returns.
+
+    Raises ValueError where the window is not inside the picture's ``size``.
+    """
+    if sample < 0 or line < 0 or sample + samples > size[0] or line + lines > size[1]:
+        raise ValueError(f"window {sample}, {line}, {samples} x {lines} is not inside {size[0]} x {size[1]}")
+    out = np.empty((lines, samples), dtype=np.uint16)
+    for row, column in tiles_of(sample, line, samples, lines):
+        pixels = tile(row, column)
+        top, left = row * TILE - line, column * TILE - sample  # of the tile, in the window
+        part = pixels[max(-top, 0) : lines - top, max(-left, 0) : samples - left]
+        out[max(top, 0) :, max(left, 0) :][: part.shape[0], : part.shape[1]] = part
+    return out
+
+
+def tile_shape(size: tuple[int, int], row: int, column: int) -> tuple[int, int]:
+    """Return lines and samples of a tile; those at the right and lower border are smaller."""
+    return min(TILE, size[1] - row * TILE), min(TILE, size[0] - column * TILE)
+
+
+@dataclass(frozen=True, eq=False)
+class TilePainter:
+    """Paints the ground and its objects into tiles.
+
+    ``boxes`` are first and last sample and line around each object in the picture, ``(n, 4)`` integers.
+    """
+
+    size: tuple[int, int]
+    texture: BlurredTexture
+    objects: Objects
+    boxes: np.ndarray
+    blur_m: float
+
+    @classmethod
+    def around(
+        cls,
+        size: tuple[int, int],
+        texture: BlurredTexture,
+        objects: Objects,
+        centres_px: np.ndarray,
+        gsd_m: float,
+        blur_m: float,
+    ) -> TilePainter:
+        """Return the painter of objects whose centres lie at ``(n, 2)`` sample, line; ``gsd_m`` is the smallest one.
+
+        The boxes are twice as large as the objects, room for what relief inside an object does to its outline.
+        """
+        reach_px = ((np.hypot(*objects.size_m.T) + REACH_SIGMAS * blur_m) / gsd_m)[:, None]
+        low, high = np.floor(centres_px - reach_px), np.ceil(centres_px + reach_px)
+        boxes = np.column_stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]])
+        return cls(size, texture, objects, np.nan_to_num(boxes, nan=-1e9).astype(np.int64), blur_m)
+
+    def grey(self, row: int, column: int, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        """Return a tile's blurred grey values, float32, of the chart positions of its pixels."""
+        grey = self.texture.grey(east, north)
+        for index in self._touching.get((row, column), ()):
+            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * TILE, row * TILE], 2)
+            part = np.s_[max(l0, 0) : l1 + 1, max(s0, 0) : s1 + 1]
+            paint(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
+        return grey
+
+    @cached_property
+    def _touching(self) -> dict[tuple[int, int], list[int]]:
+        """Objects that touch each tile, in painting order."""
+        limits = np.repeat(self.size, 2) - 1
+        visible = (self.boxes[:, 1::2] >= 0).all(axis=1) & (self.boxes[:, ::2] <= limits[::2]).all(axis=1)
+        touching: dict[tuple[int, int], list[int]] = {}
+        for index in np.flatnonzero(visible):
+            first_column, last_column, first_row, last_row = np.clip(self.boxes[index], 0, limits) // TILE
+            for row in range(first_row, last_row + 1):
+                for column in range(first_column, last_column + 1):
+                    touching.setdefault((row, column), []).append(int(index))
+        return touching

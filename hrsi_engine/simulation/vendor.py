@@ -1,0 +1,60 @@
+"""The vendor's part: rational polynomials fitted to a physical camera, as they come with an image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..rpc import RPC
+from ..rpc_fit import fit_rpc
+from .pushbroom import PushbroomCamera
+
+CONTROL_GRID = (15, 15, 7)  # samples, lines, heights
+CHECK_GRID = (22, 23, 10)  # shares no node with the control grid
+HEIGHT_MARGIN_M = 50.0
+BORDER = 0.02  # by which the control grid is larger than the image, as a share of it
+
+
+@dataclass(frozen=True, eq=False)
+class VendorRPC:
+    """An RPC and how far it is from the physical camera it was fitted to, in pixels on the independent grid."""
+
+    rpc: RPC
+    max_px: float
+    rms_px: float
+
+
+def fit_camera(camera: PushbroomCamera, height_range_m: tuple[float, float]) -> VendorRPC:
+    """Return the RPC of a camera over a range of ellipsoidal heights (metres, widened by 50 m)."""
+    low, high = height_range_m[0] - HEIGHT_MARGIN_M, height_range_m[1] + HEIGHT_MARGIN_M
+    image, ground = virtual_grid(camera, CONTROL_GRID, (low, high), BORDER)
+    rpc = fit_rpc(ground, image).rpc
+    image, ground = virtual_grid(camera, CHECK_GRID, (low, high), 0.0)
+    distance = np.hypot(*(rpc.project(ground) - image).T)
+    return VendorRPC(rpc, float(distance.max()), float(np.sqrt(np.mean(distance**2))))
+
+
+def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
+    """Return the exact RPC of pixels that cover ``ratio`` x ``ratio`` of the given one's, same upper left corner."""
+    shift = (ratio - 1) / 2.0
+    return replace(
+        rpc,
+        samp_off=(rpc.samp_off - shift) / ratio,
+        line_off=(rpc.line_off - shift) / ratio,
+        samp_scale=rpc.samp_scale / ratio,
+        line_scale=rpc.line_scale / ratio,
+    )
+
+
+def virtual_grid(
+    camera: PushbroomCamera, counts: tuple[int, int, int], heights_m: tuple[float, float], border: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return image ``(n, 2)`` and ground points ``(n, 3)`` of a grid over the image and its range of heights."""
+    axes = [
+        (size - 1) / 2.0 + (1.0 + border) * size / 2.0 * np.linspace(-1.0, 1.0, count)
+        for size, count in zip(camera.size, counts[:2], strict=True)
+    ]
+    sample, line, height = np.meshgrid(*axes, np.linspace(*heights_m, counts[2]), indexing="ij")
+    image = np.column_stack([sample.ravel(), line.ravel()])
+    return image, camera.image_to_ground(image, height.ravel())

@@ -1,0 +1,92 @@
+"""Views: which sensor looks at the scene from where, and usual arrangements of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .pushbroom import PushbroomCamera, aim
+from .sensors import OrientationError, Radiometry, Sensor
+from .terrain import Chart
+
+#: Angles along the track (degrees) of pairs and triplets, in the order of acquisition.
+ALONG_TRACK_DEG: dict[int, tuple[float, ...]] = {1: (0.0,), 2: (12.0, -12.0), 3: (15.0, 0.0, -15.0)}
+
+
+@dataclass(frozen=True)
+class View:
+    """One image to be taken.
+
+    ``size`` is (samples, lines); angles are those of `pushbroom.aim`; ``offset_m`` is where the middle of the image
+    lies, east and north of the scene centre. ``jitter`` belongs to the true camera; ``vendor_error`` is what the
+    vendor's orientation is wrong by, None draws it from the sensor's accuracy.
+    """
+
+    id: str
+    sensor: Sensor
+    size: tuple[int, int]
+    along_deg: float = 0.0
+    across_deg: float = 0.0
+    heading_deg: float = 190.0
+    scan_deg: float | None = None
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    jitter: OrientationError = OrientationError()
+    vendor_error: OrientationError | None = None
+    radiometry: Radiometry = Radiometry()
+
+    def camera(self, chart: Chart, height_m: float) -> PushbroomCamera:
+        """Return the true camera over a chart, aimed at a height."""
+        target = chart.to_ground(np.array([self.offset_m]), np.array([height_m]))[0]
+        camera = aim(
+            self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg
+        )
+        return camera.disturbed(self.jitter)
+
+    @property
+    def half_diagonal_m(self) -> float:
+        """Upper bound of the distance from the image's middle to its corners on the ground."""
+        tilt = np.radians(np.hypot(self.along_deg, self.across_deg))
+        return float(0.5 * np.hypot(*self.size) * self.sensor.gsd_m / np.cos(1.2 * tilt) ** 3)
+
+
+def along_track_views(
+    sensor: Sensor,
+    images: int,
+    size: tuple[int, int],
+    across_deg: float = 0.0,
+    heading_deg: float = 190.0,
+    offset_m: tuple[float, float] = (0.0, 0.0),
+    prefix: str = "image",
+) -> tuple[View, ...]:
+    """Return views of one place from along the orbit: a pair, a triplet, or more spread over +-20 degrees."""
+    angles: Sequence[float] = ALONG_TRACK_DEG.get(images) or tuple(np.linspace(20.0, -20.0, images).tolist())
+    return tuple(
+        View(f"{prefix}_{index + 1}", sensor, size, angle, across_deg, heading_deg, offset_m=offset_m)
+        for index, angle in enumerate(angles)
+    )
+
+
+def strip_views(
+    sensor: Sensor,
+    strips: int,
+    per_strip: int,
+    images_per_place: int,
+    size: tuple[int, int],
+    overlap: float = 0.2,
+    heading_deg: float = 180.0,
+) -> tuple[View, ...]:
+    """Return a block: ``strips`` beside each other, ``per_strip`` places along each, overlapping by a share."""
+    across, along = (number * sensor.gsd_m * (1.0 - overlap) for number in size)
+    heading = np.radians(heading_deg)
+    forward = np.array([np.sin(heading), np.cos(heading)])
+    left = np.array([-np.cos(heading), np.sin(heading)])
+    views: list[View] = []
+    for strip in range(strips):
+        for place in range(per_strip):
+            shift = (strip - (strips - 1) / 2) * across * left + (place - (per_strip - 1) / 2) * along * forward
+            offset = float(shift[0]), float(shift[1])
+            prefix = f"strip{strip + 1}_{place + 1}"
+            views += along_track_views(sensor, images_per_place, size, 0.0, heading_deg, offset, prefix)
+    return tuple(views)

@@ -1,0 +1,1 @@
+"""The QGIS plugin: the only part of HRSI that imports qgis."""

@@ -1,0 +1,118 @@
+"""The one QGIS Processing algorithm: it wraps a declaration of `processing_algorithms`.
+
+Layers are turned into files in `prepareAlgorithm`, which QGIS calls in the main thread; the engine then runs in the
+background thread of `processAlgorithm` and touches no QGIS object but the feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from qgis.core import QgsProcessingAlgorithm, QgsProcessingContext, QgsProcessingException, QgsProcessingFeedback
+from qgis.PyQt.QtGui import QIcon
+
+from ..hrsi_engine.errors import Cancelled, HrsiError
+from ..processing_algorithms.declare import Algorithm, Context, Report
+from ..processing_algorithms.options import checked_options
+from .dependencies import missing_package_message
+from .help_text import short_help
+from .icons import icon_path
+from .parameters import Reading, definition, option
+from .results import collect, output_definitions, show_layers
+
+
+class DeclaredAlgorithm(QgsProcessingAlgorithm):
+    """A declared algorithm in the Processing toolbox."""
+
+    def __init__(self, declaration: Algorithm) -> None:
+        super().__init__()
+        self.declaration = declaration
+        self._options: dict[str, Any] = {}
+
+    def createInstance(self) -> DeclaredAlgorithm:
+        return DeclaredAlgorithm(self.declaration)
+
+    def name(self) -> str:
+        """Return the id within the provider: the declared name without its dashes, which QGIS does not allow."""
+        return self.declaration.name.replace("-", "")
+
+    def displayName(self) -> str:
+        return self.declaration.title
+
+    def group(self) -> str:
+        return self.declaration.group
+
+    def groupId(self) -> str:
+        return "".join(filter(str.isalnum, self.declaration.group.lower()))
+
+    def tags(self) -> list[str]:
+        return ["hrsi", "rpc", "satellite", *self.declaration.name.split("-")]
+
+    def shortDescription(self) -> str:
+        return self.declaration.summary
+
+    def shortHelpString(self) -> str:
+        return short_help(self.declaration)
+
+    def icon(self) -> QIcon:
+        return QIcon(self.svgIconPath())
+
+    def svgIconPath(self) -> str:
+        return str(icon_path(self.declaration.name))
+
+    def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
+        for param in self.declaration.params:
+            self.addParameter(definition(param))
+        for output in output_definitions(self.declaration):
+            self.addOutput(output)
+
+    def prepareAlgorithm(
+        self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        reading = Reading(self, parameters, context, feedback)
+        self._options = {param.key: option(param, reading) for param in self.declaration.params}
+        return True
+
+    def processAlgorithm(
+        self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> dict[str, Any]:
+        """Run the engine; an empty result means that the user cancelled."""
+        try:
+            report = self._run(feedback)
+        except Cancelled:
+            feedback.pushInfo("Cancelled; nothing was written")
+            return {}
+        feedback.pushInfo(self.declaration.summarise(report))
+        show_layers(self.declaration, self._options, context)
+        return collect(self.declaration, self._options, report)
+
+    def _run(self, feedback: QgsProcessingFeedback) -> Report:
+        """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
+        try:
+            options = checked_options(self.declaration, self._options)
+            return self.declaration.run(options, Context(progress_to(feedback), feedback.pushInfo))
+        except Cancelled:
+            raise
+        except (HrsiError, OSError) as error:
+            raise QgsProcessingException(str(error)) from None
+        except ImportError as error:
+            message = missing_package_message(error)
+            if message is None:
+                raise
+            raise QgsProcessingException(message) from error
+
+
+def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]:
+    """Return the engine's progress callback for a QGIS feedback: it answers False once the user has cancelled."""
+    shown = ""
+
+    def progress(fraction: float, message: str = "") -> bool:
+        nonlocal shown
+        feedback.setProgress(100.0 * fraction)
+        if message and message != shown:
+            shown = message
+            feedback.setProgressText(message)
+        return not feedback.isCanceled()
+
+    return progress

@@ -1,0 +1,37 @@
+"""What to tell a user of QGIS whose Python lacks a package."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+#: Import name of a package -> its name for pip, where they differ.
+PIP_NAMES = {"cv2": "opencv-python-headless"}
+_CONSTRAINTS = Path(__file__).resolve().parent.parent / "constraints.txt"
+
+
+def missing_package_message(error: ImportError) -> str | None:
+    """Say which package is missing and how to install it for the Python that QGIS runs.
+
+    None where the import that failed is HRSI's own: that is a fault of HRSI, which installing cannot mend.
+    """
+    package = (error.name or "").partition(".")[0]
+    if package in ("", __name__.partition(".")[0]):
+        return None
+    pip_name = PIP_NAMES.get(package, package)
+    return f"The Python package {pip_name} cannot be loaded ({error}): run  {pip_command(pip_name)}  and restart QGIS"
+
+
+def pip_command(pip_name: str) -> str:
+    """Return the command that installs a package, with HRSI's tested versions where the file is at hand."""
+    constraints = ["-c", str(_CONSTRAINTS)] if _CONSTRAINTS.exists() else []
+    return shlex.join([python_executable(), "-m", "pip", "install", *constraints, pip_name])
+
+
+def python_executable() -> str:
+    """Return the Python interpreter beside this process: inside QGIS, ``sys.executable`` may be QGIS itself."""
+    if "python" in Path(sys.executable or "").name.lower():
+        return sys.executable
+    candidates = (Path(sys.exec_prefix) / name for name in ("bin/python3", "python.exe", "python3.exe"))
+    return str(next((path for path in candidates if path.exists()), "python3"))

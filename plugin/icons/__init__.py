@@ -1,0 +1,13 @@
+"""Icons of the provider and of its algorithms, one ``NAME.svg`` each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_FOLDER = Path(__file__).parent
+
+
+def icon_path(algorithm: str = "hrsi") -> Path:
+    """Return the icon of an algorithm, or the provider's where it has none of its own."""
+    own = _FOLDER / f"{algorithm}.svg"
+    return own if own.exists() else _FOLDER / "hrsi.svg"

@@ -1,0 +1,142 @@
+"""From what a user picks in QGIS to what the engine opens: a file name, or ``FILE|layername=L``.
+
+A layer that is more than its file (in memory, edited, filtered, joined, from a database, in a CRS set by hand) is
+copied to a temporary GeoPackage. This happens in the main thread, before the algorithm runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from qgis.core import (
+    NULL,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProcessingFeatureSourceDefinition,
+    QgsProcessingFeedback,
+    QgsProcessingUtils,
+    QgsProperty,
+    QgsProviderRegistry,
+    QgsRasterLayer,
+    QgsVectorFileWriter,
+    QgsVectorLayer,
+)
+
+
+def raster_source(value: Any, context: QgsProcessingContext) -> str:
+    """Return what GDAL opens for a raster layer of the project, its id or name, or a path."""
+    value = _static(value)
+    layer = _project_layer(value, context)
+    if isinstance(layer, QgsRasterLayer):
+        return str(layer.source()).partition("|option:")[0]
+    return str(value)
+
+
+def raster_sources(values: Any, context: QgsProcessingContext) -> list[str]:
+    """Return the sources of several rasters or RPC files."""
+    return [raster_source(value, context) for value in listed(_static(values))]
+
+
+def listed(values: Any) -> list[Any]:
+    """Return one or several values as a list; a text may hold several, separated by semicolons."""
+    if values is None or values == NULL:
+        return []
+    if isinstance(values, str):
+        return [part for part in values.split(";") if part.strip()]
+    return list(values) if isinstance(values, Iterable) else [values]
+
+
+def point_source(value: Any, name: str, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> str:
+    """Return ``FILE`` or ``FILE|layername=L`` for a vector layer of the project or a path.
+
+    Parameters
+    ----------
+    value : layer, layer id or name, feature source definition (also: selected features only) or path
+    name : layer name of the copy, where one is needed
+
+    Raises
+    ------
+    QgsProcessingException
+        The copy could not be written.
+    """
+    selected_only = isinstance(value, QgsProcessingFeatureSourceDefinition) and value.selectedFeaturesOnly
+    value = _static(value)
+    layer = _project_layer(value, context)
+    if not isinstance(layer, QgsVectorLayer):
+        return str(value)
+    source = None if selected_only else _file_source(layer)
+    return source or _copy(layer, name, selected_only, context, feedback)
+
+
+def _static(value: Any) -> Any:
+    """Unpack feature source definitions and properties."""
+    if isinstance(value, QgsProcessingFeatureSourceDefinition):
+        value = value.source
+    return value.staticValue() if isinstance(value, QgsProperty) else value
+
+
+def _project_layer(value: Any, context: QgsProcessingContext) -> Any:
+    """Return the open layer that a value means, None where it is a path."""
+    if not isinstance(value, str):
+        return value
+    return QgsProcessingUtils.mapLayerFromString(value, context, allowLoadingNewLayers=False)
+
+
+def _file_source(layer: QgsVectorLayer) -> str | None:
+    """Return the source of a layer that shows just what its file holds, else None."""
+    locate = _FILE_PROVIDERS.get(layer.providerType())
+    return locate(layer) if locate and _is_unchanged(layer) else None
+
+
+def _ogr_file(layer: QgsVectorLayer) -> str | None:
+    parts = QgsProviderRegistry.instance().decodeUri("ogr", layer.source())
+    if parts.get("openOptions") or parts.get("layerId") not in (None, "", 0, "0"):
+        return None
+    name = parts.get("layerName")
+    return f"{parts['path']}|layername={name}" if name else str(parts["path"])
+
+
+def _delimited_text_file(layer: QgsVectorLayer) -> str | None:
+    """Return the file of a table; with a geometry made from columns the layer knows more than its file."""
+    parts = QgsProviderRegistry.instance().decodeUri("delimitedtext", layer.source())
+    return None if layer.isSpatial() else str(parts["path"])
+
+
+_FILE_PROVIDERS = {"ogr": _ogr_file, "delimitedtext": _delimited_text_file}
+
+
+def _is_unchanged(layer: QgsVectorLayer) -> bool:
+    """Whether the engine reads from the file the same features, fields and CRS that QGIS shows."""
+    return not (
+        layer.isModified()
+        or layer.subsetString()
+        or layer.vectorJoins()
+        or layer.fields().count() != layer.dataProvider().fields().count()
+        or (layer.isSpatial() and layer.crs() != layer.dataProvider().crs())
+    )
+
+
+def _copy(
+    layer: QgsVectorLayer,
+    name: str,
+    selected_only: bool,
+    context: QgsProcessingContext,
+    feedback: QgsProcessingFeedback,
+) -> str:
+    """Write a layer with its fields and CRS to a temporary GeoPackage and return that source."""
+    path = Path(QgsProcessingUtils.generateTempFilename(f"{name}.gpkg"))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    options = QgsVectorFileWriter.SaveVectorOptions()
+    options.driverName, options.layerName = "GPKG", name
+    options.onlySelectedFeatures = selected_only
+    options.layerOptions = ["FID=_feature"]  # so that a field named fid stays a field, whatever it holds
+    options.feedback = feedback
+    error, message, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(
+        layer, str(path), context.transformContext(), options
+    )
+    if error != QgsVectorFileWriter.WriterError.NoError:
+        raise QgsProcessingException(f"Layer {layer.name()} could not be copied to {path}: {message}")
+    feedback.pushInfo(f"Layer {layer.name()} is read from a copy: {path}")
+    return f"{path}|layername={name}"

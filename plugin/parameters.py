@@ -1,0 +1,217 @@
+"""Declared parameters as QGIS Processing parameters, and their values back as options of the engine.
+
+`BINDINGS` has one entry for each `Kind`: how the QGIS parameter is made and how its value is read. QGIS's own
+parameters for layers accept only what QGIS itself can load; an RPC file without pixels, a georeferencer's point list
+or a file that is not there (which the engine names in its error) must pass, so these are subclassed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+from qgis.core import (
+    NULL,
+    QgsProcessingAlgorithm,
+    QgsProcessingContext,
+    QgsProcessingFeedback,
+    QgsProcessingParameterBoolean,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterFeatureSource,
+    QgsProcessingParameterFile,
+    QgsProcessingParameterFolderDestination,
+    QgsProcessingParameterMultipleLayers,
+    QgsProcessingParameterNumber,
+    QgsProcessingParameterRasterLayer,
+    QgsProcessingParameterString,
+)
+
+from ..processing_algorithms.declare import Kind, Param
+from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
+from .layer_sources import point_source, raster_source, raster_sources
+
+_ABBREVIATIONS = {
+    "crs": "CRS", "dem": "DEM", "gcp": "GCP", "gcps": "GCPs", "gsd": "GSD", "h": "height", "ids": "ids",
+    "rpc": "RPC", "rpcs": "RPCs", "utm": "UTM", "xy": "easting and northing",
+}  # fmt: skip
+
+
+class _AnyFile:
+    """Accept every layer and every path; the engine says what is wrong with a file."""
+
+    def checkValueIsAcceptable(self, value: Any, context: QgsProcessingContext | None = None) -> bool:
+        definition = cast(QgsProcessingParameterDefinition, self)
+        given = definition.defaultValue() if value is None else value
+        empty = given is None or (isinstance(given, (str, list, tuple)) and not given)
+        return not empty or bool(definition.flags() & OPTIONAL)
+
+
+class ImagesParameter(_AnyFile, QgsProcessingParameterMultipleLayers):
+    """Raster layers of the project, image files and RPC files without pixels."""
+
+    widget = f"{__package__}.images_widget.ImagesWidget"  #: imported by the dialogs, there is no GUI in qgis_process
+
+    def createFileFilter(self) -> str:
+        return "All files (*.*);;RPC files (*_RPC.TXT *_rpc.txt *.RPB *.XML *.xml *.geom)"
+
+
+class RasterParameter(_AnyFile, QgsProcessingParameterRasterLayer):
+    """One raster layer or file."""
+
+
+class PointsParameter(_AnyFile, QgsProcessingParameterFeatureSource):
+    """A vector layer, ``FILE|layername=L``, CSV or any other point file of the engine."""
+
+    def createFileFilter(self) -> str:
+        return "All files (*.*);;Point files (*.gpkg *.csv *.shp *.geojson *.points *.gcp)"
+
+
+class FileParameter(_AnyFile, QgsProcessingParameterFile):
+    """A file name, with or without a dot in it, or a word that the engine knows."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Where the value of a parameter is read from: a run's algorithm, its parameters, context and feedback."""
+
+    algorithm: QgsProcessingAlgorithm
+    parameters: Mapping[str, Any]
+    context: QgsProcessingContext
+    feedback: QgsProcessingFeedback
+
+    def call(self, method: str, param: Param) -> Any:
+        """Evaluate a parameter with one of QGIS's ``parameterAs…`` methods."""
+        return getattr(self.algorithm, method)(dict(self.parameters), qgis_name(param), self.context)
+
+    def raw(self, param: Param) -> Any:
+        """Return a parameter as it was given."""
+        return self.parameters[qgis_name(param)]
+
+
+@dataclass(frozen=True)
+class Binding:
+    """How one kind of parameter is made and read; ``read`` is only called for values that were given."""
+
+    make: Callable[[Param], QgsProcessingParameterDefinition]
+    read: Callable[[Param, Reading], Any]
+
+
+def qgis_name(param: Param) -> str:
+    """Return the name of a parameter in QGIS: ``SIGMA_IMAGE``."""
+    return param.key.upper()
+
+
+def label(param: Param) -> str:
+    """Return what the dialog writes beside a parameter: ``Sigma image (px)``."""
+    words = " ".join(_ABBREVIATIONS.get(word, word) for word in param.name.split("-"))
+    unit = f" ({param.unit})" if param.unit else ""
+    return words[0].upper() + words[1:] + unit
+
+
+def definition(param: Param) -> QgsProcessingParameterDefinition:
+    """Make the QGIS parameter of a declared one."""
+    made = BINDINGS[param.kind].make(param)
+    made.setHelp(f"{param.help}.")
+    if param.advanced:
+        made.setFlags(made.flags() | ADVANCED)
+    return made
+
+
+def option(param: Param, reading: Reading) -> Any:
+    """Return the value of a parameter as the engine takes it; the declared default where none is given."""
+    value = reading.parameters.get(qgis_name(param))
+    if value is None or value == NULL or value == "":
+        return param.default
+    return BINDINGS[param.kind].read(param, reading)
+
+
+def _common(param: Param) -> dict[str, Any]:
+    return {
+        "name": qgis_name(param),
+        "description": label(param),
+        "defaultValue": param.default,
+        "optional": not param.required and param.default is None,
+    }
+
+
+def _images(param: Param) -> QgsProcessingParameterDefinition:
+    made = ImagesParameter(layerType=RASTER, **_common(param))
+    made.setMetadata({"widget_wrapper": {"class": ImagesParameter.widget}})
+    return made
+
+
+def _raster(param: Param) -> QgsProcessingParameterDefinition:
+    return RasterParameter(**_common(param))
+
+
+def _points(param: Param) -> QgsProcessingParameterDefinition:
+    optional = {"optional": not param.required}  # a blank choice in the dialog stands for the default
+    return PointsParameter(types=[VECTOR], **_common(param) | optional)
+
+
+def _file(param: Param) -> QgsProcessingParameterDefinition:
+    return FileParameter(**_common(param))
+
+
+def _text(param: Param) -> QgsProcessingParameterDefinition:
+    """Make a text field; with a browse button where a file name is among what it takes (``auto|none|FILE``)."""
+    made = FileParameter if "FILE" in param.metavar.split("|") else QgsProcessingParameterString
+    return made(**_common(param))
+
+
+def _choice(param: Param) -> QgsProcessingParameterDefinition:
+    return QgsProcessingParameterEnum(options=list(param.choices), usesStaticStrings=True, **_common(param))
+
+
+def _number(number_type: Any) -> Callable[[Param], QgsProcessingParameterDefinition]:
+    def make(param: Param) -> QgsProcessingParameterDefinition:
+        limits = {"minValue": param.minimum, "maxValue": param.maximum}
+        given = {name: limit for name, limit in limits.items() if limit is not None}
+        return QgsProcessingParameterNumber(type=number_type, **given, **_common(param))
+
+    return make
+
+
+def _flag(param: Param) -> QgsProcessingParameterDefinition:
+    return QgsProcessingParameterBoolean(**_common(param))
+
+
+def _folder(param: Param) -> QgsProcessingParameterDefinition:
+    return QgsProcessingParameterFolderDestination(**_common(param))
+
+
+def _read_images(param: Param, reading: Reading) -> list[str]:
+    return raster_sources(reading.raw(param), reading.context)
+
+
+def _read_raster(param: Param, reading: Reading) -> str:
+    return raster_source(reading.raw(param), reading.context)
+
+
+def _read_points(param: Param, reading: Reading) -> str:
+    return point_source(reading.raw(param), param.key, reading.context, reading.feedback)
+
+
+def _read_ids(param: Param, reading: Reading) -> list[str]:
+    return [item.strip() for item in reading.call("parameterAsString", param).split(",") if item.strip()]
+
+
+def _reader(method: str) -> Callable[[Param, Reading], Any]:
+    return lambda param, reading: reading.call(method, param)
+
+
+BINDINGS: dict[Kind, Binding] = {
+    Kind.IMAGES: Binding(_images, _read_images),
+    Kind.RASTER: Binding(_raster, _read_raster),
+    Kind.POINTS: Binding(_points, _read_points),
+    Kind.FILE: Binding(_file, _reader("parameterAsFile")),
+    Kind.TEXT: Binding(_text, _reader("parameterAsString")),
+    Kind.IDS: Binding(_text, _read_ids),
+    Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),
+    Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
+    Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),
+    Kind.FLAG: Binding(_flag, _reader("parameterAsBool")),
+    Kind.OUTPUT_DIR: Binding(_folder, _reader("parameterAsFileOutput")),
+}

@@ -1,0 +1,55 @@
+"""The Processing provider ``hrsi``: one QGIS algorithm for every declared algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from qgis.core import Qgis, QgsMessageLog, QgsProcessingProvider
+from qgis.PyQt.QtGui import QIcon
+
+from ..processing_algorithms.declare import Algorithm
+from .algorithm import DeclaredAlgorithm
+from .dependencies import missing_package_message
+from .icons import icon_path
+
+
+class HrsiProvider(QgsProcessingProvider):
+    """Group *HRSI* of the Processing toolbox.
+
+    ``declarations`` are the algorithms to show by name; None takes HRSI's own registry.
+    """
+
+    def __init__(self, declarations: Mapping[str, Algorithm] | None = None) -> None:
+        super().__init__()
+        self._declarations = declarations
+
+    def id(self) -> str:
+        return "hrsi"
+
+    def name(self) -> str:
+        return "HRSI"
+
+    def longName(self) -> str:
+        return "HRSI: block adjustment of satellite images with RPCs"
+
+    def icon(self) -> QIcon:
+        return QIcon(self.svgIconPath())
+
+    def svgIconPath(self) -> str:
+        return str(icon_path())
+
+    def loadAlgorithms(self) -> None:
+        """Wrap every declaration; without NumPy there are none, and the log says what to install."""
+        try:
+            declarations = _registry() if self._declarations is None else self._declarations
+        except ImportError as error:
+            QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
+            return
+        for declaration in declarations.values():
+            self.addAlgorithm(DeclaredAlgorithm(declaration))
+
+
+def _registry() -> Mapping[str, Algorithm]:
+    from ..processing_algorithms import REGISTRY
+
+    return REGISTRY

@@ -1,0 +1,85 @@
+"""What an algorithm gives back to QGIS: its files, and the layers that a map should show."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from qgis.core import (
+    QgsProcessingContext,
+    QgsProcessingFeedback,
+    QgsProcessingLayerPostProcessorInterface,
+    QgsProcessingOutputDefinition,
+    QgsProcessingOutputFile,
+    QgsProcessingOutputHtml,
+    QgsProcessingUtils,
+    QgsVectorLayer,
+)
+from qgis.PyQt import sip
+
+from ..processing_algorithms.declare import Algorithm, Kind, Report
+
+REPORT, REPORT_HTML = "REPORT", "REPORT_HTML"
+
+
+def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
+    """Return the outputs beside the output folder, which its parameter declares itself."""
+    outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, "Report (JSON)")]
+    if _writes_folder(declaration):
+        outputs.append(QgsProcessingOutputHtml(REPORT_HTML, "Report (HTML)"))
+    return outputs
+
+
+def collect(declaration: Algorithm, options: dict[str, Any], report: Report) -> dict[str, Any]:
+    """Return the result dictionary of a finished run.
+
+    An algorithm that writes no folder leaves its report in QGIS's temporary folder.
+    """
+    if not options.get("output_dir"):
+        path = Path(QgsProcessingUtils.generateTempFilename("report.json"))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(report, indent=1), encoding="utf-8")
+        return {REPORT: str(path)}
+    folder = Path(options["output_dir"])
+    files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
+    return {"OUTPUT_DIR": str(folder)} | {name: str(path) for name, path in files.items() if path.exists()}
+
+
+def show_layers(declaration: Algorithm, options: dict[str, Any], context: QgsProcessingContext) -> None:
+    """Ask QGIS to load the declared layers that this run has written, if there is a project to load them to."""
+    if context.project() is None or not options.get("output_dir"):
+        return
+    for layer in declaration.layers:
+        source = str(Path(options["output_dir"]) / layer)
+        if not QgsVectorLayer(source, "", "ogr").isValid():  # e.g. only one of the two residual CRS was asked for
+            continue
+        name = source.partition("|layername=")[2] or Path(source).stem
+        details = QgsProcessingContext.LayerDetails(name, context.project(), name)
+        details.setPostProcessor(_stored_style())
+        context.addLayerToLoadOnCompletion(source, details)
+
+
+class StoredStyle(QgsProcessingLayerPostProcessorInterface):
+    """Draw a loaded layer with the style in its GeoPackage: Processing loads layers without it."""
+
+    def postProcessLayer(
+        self, layer: QgsVectorLayer, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> None:
+        layer.loadDefaultStyle()
+        layer.triggerRepaint()
+
+
+_ALIVE: list[StoredStyle] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
+
+
+def _stored_style() -> StoredStyle:
+    """Return a post-processor that lives until the Processing context, its owner, deletes it."""
+    processor = StoredStyle()
+    sip.transferto(processor, None)
+    _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]
+    return processor
+
+
+def _writes_folder(declaration: Algorithm) -> bool:
+    return any(param.kind is Kind.OUTPUT_DIR for param in declaration.params)

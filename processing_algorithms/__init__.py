@@ -1,0 +1,41 @@
+"""The declared algorithms, and `run` to call one by its name.
+
+To add an algorithm, write its module with an ``ALGORITHM`` and enter it here: one import, one entry.
+Importing this package is quick: algorithms import what is heavy inside their ``run``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..hrsi_engine.progress import Progress, silent
+from . import adjust, triangulate
+from .declare import Algorithm, Context, Log, Report
+from .options import checked_options, find_algorithm
+
+REGISTRY: dict[str, Algorithm] = {
+    module.ALGORITHM.name: module.ALGORITHM
+    for module in (
+        triangulate,
+        adjust,
+    )
+}
+
+
+def run(name: str, /, *, progress: Progress = silent, log: Log = lambda message: None, **options: Any) -> Report:
+    """Run a declared algorithm and return its report.
+
+    Parameters
+    ----------
+    name : as on the command line: ``"triangulate"``
+    progress : callback ``(fraction, message) -> bool``; False cancels
+    log : callback for messages, one line each
+    **options : the algorithm's options as on the command line, with underscores: ``sigma_image=0.5``
+
+    Raises
+    ------
+    HrsiError
+        Unknown algorithm or option, a value out of its range, or what the algorithm itself raises.
+    """
+    algorithm = find_algorithm(REGISTRY, name)
+    return algorithm.run(checked_options(algorithm, options), Context(progress, log))

@@ -1,0 +1,50 @@
+"""`adjust`: the block adjustment from existing image points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
+from .block_summary import summarise
+from .declare import Algorithm, Context, Kind, Param, Report
+
+
+def run(options: Mapping[str, Any], context: Context) -> Report:
+    """Adjust a block from the image points in files."""
+    from ..hrsi_engine.adjustment import adjust
+    from ..hrsi_engine.io.output_dir import check_output_dir
+    from ..hrsi_engine.progress import stage
+    from . import block_inputs, block_outputs
+
+    check_output_dir(options["output_dir"], options["overwrite"])
+    clock = block_outputs.Clock()
+    images = block_inputs.open_images(options)
+    block, warnings = block_inputs.read_block(images, dict(options) | {"tie_points_file": options["tie_points"]})
+    clock.lap("read")
+    result = adjust(block, block_inputs.adjust_options(options), stage(context.progress, 0.1, 0.6))
+    clock.lap("adjust")
+    rest = Context(stage(context.progress, 0.6, 1.0), context.log)
+    return block_outputs.write_results("adjust", options, result, warnings, clock, rest)
+
+
+ALGORITHM = Algorithm(
+    name="adjust",
+    title="Adjust block",
+    group="Triangulation",
+    summary="Bundle block adjustment from existing image points",
+    help=(
+        "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
+        "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
+    ),
+    params=(
+        IMAGES,
+        *POINT_PARAMS,
+        Param("tie-points", Kind.POINTS, "Further image points, measured on two or more images", metavar="FILE"),
+        *ADJUST_PARAMS,
+        *BLOCK_OUTPUT_PARAMS,
+    ),
+    run=run,
+    summarise=summarise,
+    layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
+)

@@ -1,0 +1,61 @@
+"""From options to a block: opens the images and reads the points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..hrsi_engine.adjustment import AdjustOptions
+from ..hrsi_engine.block import Block, Defaults, GroundPoints, Image, ImagePoints, assemble
+from ..hrsi_engine.errors import InputError
+from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.io.rasters import open_image
+
+
+def open_images(options: Mapping[str, Any]) -> list[Image]:
+    """Return the images of a block."""
+    return [open_image(path) for path in options["images"]]
+
+
+def read_block(
+    images: Sequence[Image], options: Mapping[str, Any], ties: Sequence[ImagePoints] = ()
+) -> tuple[Block, list[str]]:
+    """Read the point files named by the options and put the block together with the tie points that are there.
+
+    Returns the block and what the user should know.
+    """
+    warnings: list[str] = []
+    ground: list[GroundPoints] = []
+    measured: list[ImagePoints] = list(ties)
+    for key in ("gcps", "image_points", "tie_points_file"):
+        if not options.get(key):
+            continue
+        tables = read_points(
+            options[key], ground_crs=options.get("ground_crs"), height_datum=options["height_datum"],
+            image_ids=[image.id for image in images],
+        )  # fmt: skip
+        ground += [tables.ground] if tables.ground is not None else []
+        measured += [tables.image] if tables.image is not None else []
+        warnings += tables.warnings
+    if ground and not any(len(table) for table in measured):
+        raise InputError(
+            f"{options['gcps']}: no point is measured on any image: give --image-points, or add the fields image, "
+            "sample and line to the layer"
+        )
+    if not any(len(table) for table in measured):
+        raise InputError("there are no image points: give --image-points, or use 'triangulate' with --tie-points auto")
+    defaults = Defaults(options["sigma_image"], options["sigma_gcp_xy"], options["sigma_gcp_h"])
+    block = assemble(images, ground, measured, options.get("gcp_ids"), options.get("check_ids"), defaults)
+    return block, warnings + list(block.warnings)
+
+
+def adjust_options(options: Mapping[str, Any]) -> AdjustOptions:
+    """Return the engine's options of an adjustment."""
+    return AdjustOptions(
+        model=options["model"],
+        robust=options["robust"],
+        sigma_shift_px=options["sigma_shift"],
+        sigma_drift=options["sigma_drift"],
+        check_as_ties=options["check_as_ties"],
+        reject_sigma=options["reject"],
+    )

@@ -1,0 +1,43 @@
+"""What a person reads on the terminal after a block was adjusted."""
+
+from __future__ import annotations
+
+from .declare import Report
+
+AXES = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: report key: column width
+MOST_OUTLIERS = 5
+
+
+def summarise(report: Report) -> str:
+    """Return how it went, control and check points, what to be careful with, and where the results lie."""
+    lines = [
+        f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
+        f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",
+        "",
+        f"{'points':<16}{'number':>7}" + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in AXES.items()),
+        *(_known_points(role, report[role]) for role in ("control", "check")),
+    ]
+    check, ties, outliers = report["check"], report["ties"], report["outliers"]
+    if check["ce90_m"] is not None:
+        lines.append(f"check: CE90 {_number(check['ce90_m'])} m, LE90 {_number(check['le90_m'])} m")
+    if ties["points"]:
+        lines.append(
+            f"ties: {ties['points']} points, {ties['observations']} observations, "
+            f"RMSE {_number(ties['before_rmse_px'])} px before, {_number(ties['rmse_px'])} px after"
+        )
+    lines += [
+        f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:MOST_OUTLIERS]
+    ]
+    if len(outliers) > MOST_OUTLIERS:
+        lines.append(f"outliers: {len(outliers)} in all, see the report")
+    lines += [f"warning: {text}" for text in report["warnings"]]
+    return "\n".join([*lines, "", *(f"{what:<8}{path}" for what, path in report["outputs"].items())])
+
+
+def _known_points(role: str, entry: Report) -> str:
+    numbers = "".join(f"{_number(entry[f'rmse_{axis}']):>{width}}" for axis, width in AXES.items())
+    return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

@@ -1,0 +1,173 @@
+"""The block adjustment against dense least squares, simulated truth and the Hobart field."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.normals import FREE_POINT_SIGMA_M
+from hrsi.hrsi_engine.block import Role
+from hrsi.hrsi_engine.errors import InputError, SolveError
+from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.refinement import MODELS
+from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED
+
+
+def dense_solution(block, model, controlled=True):
+    """Solve the same problem with one dense design matrix over all unknowns: values, points, cofactors, redundancy."""
+    priors = CONTROLLED if controlled else UNCONTROLLED
+    p, count, total = len(model.parameters), len(block.images), len(block.points)
+    rows = block.measurements
+    values, ground = np.zeros((count, p)), block.points.ground.copy()
+    free = ~(block.points.role == Role.GCP)
+    ground[free] = blocks.ground(total, 77)[free]
+    start = ground.copy()
+    prior = np.concatenate([model.prior_sigmas(image, priors) for image in block.images])
+    for _ in range(8):
+        design = np.zeros((2 * len(rows), count * p + 3 * total))
+        miss = np.zeros(2 * len(rows))
+        for row in range(len(rows)):
+            image, point = rows.image[row], rows.point[row]
+            at = model.equations(block.images[image], rows.xy[row : row + 1])(values[image], ground[point : point + 1])
+            design[2 * row : 2 * row + 2, image * p : image * p + p] = at.by_values[0]
+            columns = count * p + 3 * point + np.arange(3)
+            design[2 * row : 2 * row + 2, columns] = at.by_ground[0]
+            miss[2 * row : 2 * row + 2] = rows.xy[row] - at.computed[0]
+        weight = np.repeat(1.0 / rows.sigma_px**2, 2)
+        survey = np.where(free[:, None], FREE_POINT_SIGMA_M, block.points.sigma_m[:, [0, 0, 1]])
+        known = np.where(free[:, None], start, block.points.ground)
+        normal = design.T @ (design * weight[:, None])
+        own = np.concatenate([prior, survey.ravel()])
+        normal[np.diag_indices_from(normal)] += 1.0 / own**2
+        offsets = np.concatenate([-values.ravel(), ground_difference_m(known, ground).ravel()])
+        step = np.linalg.solve(normal, design.T @ (weight * miss) + offsets / own**2)
+        values = values + step[: count * p].reshape(count, p)
+        ground = moved_ground(ground, step[count * p :].reshape(-1, 3))
+    return values, ground, np.linalg.inv(normal)
+
+
+@pytest.mark.parametrize("name", ["shift", "affine", "conformal"])
+def test_equals_dense_least_squares(name):
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=15, noise_m=0.2)
+    result = adjust(block, AdjustOptions(model=name))
+    values, ground, cofactors = dense_solution(block, MODELS[name])
+    assert result.converged
+    assert np.abs((result.values - values) / result.values_sigma).max() < 1e-4
+    assert np.abs(ground_difference_m(ground, result.ground)).max() < 1e-4  # a tenth of a millimetre
+    sigma = result.sigma0 * np.sqrt(np.diag(cofactors))
+    np.testing.assert_allclose(result.values_sigma.ravel(), sigma[: values.size], rtol=1e-6)
+    np.testing.assert_allclose(result.ground_sigma_m.ravel(), sigma[values.size :], rtol=1e-6)
+
+
+def test_without_gcps_equals_dense_least_squares():
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=40, bias_px=2.0)
+    result = adjust(block, AdjustOptions(model="shift"))
+    values, _, cofactors = dense_solution(block, MODELS["shift"], controlled=False)
+    np.testing.assert_allclose(result.values, values, atol=1e-3)
+    np.testing.assert_allclose(
+        result.values_sigma.ravel(), result.sigma0 * np.sqrt(np.diag(cofactors))[: values.size], rtol=1e-4
+    )
+    assert result.prior_share.sum() == pytest.approx(3.0, abs=0.5)  # three translations are not in the ties
+
+
+def test_recovers_the_simulated_errors():
+    block, _, errors = blocks.block(gcps=30, checks=0, ties=100, noise_px=0.1, noise_m=0.02)
+    result = adjust(block, AdjustOptions(model="affine"))
+    true = np.array([error.ravel() for error in errors])
+    assert np.abs((result.values - true) / result.values_sigma).max() < 4.0
+
+
+def test_check_points_do_not_touch_the_cameras():
+    block, _, _ = blocks.block(gcps=6, checks=10, ties=10)
+    spoilt = block.measurements.xy.copy()
+    spoilt[block.points.role[block.measurements.point] == Role.CHECK] += 50.0
+    moved = replace(block, measurements=replace(block.measurements, xy=spoilt))
+    np.testing.assert_allclose(adjust(moved).values, adjust(block).values, atol=1e-9)
+    with_ties = AdjustOptions(check_as_ties=True)
+    assert np.abs(adjust(moved, with_ties).values - adjust(block, with_ties).values).max() > 1.0
+
+
+def test_observed_errors_match_the_predicted_ones():
+    """Check-point errors over 20 seeds, divided by their predicted sigmas, have a standard deviation of one."""
+    ratios = []
+    for seed in range(20):
+        block, truth, _ = blocks.block(gcps=8, checks=20, ties=40, seed=seed)
+        result = adjust(block, AdjustOptions(model="affine"))
+        check = block.points.role == Role.CHECK
+        ratios.append(ground_difference_m(truth[check], result.ground[check]) / result.ground_sigma_m[check])
+    spread = np.std(np.concatenate(ratios), axis=0)
+    print("observed / predicted, east north height:", spread.round(3))
+    assert np.all((spread > 0.9) & (spread < 1.1))
+
+
+def test_sigma0_is_one_for_honest_sigmas():
+    values = [adjust(blocks.block(seed=seed)[0], AdjustOptions(model="affine")).sigma0 for seed in range(20)]
+    assert np.mean(values) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("robust", [name for name in WEIGHTS if name != "none"])
+def test_robust_weights_hold_against_blunders(robust):
+    block, _, errors = blocks.block(gcps=4, checks=0, ties=60, seed=5)
+    true = np.array([error.ravel() for error in errors])
+    reach = np.array([1.0, 2000.0, 2000.0, 1.0, 2000.0, 2000.0])  # px at the image's edge
+    rng = np.random.default_rng(8)
+    xy = block.measurements.xy.copy()
+    ties = np.flatnonzero(block.points.role[block.measurements.point] == Role.TIE)
+    xy[rng.choice(ties, 9, replace=False)] += rng.uniform(10, 40, (9, 2))
+    spoilt = replace(block, measurements=replace(block.measurements, xy=xy))
+
+    def camera_error_px(block, **options):
+        result = adjust(block, AdjustOptions(model="affine", **options))
+        return np.sqrt(np.mean(((result.values - true) * reach) ** 2))
+
+    clean = camera_error_px(block)
+    print(
+        "camera error, px: clean",
+        clean,
+        robust,
+        camera_error_px(spoilt, robust=robust),
+        "none",
+        camera_error_px(spoilt),
+    )
+    assert camera_error_px(spoilt, robust=robust) < 1.25 * clean
+    assert camera_error_px(spoilt, reject_sigma=4.0) < 1.25 * clean
+    assert camera_error_px(spoilt) > 2.0 * clean
+
+
+def test_rejected_measurements_have_no_residual_and_no_weight():
+    block, _, _ = blocks.block()
+    xy = block.measurements.xy.copy()
+    worst = int(np.flatnonzero(block.points.role[block.measurements.point] == Role.TIE)[4])
+    xy[worst] += 30.0
+    spoilt = replace(block, measurements=replace(block.measurements, xy=xy))
+    result = adjust(spoilt, AdjustOptions(model="affine", reject_sigma=4.0))
+    assert result.weight[worst] == 0.0
+    assert np.isnan(result.residual_px[worst]).all()
+
+
+def test_too_few_observations_name_the_image():
+    block, _, _ = blocks.block(gcps=2, checks=0, ties=0)
+    with pytest.raises(SolveError, match=r"image0.*4 observations for the 6 parameters"):
+        adjust(block, AdjustOptions(model="affine"))
+
+
+def test_nothing_to_adjust():
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=5, count=1)
+    with pytest.raises(SolveError, match="no point is measured on two images"):
+        adjust(block)
+
+
+def test_unknown_model_is_named():
+    with pytest.raises(InputError, match="nonsense"):
+        adjust(blocks.block()[0], AdjustOptions(model="nonsense"))
+
+
+def test_cancel():
+    from hrsi.hrsi_engine.errors import Cancelled
+
+    with pytest.raises(Cancelled):
+        adjust(blocks.block()[0], progress=lambda fraction, message: False)

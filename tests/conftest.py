@@ -1,0 +1,46 @@
+"""Fixtures for every test: where the data outside the repository lies, and how hard hypothesis searches."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+TEST_DATA = Path(os.environ.get("HRSI_TEST_DATA") or REPOSITORY.parent / "shared" / "data")
+
+# Timing on a busy machine says nothing of the code, so there are no deadlines; the same examples every time.
+settings.register_profile("default", deadline=None, derandomize=True, print_blob=True)
+settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_health_check=list(HealthCheck))
+settings.load_profile("default")
+
+
+def _data_folder(name: str) -> Path:
+    """Return a folder of the test data; without it, skip, or fail where CI is true."""
+    folder = TEST_DATA / name
+    if folder.is_dir():
+        return folder
+    reason = f"test data {folder} is not there; HRSI_TEST_DATA names the folder that holds {name}/"
+    if os.environ.get("CI") == "true":
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the repository, which is the package ``hrsi``."""
+    return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Real satellite images and RPC files."""
+    return _data_folder("real")
+
+
+@pytest.fixture(scope="session")
+def thesis_data() -> Path:
+    """Tables printed in the thesis."""
+    return _data_folder("thesis")

@@ -1,0 +1,140 @@
+"""DEM files as height surfaces: CRS, height datum, nodata, units; intersection against GDAL's own RPC_DEM."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from osgeo import gdal, osr
+
+from hrsi.hrsi_engine.dem import Status, intersect, surface_heights
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.dems import open_dem
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
+
+
+def write_dem(
+    path: Path, heights: np.ndarray, crs: str, geotransform: tuple[float, ...], nodata: float = -9999.0
+) -> str:
+    dataset = gdal.GetDriverByName("GTiff").Create(str(path), heights.shape[1], heights.shape[0], 1, gdal.GDT_Float32)
+    if crs:
+        reference = osr.SpatialReference()
+        assert reference.SetFromUserInput(crs) == 0
+        dataset.SetProjection(reference.ExportToWkt())
+    if geotransform:
+        dataset.SetGeoTransform(geotransform)
+    dataset.GetRasterBand(1).SetNoDataValue(nodata)
+    dataset.GetRasterBand(1).WriteArray(heights)
+    return str(path)
+
+
+def test_srtm_heights_above_egm96_become_ellipsoidal(real_data: Path) -> None:
+    folder = real_data / "ventoux_phr_pair" / "dem"
+    surface = open_dem(str(folder / "N44E005.hgt"), str(folder / "egm96_15.gtx"))
+    rpc = read_rpc(str(folder.parent / "left_image.tif")).rpc
+    ground, status = intersect(rpc, np.array([[250.0, 250.0]]), surface)
+    assert status[0] == Status.FOUND
+    # data/real/README.md: SRTM about 476 m here, geoid about 51 m, tie points' median height 537 m
+    assert ground[0, 2] == pytest.approx(527.0, abs=30.0)
+    raw = gdal.Open(str(folder / "N44E005.hgt"))
+    inverse = gdal.InvGeoTransform(raw.GetGeoTransform())
+    column, row = gdal.ApplyGeoTransform(inverse, *ground[0, :2])
+    near = raw.ReadAsArray(int(column) - 1, int(row) - 1, 3, 3)
+    assert near.min() + 50.0 < ground[0, 2] < near.max() + 52.0
+
+
+def test_intersection_agrees_with_gdal_on_smooth_terrain(real_data: Path, tmp_path: Path) -> None:
+    """GDAL's RPC_DEM (bilinear, ellipsoidal heights given) on hills without occlusion."""
+    path = str(real_data / "s2p_triplet_phr" / "img_03.tif")
+    rpc = read_rpc(path).rpc
+    lon, lat, _ = rpc.localize(np.array([[500.0, 500.0]]), 200.0).ground[0]
+    cell, count = 0.0001, 300
+    x, y = np.meshgrid(np.arange(count), np.arange(count))
+    heights = 200.0 + 40.0 * np.sin(x / 20.0) * np.cos(y / 25.0)
+    dem = write_dem(
+        tmp_path / "dem.tif", heights, "EPSG:4326", (lon - cell * count / 2, cell, 0, lat + cell * count / 2, 0, -cell)
+    )
+    image = np.random.default_rng(13).uniform(100, 900, (300, 2))
+    ground, status = intersect(rpc, image, open_dem(dem, "ellipsoidal"))
+    assert (status == Status.FOUND).all()
+
+    options = [
+        "METHOD=RPC", f"RPC_DEM={dem}", "RPC_DEMINTERPOLATION=bilinear", "RPC_PIXEL_ERROR_THRESHOLD=1e-6",
+        "RPC_MAX_ITERATIONS=200", "RPC_DEM_APPLY_VDATUM_SHIFT=FALSE",
+    ]  # fmt: skip
+    transformer = gdal.Transformer(gdal.Open(path), None, options)
+    points, good = transformer.TransformPoints(False, np.column_stack([image + 0.5, np.zeros(len(image))]).tolist())
+    by_gdal = np.array(points)[np.array(good) == 1]
+    assert len(by_gdal) == len(image)
+    # GDAL iterates to its pixel threshold on a surface stored as float32
+    np.testing.assert_allclose(ground[:, :2], by_gdal[:, :2], rtol=0, atol=2e-8)
+
+
+def test_the_crs_of_the_file_says_what_heights_are(tmp_path: Path) -> None:
+    heights = np.full((20, 20), 100.0)
+    geotransform = (600000.0, 30.0, 0.0, 4900600.0, 0.0, -30.0)
+    ellipsoidal = open_dem(write_dem(tmp_path / "e.tif", heights, "EPSG:32631", geotransform), "ellipsoidal")
+    compound = open_dem(write_dem(tmp_path / "c.tif", heights, "EPSG:32631+5773", geotransform))
+    named = open_dem(write_dem(tmp_path / "n.tif", heights, "EPSG:32631", geotransform), "egm96")
+    lonlat = np.array([[4.2550, 44.2506]])
+    assert ellipsoidal.covers(ellipsoidal.grid_coordinates(lonlat))[0]
+    assert surface_heights(ellipsoidal, lonlat)[0] == pytest.approx(100.0)
+    assert surface_heights(named, lonlat)[0] == pytest.approx(151.5, abs=1.0)  # EGM96 here: 51 to 52 m
+    assert surface_heights(compound, lonlat)[0] == pytest.approx(surface_heights(named, lonlat)[0], abs=1e-3)
+
+
+def test_rotated_grid_feet_and_nodata(tmp_path: Path) -> None:
+    heights = np.full((30, 30), 1000.0)
+    heights[:15] = -9999.0
+    geotransform = (600000.0, 20.0, 20.0, 4900600.0, 20.0, -20.0)  # turned by 45 degrees
+    path = write_dem(tmp_path / "r.tif", heights, "EPSG:32631", geotransform)
+    dataset = gdal.Open(path, gdal.GA_Update)
+    dataset.GetRasterBand(1).SetUnitType("ft")
+    del dataset
+    surface = open_dem(path, "ellipsoidal")
+    reader_position = np.array([[29.0, 20.0], [3.0, 4.0]])
+    np.testing.assert_allclose(surface.heights(reader_position), [304.8, np.nan])
+    # the cell's centre by GDAL and PROJ
+    x, y = gdal.ApplyGeoTransform(geotransform, 29.5, 20.5)
+    utm, wgs84 = osr.SpatialReference(), osr.SpatialReference()
+    utm.ImportFromEPSG(32631)
+    wgs84.ImportFromEPSG(4326)
+    lat, lon, _ = osr.CoordinateTransformation(utm, wgs84).TransformPoint(x, y)
+    np.testing.assert_allclose(surface.grid_coordinates(np.array([[lon, lat]])), [[29.0, 20.0]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("crs", "geotransform", "datum", "message"),
+    [
+        ("", (0.0, 1.0, 0.0, 0.0, 0.0, -1.0), "egm96", "no coordinate reference system"),
+        ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "does not say what its heights refer to"),
+        ("EPSG:4326", (), "ellipsoidal", "no geotransform"),
+        ("EPSG:4326+3855", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "projsync"),
+        ("EPSG:25832+5783", (5e5, 10.0, 0.0, 5e6, 0.0, -10.0), "layer", "DHHN92"),
+        ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "my_geoid.gtx", "my_geoid.gtx"),
+    ],
+)
+def test_what_is_missing_is_named(
+    tmp_path: Path, crs: str, geotransform: tuple[float, ...], datum: str, message: str
+) -> None:
+    path = write_dem(tmp_path / "dem.tif", np.zeros((4, 4)), crs, geotransform)
+    if "3855" in crs and _has_egm2008():
+        pytest.skip("the EGM2008 grid is installed")
+    with pytest.raises(InputError, match=message):
+        surface_heights(open_dem(path, datum), np.array([[5.02, 44.98]]))
+
+
+def _has_egm2008() -> bool:
+    from hrsi.hrsi_engine.geodesy import geoid_heights
+
+    try:
+        geoid_heights(np.zeros((1, 3)), "egm2008")
+    except InputError:
+        return False
+    return True
+
+
+def test_what_is_no_dem_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"missing\.tif"):
+        open_dem(str(tmp_path / "missing.tif"))

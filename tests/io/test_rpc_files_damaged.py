@@ -1,0 +1,87 @@
+"""Readers on input that nobody wrote: arbitrary and mutated bytes end in an `InputError`, values come back exactly."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.rpc_files import READERS, read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata, rpc_from_gdal
+from hrsi.hrsi_engine.rpc import RPC
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+NONZERO = FINITE.filter(bool)
+COEFFICIENTS = st.lists(FINITE, min_size=20, max_size=20)
+DENOMINATOR = st.tuples(NONZERO, st.lists(FINITE, min_size=19, max_size=19)).map(lambda parts: [parts[0], *parts[1]])
+ACCURACY = st.none() | st.floats(min_value=0.0, allow_nan=False, allow_infinity=False)
+ANY_RPC = st.builds(
+    RPC, *[FINITE] * 5, *[NONZERO] * 5, COEFFICIENTS, DENOMINATOR, COEFFICIENTS, DENOMINATOR, ACCURACY, ACCURACY
+)  # fmt: skip
+NAMES = {"rpb": "x.rpb", "isd": "x.xml", "rpc-txt": "x_rpc.txt", "dimap": "rpc_x.xml", "kompsat": "x.rpc",
+         "geom": "x.geom", "rpcm-json": "x.json"}  # fmt: skip
+PIECES = st.sampled_from(
+    ["LINE_OFF: 1\n", "lineOffset = 1;", "lineNumCoef = (1,", "BEGIN_GROUP = IMAGE", "<isd><RPB>", "<Dimap_Document>",
+     "Rational_Function_Model", "</", ">", '{"rpc":', '"row_offset": 1', "}", "[", "line_off: 1\n", "1e999", "nan",
+     "\x00"]
+)  # fmt: skip
+
+
+LOOKALIKES = st.lists(PIECES | st.text(max_size=8), max_size=30).map(lambda p: "".join(p).encode(errors="replace"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("damaged")
+
+
+@pytest.mark.fuzz
+@given(rpc=ANY_RPC)
+def test_text_formats_keep_every_double(rpc: RPC, folder: Path) -> None:
+    write_rpc_text(str(folder / "x_RPC.TXT"), rpc)
+    assert read_rpc(str(folder / "x_RPC.TXT")).rpc == rpc
+    write_rpb(str(folder / "x.RPB"), rpc)
+    assert read_rpc(str(folder / "x.RPB")).rpc == rpc
+    assert rpc_from_gdal("metadata", gdal_metadata(rpc)) == rpc
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("key", READERS)
+@given(content=st.binary(max_size=2000) | LOOKALIKES)
+def test_any_bytes(key: str, content: bytes, folder: Path) -> None:
+    file = folder / NAMES[key]
+    file.write_bytes(content)
+    try:
+        rpc = READERS[key].read(str(file)).rpc
+        assert np.isfinite(rpc.line_num).all()
+    except InputError as error:
+        assert NAMES[key] in str(error)  # noqa: PT017 - both ends are right
+        assert "\n" not in str(error)  # noqa: PT017
+
+
+@pytest.mark.parametrize("key", READERS)
+@pytest.mark.parametrize("piece", [b"\n", b" ", b"a", b"=", b"a=(", b"<a>", b"[", b"LINE_OFF:", b"1", b"<a b='"])
+def test_no_reader_hangs_on_long_runs(key: str, piece: bytes, folder: Path) -> None:
+    """3 MB of one piece: quadratic time would take minutes."""
+    file = folder / NAMES[key]
+    file.write_bytes(piece * (3_000_000 // len(piece)))
+    with pytest.raises(InputError):
+        READERS[key].read(str(file))
+
+
+@pytest.mark.fuzz
+def test_mutated_files(request: pytest.FixtureRequest) -> None:
+    """Real and synthetic files with random faults, in a process of their own; many more under ``make fuzz``."""
+    real = Path(request.getfixturevalue("real_data"))
+    runs = 1500 if settings().max_examples <= 1000 else 100_000
+    script = Path(__file__).parents[1] / "fuzz_rpc_files.py"
+    command = [sys.executable, str(script), "--runs", str(runs), "--data", str(real)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    print(done.stdout)

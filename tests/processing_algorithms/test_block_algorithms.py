@@ -1,0 +1,410 @@
+"""`triangulate` and `adjust` as a user runs them: the Hobart field, the real triplet, and input that is wrong."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from hrsi.hrsi_engine.adjustment import WEIGHTS
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.refinement import MODELS
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.block_params import MODEL_CHOICES, ROBUST_CHOICES
+from hrsi.processing_algorithms.cli import main
+from osgeo import gdal, ogr, osr
+from rasterio.transform import RPCTransformer
+
+GCPS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
+
+
+@pytest.fixture(scope="module")
+def hobart(repository) -> dict:
+    folder = repository / "examples" / "hobart"
+    return {
+        "images": [str(folder / f"hobart_ikonos_{k}_RPC.TXT") for k in (1, 2, 3)],
+        "gcps": str(folder / "hobart_ground_points.csv"),
+        "image_points": str(folder / "hobart_image_points.csv"),
+    }
+
+
+@pytest.fixture(scope="module")
+def adjusted(hobart, tmp_path_factory) -> tuple[dict, Path]:
+    folder = tmp_path_factory.mktemp("hobart")
+    report = run("adjust", **hobart, gcp_ids=GCPS.split(","), model="shift", output_dir=str(folder))
+    return report, folder
+
+
+@pytest.fixture(scope="module")
+def triplet(real_data, tmp_path_factory) -> tuple[dict, Path]:
+    """The real triplet through the command line, as anyone would."""
+    folder = tmp_path_factory.mktemp("triplet")
+    images = [str(real_data / "s2p_triplet_phr" / f"img_0{k}.tif") for k in (1, 2, 3)]
+    assert main(["triangulate", *images, "--output-dir", str(folder), "--quiet"]) == 0
+    return json.loads((folder / "report.json").read_text()), folder
+
+
+def layer_columns(path: Path, name: str) -> dict[str, np.ndarray]:
+    dataset = gdal.OpenEx(str(path))
+    layer = dataset.GetLayerByName(name)
+    names = [layer.GetLayerDefn().GetFieldDefn(k).GetName() for k in range(layer.GetLayerDefn().GetFieldCount())]
+    rows = [[*(feature.GetField(n) for n in names), feature.geometry().Clone()] for feature in layer]
+    return {n: np.array([row[k] for row in rows], dtype=object) for k, n in enumerate([*names, "geometry"])}
+
+
+def test_choices_are_the_engines():
+    assert set(MODEL_CHOICES) == set(MODELS)
+    assert set(ROBUST_CHOICES) == set(WEIGHTS)
+
+
+# ---- Hobart ---------------------------------------------------------------------------------------------------------
+
+
+def check_rmse(report_folder: Path, hobart: dict, kind: str) -> np.ndarray:
+    with open(hobart["image_points"]) as file:
+        kinds = {row["id"]: row["kind"] for row in csv.DictReader(file)}
+    rows = layer_columns(report_folder / "block.gpkg", "residuals_utm")
+    chosen = (rows["level"] == "ground") & (rows["role"] == "check") & [kinds[i] == kind for i in rows["id"]]
+    residual = np.column_stack(
+        [rows[f"residual_{axis}_m"][chosen].astype(float) for axis in ("east", "north", "height")]
+    )
+    print(f"Hobart, {chosen.sum()} {kind} check points: RMSE E N H", np.sqrt((residual**2).mean(axis=0)).round(3), "m")
+    return np.array([len(residual), *np.sqrt((residual**2).mean(axis=0))])
+
+
+def test_hobart_centres(adjusted, hobart):
+    number, *rmse = check_rmse(adjusted[1], hobart, "center")
+    assert number == 31
+    assert np.all(np.array(rmse) <= (0.45, 0.33, 1.2))
+
+
+def test_hobart_corners(adjusted, hobart):
+    number, *rmse = check_rmse(adjusted[1], hobart, "corner")
+    assert number == 30
+    assert np.all(np.array(rmse) <= (0.90, 0.84, 2.4))
+
+
+def test_report_has_the_schema(adjusted):
+    report, folder = adjusted
+    on_disk = json.loads((folder / "report.json").read_text())
+    assert on_disk["schema"] == 1
+    assert on_disk["algorithm"] == "adjust"
+    assert on_disk["control"]["points"] == 10
+    assert on_disk["check"]["points"] == 61
+    assert on_disk["ties"]["points"] == 0
+    assert on_disk["ties"]["rmse_px"] is None
+    assert on_disk["redundancy"] == on_disk["observations"] - on_disk["unknowns"]
+    assert {"total", "adjust", "write"} <= set(on_disk["seconds"])
+    image = on_disk["images"]["hobart_ikonos_2"]
+    assert image["observations"] == 17
+    assert image["rmse_sample_px"] < image["before_rmse_sample_px"]
+    assert set(image["parameters"]) == {"sample_0", "line_0"}
+    assert image["parameters"]["line_0"]["sigma"] > 0
+    assert (folder / "report.html").stat().st_size > 5000
+    assert report["check"]["rmse_east_m"] == pytest.approx(on_disk["check"]["rmse_east_m"])
+
+
+def test_sidecars_hold_the_refined_cameras(adjusted, hobart):
+    """The image residuals in the layer are those of the RPCs that were written."""
+    report, folder = adjusted
+    points = layer_columns(folder / "block.gpkg", "image_points")
+    with open(hobart["gcps"]) as file:
+        ground = {row["id"]: [float(row[k]) for k in ("lon", "lat", "height")] for row in csv.DictReader(file)}
+    for image_id, entry in report["images"].items():
+        rpc = read_rpc(entry["output"]).rpc
+        here = points["image"] == image_id
+        known = np.array([ground[i] for i in points["id"][here]])
+        measured = np.column_stack([points[n][here].astype(float) for n in ("sample", "line")])
+        residual = np.column_stack([points[f"residual_{n}_px"][here].astype(float) for n in ("sample", "line")])
+        np.testing.assert_allclose(measured - rpc.project(known), residual, atol=1e-6)
+
+
+def test_layers_are_complete(adjusted):
+    _, folder = adjusted
+    dataset = gdal.OpenEx(str(folder / "block.gpkg"))
+    names = {dataset.GetLayer(k).GetName() for k in range(dataset.GetLayerCount())} - {"layer_styles"}
+    assert names == {"images", "ground_points", "image_points", "residuals_wgs84", "residuals_utm"}
+    assert dataset.GetLayerByName("images").GetFeatureCount() == 3
+    assert dataset.GetLayerByName("ground_points").GetFeatureCount() == 71
+    assert dataset.GetLayerByName("image_points").GetFeatureCount() == 159
+    for name, code in (("residuals_wgs84", "4326"), ("residuals_utm", "32755")):
+        layer = dataset.GetLayerByName(name)
+        assert layer.GetFeatureCount() == 71 + 159
+        assert layer.GetSpatialRef().GetAuthorityCode(None) == code
+
+
+def test_utm_residuals_lie_at_the_printed_coordinates(adjusted, hobart):
+    """Eastings and northings of the field were printed independently (UTM 55S)."""
+    rows = layer_columns(adjusted[1] / "block.gpkg", "residuals_utm")
+    with open(hobart["gcps"]) as file:
+        printed = {row["id"]: (float(row["easting"]), float(row["northing"])) for row in csv.DictReader(file)}
+    ground = rows["level"] == "ground"
+    for point, geometry in zip(rows["id"][ground], rows["geometry"][ground], strict=True):
+        assert (geometry.GetX(), geometry.GetY()) == pytest.approx(printed[point], abs=0.002)
+
+
+def test_triangulate_does_the_same(adjusted, hobart, tmp_path):
+    report = run("triangulate", **hobart, tie_points="none", gcp_ids=GCPS.split(","), output_dir=str(tmp_path / "new"))
+    assert report["check"] == adjusted[0]["check"]
+
+
+def test_residual_crs_chooses_the_layers(hobart, tmp_path):
+    run("adjust", **hobart, residual_crs="utm", report=False, write="none", output_dir=str(tmp_path))
+    dataset = gdal.OpenEx(str(tmp_path / "block.gpkg"))
+    assert dataset.GetLayerByName("residuals_utm")
+    assert dataset.GetLayerByName("residuals_wgs84") is None
+    assert {file.name for file in tmp_path.iterdir()} == {"block.gpkg", "report.json"}
+
+
+# ---- the real triplet -----------------------------------------------------------------------------------------------
+
+
+def test_triplet_ties_fit(triplet):
+    ties = triplet[0]["ties"]["by_rays"]["3"]
+    print(f"triplet, 3-view tracks: {ties['points']}, RMSE {ties['before_rmse_px']:.3f} -> {ties['rmse_px']:.3f} px")
+    assert ties["points"] > 1000
+    assert 0.5 < ties["before_rmse_px"] < 0.66  # about 0.58 by an independent matcher
+    assert ties["rmse_px"] <= 0.20
+
+
+def test_refined_copies_read_by_rasterio_and_gdal_project_as_reported(triplet):
+    """Adjusted tie points through the copies' RPCs, by two other programs, against the report's layer: 0.01 px."""
+    report, folder = triplet
+    ground = layer_columns(folder / "block.gpkg", "ground_points")
+    place = {i: (g.GetX(), g.GetY(), g.GetZ()) for i, g in zip(ground["id"], ground["geometry"], strict=True)}
+    points = layer_columns(folder / "block.gpkg", "image_points")
+    for image_id, entry in report["images"].items():
+        here = (points["image"] == image_id) & (points["flag"] != "rejected")
+        computed = np.column_stack(
+            [(points[n][here] - points[f"residual_{n}_px"][here]).astype(float) for n in ("sample", "line")]
+        )
+        lon, lat, height = np.array([place[i] for i in points["id"][here]]).T
+        with rasterio.open(entry["output"]) as image, RPCTransformer(image.rpcs) as transformer:
+            line, sample = transformer.rowcol(lon, lat, height, op=np.float64)
+        by_rasterio = np.column_stack([sample, line]) - 0.5  # rasterio counts from the corner
+        transformer = gdal.Transformer(gdal.Open(entry["output"]), None, ["METHOD=RPC"])
+        by_gdal = np.array(transformer.TransformPoints(1, list(zip(lon, lat, height, strict=True)))[0])[:, :2] - 0.5
+        worst = [np.abs(other - computed).max() for other in (by_rasterio, by_gdal)]
+        print(f"{image_id}: {here.sum()} tie points, rasterio and GDAL differ by {worst[0]:.1e}, {worst[1]:.1e} px")
+        assert max(worst) < 0.01
+
+
+def test_refined_copies_keep_the_pixels(triplet):
+    for entry in triplet[0]["images"].values():
+        with rasterio.open(entry["path"]) as before, rasterio.open(entry["output"]) as after:
+            np.testing.assert_array_equal(before.read(), after.read())
+            assert before.profile["dtype"] == after.profile["dtype"]
+
+
+def test_ties_without_gcps_stay_near_the_vendors_position(triplet, real_data):
+    """The block's height is the vendor's within the RPCs' accuracy: 206 m by the data's description, 85 to 275 m."""
+    ground = layer_columns(triplet[1] / "block.gpkg", "ground_points")
+    heights = np.array([g.GetZ() for g in ground["geometry"]])
+    print("median height", np.median(heights).round(1))
+    assert abs(np.median(heights) - 206) < 60
+
+
+# ---- wrong input ----------------------------------------------------------------------------------------------------
+
+
+def plain_tif(path: Path) -> str:
+    gdal.GetDriverByName("GTiff").Create(str(path), 8, 8).FlushCache()
+    return str(path)
+
+
+def layer_without_crs(path: Path) -> str:
+    source = ogr.GetDriverByName("GeoJSON").CreateDataSource(str(path.with_suffix(".geojson")))
+    source = None
+    driver = ogr.GetDriverByName("ESRI Shapefile")
+    source = driver.CreateDataSource(str(path))
+    layer = source.CreateLayer("gcps", None, ogr.wkbPoint25D)
+    layer.CreateField(ogr.FieldDefn("id", ogr.OFTString))
+    feature = ogr.Feature(layer.GetLayerDefn())
+    feature["id"] = "H003"
+    feature.SetGeometry(ogr.CreateGeometryFromWkt("POINT Z (147.24 -42.81 94)"))
+    layer.CreateFeature(feature)
+    source = None
+    return str(path)
+
+
+def wrong_image_id(path: Path, hobart: dict) -> str:
+    text = Path(hobart["image_points"]).read_text().replace("hobart_ikonos_2", "hobart_9")
+    path.write_text(text)
+    return str(path)
+
+
+def two_points(path: Path, hobart: dict) -> str:
+    lines = Path(hobart["image_points"]).read_text().splitlines()
+    path.write_text("\n".join([lines[0], *[line for line in lines if line.startswith(("H003,", "H022,"))]]) + "\n")
+    return str(path)
+
+
+def far_image(folder: Path, real_data: Path) -> str:
+    path = folder / "far.tif"
+    shutil.copyfile(real_data / "s2p_triplet_phr" / "img_02.tif", path)
+    dataset = gdal.Open(str(path), gdal.GA_Update)
+    rpc = dataset.GetMetadata("RPC")
+    rpc["LONG_OFF"] = str(float(rpc["LONG_OFF"]) + 2)
+    dataset.SetMetadata(rpc, "RPC")
+    dataset = None
+    return str(path)
+
+
+BAD = {
+    "missing image": (lambda t, h, r: ["adjust", "nowhere.tif", "--image-points", h["image_points"]], 2, "nowhere.tif"),
+    "image without RPC": (
+        lambda t, h, r: ["adjust", plain_tif(t / "plain.tif"), "--image-points", h["image_points"]], 2, "RPC",
+    ),
+    "missing GCP file": (
+        lambda t, h, r: ["adjust", *h["images"], "--gcps", "no.gpkg", "--image-points", h["image_points"]], 2, "no.gpkg",
+    ),
+    "GCP layer without CRS": (
+        lambda t, h, r: [
+            "adjust", *h["images"], "--gcps", layer_without_crs(t / "g.shp"), "--image-points", h["image_points"],
+        ],
+        2, "--ground-crs",
+    ),
+    "unknown image id": (
+        lambda t, h, r: [
+            "adjust", *h["images"], "--gcps", h["gcps"], "--image-points", wrong_image_id(t / "p.csv", h),
+        ],
+        2, "hobart_9",
+    ),
+    "unknown GCP id": (
+        lambda t, h, r: [
+            "adjust", *h["images"], "--gcps", h["gcps"], "--image-points", h["image_points"], "--gcp-ids", "H003,Q1",
+        ],
+        2, "Q1",
+    ),
+    "too few observations": (
+        lambda t, h, r: [
+            "adjust", *h["images"], "--gcps", h["gcps"], "--image-points", two_points(t / "p.csv", h),
+            "--model", "affine",
+        ],
+        1, "--model",
+    ),
+    "GCPs that are measured nowhere": (
+        lambda t, h, r: ["triangulate", *h["images"], "--gcps", h["gcps"], "--tie-points", "none"], 2, "--image-points",
+    ),
+    "no pixels to match": (lambda t, h, r: ["triangulate", *h["images"]], 2, "pixels"),
+    "no overlap": (
+        lambda t, h, r: [
+            "triangulate", str(r / "s2p_triplet_phr" / "img_01.tif"), far_image(t, r),
+        ],
+        2, "overlap",
+    ),
+    "one image twice": (
+        lambda t, h, r: ["adjust", h["images"][0], h["images"][0], "--image-points", h["image_points"]], 2, "more than once",
+    ),
+    "unknown model": (
+        lambda t, h, r: ["adjust", *h["images"], "--image-points", h["image_points"], "--model", "affin"], 2, "--model",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_leaves_nothing(case, hobart, real_data, tmp_path, capfd):
+    arguments, code, word = BAD[case]
+    output = tmp_path / "result"
+    status = main([*arguments(tmp_path, hobart, real_data), "--output-dir", str(output)])
+    printed = capfd.readouterr()
+    errors = [line for line in printed.err.splitlines() if line.startswith("ERROR:")]
+    print(errors)
+    assert status == code
+    assert len(errors) == 1
+    assert word in errors[0]
+    assert "Traceback" not in printed.err
+    assert printed.out == ""
+    assert not output.exists()
+
+
+def test_an_earlier_result_is_not_replaced_unasked(hobart, tmp_path, capfd):
+    arguments = ["adjust", *hobart["images"], "--gcps", hobart["gcps"], "--image-points", hobart["image_points"]]
+    arguments += ["--output-dir", str(tmp_path / "r"), "--quiet"]
+    assert main(arguments) == 0
+    before = (tmp_path / "r" / "report.json").read_bytes()
+    assert main(arguments) == 2
+    assert "--overwrite" in capfd.readouterr().err
+    assert (tmp_path / "r" / "report.json").read_bytes() == before
+    assert main([*arguments, "--overwrite"]) == 0
+
+
+def test_an_input_is_never_replaced(hobart, tmp_path, capfd):
+    """Writing sidecars beside the RPC files that were the input would destroy them."""
+    for image in hobart["images"]:
+        shutil.copy(image, tmp_path)
+    images = [str(tmp_path / Path(image).name) for image in hobart["images"]]
+    before = [Path(image).read_bytes() for image in images]
+    arguments = ["adjust", *images, "--gcps", hobart["gcps"], "--image-points", hobart["image_points"]]
+    assert main([*arguments, "--output-dir", str(tmp_path), "--quiet"]) == 2
+    assert "is an input" in capfd.readouterr().err
+    assert [Path(image).read_bytes() for image in images] == before
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_cancel_leaves_nothing(hobart, tmp_path):
+    from hrsi.hrsi_engine.errors import Cancelled
+
+    folder = tmp_path / "result"
+    with pytest.raises(Cancelled):
+        run("adjust", **hobart, output_dir=str(folder), progress=lambda fraction, message: fraction < 0.7)
+    assert not folder.exists()
+
+
+def test_crs_of_the_images_layer_is_wgs84(adjusted):
+    dataset = gdal.OpenEx(str(adjusted[1] / "block.gpkg"))
+    wgs84 = osr.SpatialReference()
+    wgs84.ImportFromEPSG(4326)
+    assert dataset.GetLayerByName("images").GetSpatialRef().GetAuthorityCode(None) == "4326"
+
+
+# ---- where refined RPCs go ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pair(real_data, tmp_path) -> list[str]:
+    """Copies of two real images that a test may write into."""
+    for k in (1, 2):
+        shutil.copyfile(real_data / "s2p_triplet_phr" / f"img_0{k}.tif", tmp_path / f"img_0{k}.tif")
+    return [str(tmp_path / f"img_0{k}.tif") for k in (1, 2)]
+
+
+@pytest.mark.parametrize("how", ["copy", "vrt", "sidecar", "in-place"])
+def test_every_way_of_writing_gives_the_same_camera(how, pair, tmp_path):
+    before = [Path(path).read_bytes() for path in pair]
+    report = run("triangulate", images=pair, write=how, output_dir=str(tmp_path / "result"))
+    reference = run("triangulate", images=pair, write="none", output_dir=str(tmp_path / "reference"))
+    for path, original in zip(pair, before, strict=True):
+        image = report["images"][Path(path).stem]
+        shift = [image["parameters"][name]["value"] for name in ("sample_0", "line_0")]
+        assert reference["images"][Path(path).stem]["output"] is None
+        written = read_rpc(image["output"]).rpc
+        vendor = tmp_path / "vendor.tif"
+        vendor.write_bytes(original)
+        expected = read_rpc(str(vendor)).rpc.shifted(*shift)
+        np.testing.assert_allclose(written.samp_off, expected.samp_off, atol=1e-9)
+        np.testing.assert_allclose(written.line_off, expected.line_off, atol=1e-9)
+        assert (Path(path).read_bytes() == original) == (how != "in-place")
+
+
+def test_original_comes_back_after_writing_in_place(pair, tmp_path):
+    before = [read_rpc(path).rpc for path in pair]
+    run("triangulate", images=pair, write="in-place", output_dir=str(tmp_path / "result"))
+    assert [read_rpc(path).rpc for path in pair] != before
+    from hrsi.hrsi_engine.io.rpc_files import restore
+
+    for path in pair:
+        restore(path)
+    assert [read_rpc(path).rpc for path in pair] == before
+
+
+def test_copies_warp_with_gdal(triplet, tmp_path):
+    """The output goes straight into gdalwarp -rpc."""
+    output = triplet[0]["images"]["img_01"]["output"]
+    warped = gdal.Warp(str(tmp_path / "ortho.tif"), output, rpc=True, dstSRS="EPSG:32631", xRes=2, yRes=2)
+    assert warped.RasterXSize > 200
+    assert (warped.ReadAsArray() > 0).mean() > 0.5

@@ -1,0 +1,83 @@
+"""Contract of the wrapper: every declared parameter and text of every algorithm is in its QGIS algorithm."""
+
+from __future__ import annotations
+
+import pytest
+from qgis.core import (
+    QgsApplication,
+    QgsProcessingAlgorithm,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterNumber,
+)
+
+from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.enums import ADVANCED, OPTIONAL
+from hrsi.plugin.parameters import BINDINGS
+from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.declare import Algorithm, Kind, Param
+from hrsi.tests.qgis.tiny import TINY
+
+DECLARED = [TINY, *REGISTRY.values()]
+PARAMS = [
+    pytest.param(declaration, param, id=f"{declaration.name}-{param.name}")
+    for declaration in DECLARED
+    for param in declaration.params
+]
+
+
+def made(declaration: Algorithm) -> QgsProcessingAlgorithm:
+    """Return the QGIS algorithm of a declaration as Processing makes it for a run."""
+    return DeclaredAlgorithm(declaration).create()
+
+
+def test_every_kind_has_a_binding() -> None:
+    assert set(BINDINGS) == set(Kind)
+    assert {param.kind for param in TINY.params} == set(Kind)
+
+
+def test_provider_lists_the_registry(hrsi_provider) -> None:
+    ids = {algorithm.id() for algorithm in hrsi_provider.algorithms()}
+    assert ids == {f"hrsi:{name.replace('-', '')}" for name in REGISTRY}
+    for identifier in ids:
+        assert QgsApplication.processingRegistry().createAlgorithmById(identifier) is not None
+
+
+@pytest.mark.parametrize("declaration", DECLARED, ids=lambda declaration: declaration.name)
+def test_texts_and_outputs(declaration: Algorithm) -> None:
+    algorithm = made(declaration)
+    assert algorithm.displayName() == declaration.title
+    assert algorithm.group() == declaration.group
+    assert algorithm.shortDescription() == declaration.summary
+    assert not algorithm.icon().isNull()
+    outputs = {output.name() for output in algorithm.outputDefinitions()}
+    writes_folder = any(param.kind is Kind.OUTPUT_DIR for param in declaration.params)
+    assert outputs == ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
+
+
+@pytest.mark.parametrize(("declaration", "param"), PARAMS)
+def test_parameter(declaration: Algorithm, param: Param) -> None:
+    algorithm = made(declaration)  # owns the definition
+    definition = algorithm.parameterDefinition(param.key.upper())
+    assert definition is not None
+    assert definition.defaultValue() == param.default
+    assert definition.help() == f"{param.help}."
+    flags = definition.flags()
+    optional = bool(flags & OPTIONAL)
+    assert not (optional and param.required)
+    assert optional or param.required or param.default is not None
+    assert bool(flags & ADVANCED) == param.advanced
+    if param.default is not None:
+        assert definition.checkValueIsAcceptable(param.default)
+    if isinstance(definition, QgsProcessingParameterEnum):
+        assert tuple(definition.options()) == param.choices
+        assert definition.usesStaticStrings()
+    if isinstance(definition, QgsProcessingParameterNumber):
+        assert param.minimum is None or definition.minimum() == param.minimum
+        assert param.maximum is None or definition.maximum() == param.maximum
+
+
+def test_help_is_html_with_every_parameter() -> None:
+    text = made(TINY).shortHelpString()
+    assert "<p>First paragraph.</p><p>Second with a &lt; sign.</p>" in text
+    assert "<b>Sigma image (px)</b><br/>Sigma of a measurement." in text
+    assert text.count("<b>") == len(TINY.params)

@@ -1,0 +1,175 @@
+"""Runs through Processing: options, progress, cancel, errors, result layers. The tiny algorithm says what it got."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import processing
+import pytest
+from qgis.core import (
+    QgsApplication,
+    QgsProcessingAlgRunnerTask,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProcessingFeedback,
+    QgsProject,
+)
+from qgis.PyQt.QtCore import QTimer
+
+from hrsi.plugin.dependencies import pip_command, python_executable
+from hrsi.plugin.provider import HrsiProvider
+from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.declare import OUTPUT_PARAMS
+from hrsi.tests.qgis.tiny import TINY
+
+CANCEL_S = 1.0
+
+
+class Listener(QgsProcessingFeedback):
+    """Keeps what an algorithm says."""
+
+    def __init__(self) -> None:
+        super().__init__(False)
+        self.lines: list[str] = []
+
+    def pushInfo(self, info: str) -> None:
+        self.lines.append(info)
+
+    def setProgressText(self, text: str) -> None:
+        self.lines.append(text)
+
+    def reportError(self, error: str, fatalError: bool = False) -> None:
+        self.lines.append(error)
+
+
+def test_defaults_reach_the_engine(run_tiny, tmp_path: Path) -> None:
+    expected = TINY.defaults() | {"images": ["a_RPC.TXT"], "output_dir": str(tmp_path / "out")}
+    assert run_tiny() == expected
+
+
+def test_given_values_reach_the_engine(run_tiny) -> None:
+    options = run_tiny(
+        IMAGES=["a_RPC.TXT", "b.tif"], MODEL="shift", MAX_ITERATIONS="7", SIGMA_IMAGE=0.25, REPORT=False,
+        GCP_IDS="H003, H022", GEOID="/grids/geoid", TIE_POINTS="none", OVERWRITE=True,
+    )  # fmt: skip
+    expected = {
+        "images": ["a_RPC.TXT", "b.tif"], "model": "shift", "max_iterations": 7, "sigma_image": 0.25,
+        "report": False, "gcp_ids": ["H003", "H022"], "geoid": "/grids/geoid", "tie_points": "none",
+        "overwrite": True,
+    }  # fmt: skip
+    assert {name: options[name] for name in expected} == expected
+
+
+def test_images_as_one_text(run_tiny) -> None:
+    assert run_tiny(IMAGES="a_RPC.TXT;b.tif")["images"] == ["a_RPC.TXT", "b.tif"]
+
+
+def test_progress_and_messages(run_tiny, tmp_path: Path) -> None:
+    listener, fractions = Listener(), []
+    listener.progressChanged.connect(fractions.append)
+    processing.run(
+        "hrsi:tinytest", {"IMAGES": ["a"], "WAIT": 0.2, "OUTPUT_DIR": str(tmp_path / "out")}, feedback=listener
+    )
+    assert listener.lines[:3] == ["waiting", "waited", "algorithm tiny-test"]
+    assert fractions == sorted(fractions)
+    assert len(fractions) >= 5
+
+
+def test_temporary_output(run_tiny) -> None:
+    assert Path(run_tiny(OUTPUT_DIR="TEMPORARY_OUTPUT")["output_dir"]).is_dir()
+
+
+def test_report_of_an_algorithm_without_output_folder(qgis_processing) -> None:
+    params = tuple(param for param in TINY.params if param not in OUTPUT_PARAMS)
+    no_folder = replace(TINY, params=params, run=lambda options, context: {"algorithm": "tiny-test", "answer": 42})
+    provider = HrsiProvider({no_folder.name: no_folder})
+    QgsApplication.processingRegistry().addProvider(provider)
+    try:
+        result = processing.run("hrsi:tinytest", {"IMAGES": ["a"]})
+    finally:
+        QgsApplication.processingRegistry().removeProvider(provider)
+    assert json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["answer"] == 42
+
+
+def run_in_background(parameters: dict[str, Any], feedback: QgsProcessingFeedback) -> tuple[bool, dict[str, Any]]:
+    """Run the tiny algorithm as the dialog does: a task of the task manager, while the event loop turns."""
+    algorithm = QgsApplication.processingRegistry().createAlgorithmById("hrsi:tinytest")
+    context = QgsProcessingContext()
+    task = QgsProcessingAlgRunnerTask(algorithm, parameters, context, feedback)
+    ended: list[tuple[bool, dict[str, Any]]] = []
+    task.executed.connect(lambda successful, results: ended.append((successful, results)))
+    QgsApplication.taskManager().addTask(task)
+    while not ended:
+        QgsApplication.processEvents()
+        time.sleep(0.005)
+    return ended[0]
+
+
+def test_runs_in_a_background_thread(tiny_provider, tmp_path: Path) -> None:
+    successful, results = run_in_background({"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path)}, QgsProcessingFeedback())
+    assert successful
+    assert results["OUTPUT_DIR"] == str(tmp_path)
+
+
+def test_cancel_within_a_second(tiny_provider, tmp_path: Path) -> None:
+    listener, cancelled_at = Listener(), []
+    listener.canceled.connect(lambda: cancelled_at.append(time.monotonic()))
+    QTimer.singleShot(300, listener.cancel)
+    parameters = {"IMAGES": ["a"], "WAIT": 60.0, "OUTPUT_DIR": str(tmp_path / "out")}
+    successful, results = run_in_background(parameters, listener)
+    assert time.monotonic() - cancelled_at[0] < CANCEL_S
+    assert not successful
+    assert results == {}
+    assert not (tmp_path / "out").exists()
+    assert listener.lines[-1] == "Cancelled; nothing was written"
+
+
+def test_input_error_is_its_one_line(run_tiny) -> None:
+    with pytest.raises(QgsProcessingException, match="no field 'id'") as caught:
+        run_tiny(TEXT="input error")
+    message = str(caught.value)
+    assert "Traceback" not in message
+    assert len(message.strip().splitlines()) == 1
+
+
+def test_missing_package_says_what_to_run(run_tiny) -> None:
+    with pytest.raises(QgsProcessingException, match="opencv-python-headless") as caught:
+        run_tiny(TEXT="no opencv")
+    assert pip_command("opencv-python-headless") in str(caught.value)
+    assert Path(python_executable()).exists()
+
+
+def test_provider_loads_without_heavy_packages() -> None:
+    """OpenCV, SciPy and PROJ's bindings may be missing: the algorithms are listed all the same."""
+    script = (
+        "import sys; sys.modules |= dict.fromkeys(('cv2', 'scipy', 'pyproj', 'matplotlib'));"
+        "from hrsi.plugin.provider import HrsiProvider; provider = HrsiProvider(); provider.refreshAlgorithms();"
+        "print(len(provider.algorithms()))"
+    )
+    finished = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert finished.stdout.strip() == str(len(REGISTRY)), finished.stderr
+
+
+def test_bug_keeps_its_traceback(run_tiny) -> None:
+    with pytest.raises(Exception, match="a bug") as caught:
+        run_tiny(TEXT="bug")
+    assert "_fail_as_asked" in str(caught.value) or caught.traceback[-1].name == "_fail_as_asked"
+
+
+def test_images_are_required(run_tiny) -> None:
+    with pytest.raises(QgsProcessingException, match="IMAGES"):
+        run_tiny(IMAGES=[])
+
+
+def test_result_layers_are_loaded_with_their_stored_style(tiny_provider, qgis_new_project, tmp_path: Path) -> None:
+    processing.runAndLoadResults("hrsi:tinytest", {"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path / "out")})
+    (layer,) = QgsProject.instance().mapLayers().values()
+    assert layer.name() == "points"
+    assert layer.featureCount() == 1
+    assert layer.renderer().type() == "RuleRenderer"

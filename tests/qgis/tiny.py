@@ -1,0 +1,99 @@
+"""A tiny declared algorithm with a parameter of every kind: it says what it was given, and waits when asked to."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from osgeo import ogr, osr
+
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.progress import advance
+from hrsi.processing_algorithms.declare import OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+
+STEP_S = 0.02
+STYLE = """<!DOCTYPE qgis><qgis version="3.22"><renderer-v2 type="RuleRenderer" symbollevels="0"><rules key="r">
+<rule key="a" symbol="0" filter="&quot;id&quot; = 1"/></rules><symbols><symbol name="0" type="marker" alpha="1">
+<layer class="SimpleMarker" enabled="1"/></symbol></symbols></renderer-v2></qgis>"""
+
+
+def _fail_as_asked(text: str) -> None:
+    """Raise the error that the option names."""
+    if text == "input error":
+        raise InputError("gcps.gpkg, layer gcps: no field 'id': rename the field that holds the point ids")
+    if text == "no opencv":
+        raise ModuleNotFoundError("No module named 'cv2'", name="cv2")
+    if text == "bug":
+        raise ZeroDivisionError("a bug")
+
+
+def _write_points(path: Path) -> None:
+    """Write one point and, as the GeoPackage's default style, a rule-based renderer."""
+    wgs84 = osr.SpatialReference()
+    wgs84.ImportFromEPSG(4326)
+    data = ogr.GetDriverByName("GPKG").CreateDataSource(str(path))
+    layer = data.CreateLayer("points", wgs84, ogr.wkbPoint)
+    layer.CreateField(ogr.FieldDefn("id", ogr.OFTInteger))
+    feature = ogr.Feature(layer.GetLayerDefn())
+    feature.SetField("id", 1)
+    feature.SetGeometry(ogr.CreateGeometryFromWkt("POINT (147.3 -42.9)"))
+    layer.CreateFeature(feature)
+    styles = data.CreateLayer("layer_styles", None, ogr.wkbNone, ["ASPATIAL_VARIANT=GPKG_ATTRIBUTES"])
+    row = {
+        "f_table_catalog": "", "f_table_schema": "", "f_table_name": "points", "f_geometry_column": "geom",
+        "styleName": "points", "styleQML": STYLE, "styleSLD": "", "useAsDefault": "1", "description": "",
+        "owner": "", "ui": "", "update_time": "",
+    }  # fmt: skip
+    for name in row:
+        styles.CreateField(ogr.FieldDefn(name, ogr.OFTString))
+    feature = ogr.Feature(styles.GetLayerDefn())
+    for name, value in row.items():
+        feature.SetField(name, value)
+    styles.CreateFeature(feature)
+
+
+def run_tiny(options: Mapping[str, Any], context: Context) -> Report:
+    """Report the options; ``wait`` seconds pass in steps that can be cancelled."""
+    _fail_as_asked(options["text"])
+    steps = max(1, round((options["wait"] or 0.0) / STEP_S))
+    for step in range(steps):
+        advance(context.progress, step / steps, "waiting")
+        time.sleep(STEP_S)
+    context.log("waited")
+    report = {"schema": 1, "algorithm": "tiny-test", "options": dict(options)}
+    if options["output_dir"]:
+        folder = Path(options["output_dir"])
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_points(folder / "tiny.gpkg")
+        (folder / "report.json").write_text(json.dumps(report), encoding="utf-8")
+    return report
+
+
+TINY = Algorithm(
+    name="tiny-test",
+    title="Tiny test",
+    group="Tests",
+    summary="Says what it was given",
+    help="First paragraph.\n\nSecond with a < sign.",
+    params=(
+        Param("images", Kind.IMAGES, "Images or RPC files", required=True),
+        Param("dem", Kind.RASTER, "Heights"),
+        Param("gcps", Kind.POINTS, "Ground points"),
+        Param("tie-points", Kind.TEXT, "Tie points", default="auto", metavar="auto|none|FILE"),
+        Param("geoid", Kind.FILE, "Geoid grid"),
+        Param("text", Kind.TEXT, "Text", default="none"),
+        Param("gcp-ids", Kind.IDS, "Control points"),
+        Param("model", Kind.CHOICE, "Model", default="auto", choices=("auto", "shift", "affine")),
+        Param("max-iterations", Kind.INTEGER, "Iterations", default=10, minimum=1, maximum=99, advanced=True),
+        Param("sigma-image", Kind.NUMBER, "Sigma of a measurement", default=0.5, unit="px", minimum=0.0),
+        Param("wait", Kind.NUMBER, "Time to wait", unit="s"),
+        Param("report", Kind.FLAG, "Write a report", default=True),
+        *OUTPUT_PARAMS,
+    ),
+    run=run_tiny,
+    summarise=lambda report: f"algorithm {report['algorithm']}",
+    layers=("tiny.gpkg|layername=points", "tiny.gpkg|layername=not_written"),
+)

@@ -1,0 +1,221 @@
+"""The command line as `interface.md` promises it: streams, exit codes, one-line errors, cancelling."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hrsi.hrsi_engine.version import VERSION
+from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.cli import main
+from hrsi.tests.sample_algorithm import SAMPLE
+
+BAR = "0...10...20...30...40...50...60...70...80...90...100 - done.\n"
+
+
+@pytest.fixture
+def hrsi(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Run ``hrsi sample --output-dir … WORDS`` and return the exit code, stdout and stderr."""
+
+    def run(*words: str) -> tuple[int, str, str]:
+        code = main(["sample", "--output-dir", str(tmp_path / "out"), *words], {SAMPLE.name: SAMPLE})
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def given(hrsi):
+    """Run the sample algorithm and return the options that reached it."""
+
+    def run(*words: str) -> dict:
+        code, out, err = hrsi("--json", "--quiet", *words)
+        assert (code, err) == (0, "")
+        return json.loads(out)["options"]
+
+    return run
+
+
+def assert_one_error(result: tuple[int, str, str], code: int, *fragments: str) -> None:
+    """The run failed with this exit code and one line on stderr that holds the fragments, below what was logged."""
+    got, out, err = result
+    *_, line = err.splitlines()
+    assert (got, out) == (code, "")
+    assert err.count("ERROR: ") == 1
+    assert line.startswith("ERROR: ")
+    assert "Traceback" not in err
+    for fragment in fragments:
+        assert fragment in line
+
+
+def test_result_on_stdout_progress_on_stderr(hrsi):
+    code, out, err = hrsi("a.tif", "b.tif")
+    assert (code, out) == (0, "2 images\n")
+    assert err == "a message\n" + BAR
+
+
+def test_quiet_says_nothing(hrsi):
+    assert hrsi("--quiet", "a.tif") == (0, "1 images\n", "")
+
+
+def test_json_is_one_document_and_nothing_else(hrsi):
+    code, out, err = hrsi("--json", "--fail", "chatter", "a.tif")
+    assert code == 0
+    assert json.loads(out)["algorithm"] == "sample"
+    assert "a library that prints" in err
+
+
+def test_options_reach_the_algorithm_converted(given):
+    options = given(
+        "a b.tif", "--gcps", "my points.gpkg|layername=gcps", "--gcp-ids", "H1, H2,,7", "--model", "affine",
+        "--iterations", "3", "--height", "12.5", "--no-report", "--overwrite", "c.tif", "--threads", "2",
+    )  # fmt: skip
+    assert options["images"] == ["a b.tif", "c.tif"]
+    assert options["gcps"] == "my points.gpkg|layername=gcps"
+    assert options["gcp_ids"] == ["H1", "H2", "7"]
+    assert (options["model"], options["iterations"], options["height"]) == ("affine", 3, 12.5)
+    assert (options["report"], options["overwrite"], options["threads"]) == (False, True, 2)
+    assert options["dem"] is None
+
+
+@pytest.mark.parametrize("text", ["-3", "-3.5", "-.5", "-1e2"])
+def test_negative_numbers(given, text):
+    assert given("a.tif", "--height", text)["height"] == float(text)
+    assert given("a.tif", f"--height={text}")["height"] == float(text)
+
+
+@pytest.mark.parametrize(
+    ("words", "fragments"),
+    [
+        ([], ["IMAGE", "--help"]),
+        (["a.tif", "--iteration", "3"], ["--iteration;", "did you mean --iterations"]),  # no abbreviations
+        (["a.tif", "-x"], ["-x"]),
+        (["a.tif", "--gcps"], ["--gcps", "expected one argument"]),
+        (["a.tif", "--gcps", ""], ["--gcps", "file name"]),
+        (["a.tif", "--iterations", "many"], ["--iterations 'many'", "whole number"]),
+        (["a.tif", "--iterations", "0"], ["--iterations 0", "minimum 1"]),
+        (["a.tif", "--height", "9001"], ["--height 9001", "maximum 9000 m"]),
+        (["a.tif", "--height", "nan"], ["--height 'nan'", "not a number"]),
+        (["a.tif", "--model", "afine"], ["--model 'afine'", "shift, affine", "did you mean affine"]),
+        (["a.tif", "--report=yes"], ["--report"]),
+        (["a.tif", "--fail", "input"], ["no field 'id'; rename"]),
+    ],
+)
+def test_wrong_usage_and_input(hrsi, words, fragments):
+    assert_one_error(hrsi(*words), 2, *[fragment.rstrip(";") for fragment in fragments])
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "fragments"),
+    [
+        ("singular", 1, ["image B", "measure points on it"]),
+        ("cancelled", 130, ["cancelled"]),
+        ("bug", 1, ["unexpected KeyError", "report it", "HRSI_DEBUG=1"]),
+        ("disk", 1, ["No space left on device", "out/report.json"]),
+        ("memory", 1, ["out of memory", "--threads"]),
+        ("package", 1, ["cv2", "README.md"]),
+    ],
+)
+def test_failures_of_the_algorithm(hrsi, failure, code, fragments):
+    assert_one_error(hrsi("a.tif", "--fail", failure), code, *fragments)
+
+
+def test_debug_shows_the_traceback(hrsi, monkeypatch):
+    monkeypatch.setenv("HRSI_DEBUG", "1")
+    _, _, err = hrsi("a.tif", "--fail", "bug")
+    assert "Traceback" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "fragments"),
+    [
+        ([], ["no algorithm given", "hrsi --help"]),
+        (["smaple"], ["'smaple'", "did you mean sample"]),
+        (["--quiet", "sample"], ["--quiet", "before the algorithm"]),
+    ],
+)
+def test_wrong_algorithm(words, fragments, capsys):
+    code = main(words, {SAMPLE.name: SAMPLE})
+    assert_one_error((code, *capsys.readouterr()), 2, *fragments)
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"hrsi {VERSION}\n"
+
+
+def test_help_lists_algorithms_by_group(capsys):
+    other = replace(SAMPLE, name="other", group="Elsewhere", summary="Another one")
+    assert main(["--help"], {"sample": SAMPLE, "other": other}) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^Tests:\n  sample +Reports 100 % of its options$", out, re.MULTILINE)
+    assert re.search(r"^Elsewhere:\n  other +Another one$", out, re.MULTILINE)
+
+
+def test_help_of_an_algorithm(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    assert main(["sample", "--help"], {"sample": SAMPLE}) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("usage: hrsi sample [options] IMAGE...\n\nReports 100 % of its options\n\nFirst paragraph.")
+    headings = re.findall(r"^([a-z ]+):$", out, re.MULTILINE)
+    assert headings == ["images", "options", "output", "advanced options", "common options"]
+    assert "--iterations" in out.partition("advanced options:")[2]
+    flat = " ".join(out.split())
+    assert "Model [one of shift, affine; default shift]" in flat
+    assert "Height above the ellipsoid [unit m; at least -500; at most 9000; default 0]" in flat
+    assert "--report, --no-report Write a report [default yes]" in flat
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_help_of_every_algorithm_names_every_option(name, capsys):
+    assert main([name, "--help"]) == 0
+    out = capsys.readouterr().out
+    for param in REGISTRY[name].params:
+        assert (param.metavar if param.name == "images" else f"--{param.name}") in out
+
+
+def test_interrupt_leaves_one_line_and_no_file(tmp_path):
+    out_dir = tmp_path / "out"
+    command = [sys.executable, "-m", "hrsi.tests.sample_algorithm", "sample", "a.tif"]
+    process = subprocess.Popen(
+        [*command, "--wait", "60", "--output-dir", str(out_dir)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    _wait_for_file(out_dir)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert_one_error((process.returncode, out, err), 130, "interrupted")
+    assert list(out_dir.iterdir()) == []
+
+
+def _wait_for_file(folder: Path) -> None:
+    for _ in range(400):
+        if folder.is_dir() and any(folder.iterdir()):
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"nothing appeared in {folder}")
+
+
+def test_console_command_and_broken_pipe():
+    """The installed command runs, and a reader that stops early makes no noise."""
+    command = Path(sys.executable).with_name("hrsi")
+    done = subprocess.run(f"'{command}' --help | true", shell=True, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_starts_quickly_without_heavy_libraries():
+    """Help and errors come at once: nothing but the algorithms' own runs loads NumPy, OpenCV or GDAL."""
+    code = (
+        "import sys; import hrsi.processing_algorithms.cli; "
+        "print([m for m in ('numpy', 'scipy', 'cv2', 'osgeo', 'qgis', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

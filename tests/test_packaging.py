@@ -1,0 +1,90 @@
+"""The package, the plugin and the environment say the same of themselves."""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hrsi.hrsi_engine.version import VERSION
+
+
+@pytest.fixture(scope="module")
+def project(repository: Path) -> dict:
+    return tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def metadata(repository: Path) -> configparser.SectionProxy:
+    parser = configparser.ConfigParser()
+    parser.read(repository / "metadata.txt", encoding="utf-8")
+    return parser["general"]
+
+
+def test_every_package_is_installed(repository: Path, project: dict):
+    """A folder that is missing in pyproject.toml is missing in wheels, though not here."""
+    folders = [
+        path.parent.relative_to(repository)
+        for part in ("hrsi_engine", "plugin", "processing_algorithms")
+        for path in (repository / part).rglob("__init__.py")
+    ]
+    found = {"hrsi"} | {".".join(["hrsi", *folder.parts]) for folder in folders}
+    assert set(project["tool"]["setuptools"]["packages"]) == found
+
+
+def test_every_data_file_is_installed(repository: Path, project: dict):
+    patterns = project["tool"]["setuptools"]["package-data"]["*"]
+    loose = [
+        path.relative_to(repository)
+        for part in ("hrsi_engine", "plugin", "processing_algorithms")
+        for path in (repository / part).rglob("*")
+        if path.is_file() and path.suffix not in (".py", ".pyc") and not any(path.match(each) for each in patterns)
+    ]
+    assert loose == []
+
+
+def test_versions_agree(repository: Path, metadata: configparser.SectionProxy):
+    assert metadata["version"] == VERSION
+    assert f"## {VERSION}" in (repository / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_plugin_metadata(repository: Path, metadata: configparser.SectionProxy):
+    assert metadata["hasProcessingProvider"] == "yes"
+    assert (metadata["qgisMinimumVersion"], metadata["qgisMaximumVersion"]) == ("3.22", "4.99")
+    assert (repository / metadata["icon"]).is_file()
+
+
+def test_root_imports_nothing_of_qgis(repository: Path):
+    """pytest, pip and the command line import the root package where there is no QGIS."""
+    code = "import sys, hrsi; print(hasattr(hrsi, 'classFactory'), [m for m in sys.modules if 'qgis' in m])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "True []"
+
+
+def test_constraints_fit_the_dependencies(repository: Path, project: dict):
+    """Every package that is pinned is one that we ask for, and none of those that must come from the system."""
+    asked = [*project["project"]["dependencies"]]
+    for extra in project["project"]["optional-dependencies"].values():
+        asked += extra
+    names = {re.split(r"[\[<>=~]", requirement)[0].lower() for requirement in asked}
+    lines = (repository / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {line.partition("==")[0].lower() for line in lines if line and not line.startswith("#")}
+    assert pinned <= names
+    assert not pinned & {"gdal", "rasterio", "pyproj", "shapely"}
+    assert not names & {"gdal", "opencv-python", "pyogrio", "fiona"}
+
+
+def test_modules_open_with_a_docstring(repository: Path):
+    silent = [
+        path.relative_to(repository)
+        for part in ("hrsi_engine", "plugin", "processing_algorithms")
+        for path in (repository / part).rglob("*.py")
+        if path.stat().st_size and not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert silent == []
