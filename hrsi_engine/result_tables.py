@@ -107,7 +107,7 @@ def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, n
 
 
 def _image_residual(result: Adjustment, left: Residuals) -> np.ndarray:
-    """Return the residual that a person wants to see: at the known position where there is one, else at the adjusted."""
+    """Return the residual that a person wants to see: at the known position, else at the adjusted one."""
     known = result.block.known[result.block.measurements.point]
     return np.where(known[:, None], left.at_known_px, result.residual_px)
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from .geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from .rpc_inverse import Solver
-from .rpc_terms import DERIVATIVES, Workspace, chunks, slopes_of_ratios
+from .rpc_terms import DERIVATIVES, Workspace, chunks, monomials, slopes_of_ratios
 
 
 class Localization(NamedTuple):
@@ -135,6 +135,18 @@ class RPC:
         ratios *= self._image_scale[:, None]
         ratios += self._image_off[:, None]
         image[:, 0], image[:, 1] = ratios  # column by column: five times as fast as a transposed copy
+
+    def normalised(self, ground: np.ndarray) -> np.ndarray:
+        """Return normalised lon, lat and height ``(3, n)`` of ground points ``(n, 3)``: [-1, 1] in the RPC's domain."""
+        ground = _as_points(ground, 3, "ground")
+        normalised = np.empty((3, len(ground)))
+        if len(ground):
+            self._normalise(ground, out=normalised)
+        return normalised
+
+    def denominators(self, ground: np.ndarray) -> np.ndarray:
+        """Return the sample and line denominators ``(2, n)`` at ground points ``(n, 3)``; an RPC breaks near a zero."""
+        return np.asarray(self._polynomials[2:] @ monomials(self.normalised(ground)))
 
     def project(self, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` (sample, line) of ground points ``(n, 3)`` (lon, lat, height)."""

@@ -26,6 +26,8 @@ from .rpc import RPC, Localization
 from .rpc_terms import monomials
 
 RIDGE = 1e-16  # variance of the normalised image residuals over that of the denominator's coefficients
+RIDGES = (RIDGE, 1e-12, 1e-9, 1e-6, 1e-3)  # tried in turn while the fit is not good
+GOOD_PX = 1e-3
 MAX_ITERATIONS = 10
 SETTLED_PX = 1e-9  # iterations end when the RMS residual changes by less
 PART = 20_000  # observation equations held in memory at a time
@@ -113,10 +115,28 @@ def refit_rpc(
 
     Raises `SolveError` where ``rpc`` has no ground positions in the domain.
     """
-    fit = fit_rpc(*_virtual_points(rpc, correct, domain_px, heights, FIT_GRID))
-    largest, rms = _differences(fit.rpc, *_virtual_points(rpc, correct, domain_px, heights, CHECK_GRID))
-    kept = replace(fit.rpc, err_bias=rpc.err_bias, err_rand=rpc.err_rand)
-    return RpcFit(kept, largest, rms, fit.warnings)
+    nodes = _virtual_points(rpc, correct, domain_px, heights, FIT_GRID)
+    staggered = _virtual_points(rpc, correct, domain_px, heights, CHECK_GRID)
+    fit = best_fit(nodes, staggered)
+    return replace(fit, rpc=replace(fit.rpc, err_bias=rpc.err_bias, err_rand=rpc.err_rand))
+
+
+def best_fit(
+    points: tuple[np.ndarray, np.ndarray], check: tuple[np.ndarray, np.ndarray], common_denominator: bool = False
+) -> RpcFit:
+    """Fit an RPC to ``points`` (ground, image), damped as much as other points ``check`` show to be best.
+
+    Without damping denominators follow noise, or what no RPC can follow, and go wild between the points. The
+    differences stated are those at the check points.
+    """
+    fits = []
+    for ridge in RIDGES:
+        fit = fit_rpc(*points, ridge=ridge, common_denominator=common_denominator)
+        largest, rms = _differences(fit.rpc, *check)
+        fits.append(RpcFit(fit.rpc, largest, rms, fit.warnings))
+        if largest < GOOD_PX:
+            break
+    return min(fits, key=lambda fit: fit.rms_px if np.isfinite(fit.rms_px) else np.inf)
 
 
 def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:

@@ -11,9 +11,14 @@ from .parameters import label
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
     paragraphs = [part for part in declaration.help.split("\n\n") if part.strip()] or [declaration.summary]
-    text = "".join(f"<p>{escape(' '.join(part.split()))}</p>" for part in paragraphs)
+    text = "".join(f"<p>{_text(part)}</p>" for part in paragraphs)
     return text + "<h2>Parameters</h2>" + "".join(map(_parameter_help, declaration.params))
 
 
 def _parameter_help(param: Param) -> str:
-    return f"<p><b>{escape(label(param))}</b><br/>{escape(param.help)}.</p>"
+    return f"<p><b>{_text(label(param))}</b><br/>{_text(param.help)}.</p>"
+
+
+def _text(plain: str) -> str:
+    """Return plain text on one line for HTML; quotes stay, for the places that show the source."""
+    return escape(" ".join(plain.split()), quote=False)

@@ -33,7 +33,7 @@ from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
 
 _ABBREVIATIONS = {
-    "crs": "CRS", "dem": "DEM", "gcp": "GCP", "gcps": "GCPs", "gsd": "GSD", "h": "height", "ids": "ids",
+    "crs": "CRS", "dem": "DEM", "dir": "directory", "gcp": "GCP", "gcps": "GCPs", "gsd": "GSD", "h": "height",
     "rpc": "RPC", "rpcs": "RPCs", "utm": "UTM", "xy": "easting and northing",
 }  # fmt: skip
 

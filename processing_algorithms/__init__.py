@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..hrsi_engine.progress import Progress, silent
-from . import adjust, triangulate
+from . import adjust, simulate, triangulate
 from .declare import Algorithm, Context, Log, Report
 from .options import checked_options, find_algorithm
 
@@ -18,6 +18,7 @@ REGISTRY: dict[str, Algorithm] = {
     for module in (
         triangulate,
         adjust,
+        simulate,
     )
 }
 

@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..hrsi_engine.adjustment import AdjustOptions
 from ..hrsi_engine.block import Block, Defaults, GroundPoints, Image, ImagePoints, assemble
+from ..hrsi_engine.dem import surface_heights
 from ..hrsi_engine.errors import InputError
+from ..hrsi_engine.io.dems import open_dem
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters import open_image
+
+DEM_MARGIN_M = 50.0  # buildings, trees, and the DEM's own errors
 
 
 def open_images(options: Mapping[str, Any]) -> list[Image]:
@@ -47,6 +53,19 @@ def read_block(
     defaults = Defaults(options["sigma_image"], options["sigma_gcp_xy"], options["sigma_gcp_h"])
     block = assemble(images, ground, measured, options.get("gcp_ids"), options.get("check_ids"), defaults)
     return block, warnings + list(block.warnings)
+
+
+def terrain_heights(images: Sequence[Image], options: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the lowest and highest terrain below the images by the DEM, with a margin; None without one."""
+    if not options.get("dem"):
+        return None
+    surface = open_dem(options["dem"], options["height_datum"])
+    grids = [image.rpc.localize(image.grid_px(20, 20), image.rpc.height_off).ground for image in images]
+    heights = surface_heights(surface, np.concatenate(grids)[:, :2])
+    known = heights[np.isfinite(heights)]
+    if not len(known):
+        raise InputError(f"{options['dem']} has no heights below the images: name a DEM of their area")
+    return float(known.min()) - DEM_MARGIN_M, float(known.max()) + DEM_MARGIN_M
 
 
 def adjust_options(options: Mapping[str, Any]) -> AdjustOptions:

@@ -6,11 +6,10 @@ import numpy as np
 
 from ..hrsi_engine.adjustment import Adjustment
 from ..hrsi_engine.geodesy import to_projected, utm_epsg
-from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.io.block_map import BlockMap
+from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.residuals import Residuals
 from ..hrsi_engine.result_tables import (
-    ROLE_LABELS,
     Table,
     footprint,
     ground_points_table,
@@ -47,7 +46,7 @@ def block_map(result: Adjustment, left: Residuals) -> BlockMap:
     return BlockMap(
         footprints={image.id: footprint(image, height) for image in result.block.images},
         lonlat=points.ground[known, :2],
-        roles=ROLE_LABELS[points.role[known]],
+        roles=points.role[known],
         residual_en_m=left.ground_m[known, :2],
         ids=points.ids[known],
     )

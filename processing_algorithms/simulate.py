@@ -15,7 +15,7 @@ SENSOR_CHOICES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wi
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Simulate a block and write its files."""
     from ..hrsi_engine.io.output_dir import check_output_dir, staged
-    from ..hrsi_engine.io.simulated_block import write_document
+    from ..hrsi_engine.io.report import write_report_json
     from ..hrsi_engine.progress import advance, stage
     from ..hrsi_engine.simulation import simulate_block
     from . import simulation_inputs, simulation_outputs
@@ -29,7 +29,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))
         report["outputs"] = [os.path.join(folder, name) for name in names]
-        write_document(str(temporary / "report.json"), report)
+        write_report_json(str(temporary / "report.json"), report)
     return report
 
 
@@ -134,5 +134,9 @@ ALGORITHM = Algorithm(
     ),
     run=run,
     summarise=_summarise,
-    layers=("truth.gpkg|layername=ground_points", "truth.gpkg|layername=image_points", "truth.gpkg|layername=objects"),
+    layers=(
+        "truth.gpkg|layername=true_ground_points",
+        "truth.gpkg|layername=true_image_points",
+        "truth.gpkg|layername=objects",
+    ),
 )  # fmt: skip

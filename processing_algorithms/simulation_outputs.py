@@ -11,11 +11,11 @@ import numpy as np
 
 from ..hrsi_engine.block import Role
 from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.io.rpc_files import write_rpc_text
 from ..hrsi_engine.io.simulated_block import (
     WGS84_3D,
     write_dem,
-    write_document,
     write_ground_points,
     write_image,
     write_image_points,
@@ -64,7 +64,7 @@ def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]
     write_dem(str(folder / "dem.tif"), terrain.posts, terrain.geotransform)
     write_ground_points(str(folder / "ground_points.csv"), simulated.block.points)
     write_image_points(str(folder / "image_points.csv"), simulated.block)
-    write_document(str(folder / "truth.json"), truth_document(simulated))
+    write_report_json(str(folder / "truth.json"), truth_document(simulated))
     layers = [
         Layer(name, "PointZ", WGS84_3D, table.positions, table.columns)
         for name, table in truth_tables(simulated).items()

@@ -43,8 +43,10 @@ def _automatic_ties(
     if options["tie_points"] != AUTOMATIC:
         return [], []
     from ..hrsi_engine.measurement.tie_points import TieOptions, find_tie_points
+    from . import block_inputs
 
-    found = find_tie_points(images, TieOptions(margin_px=options["search_margin"]), context.progress)
+    heights = block_inputs.terrain_heights(images, options)
+    found = find_tie_points(images, TieOptions(heights, margin_px=options["search_margin"]), context.progress)
     for (first, second), count in found.matches.items():
         context.log(f"{first} - {second}: {count} matches")
     return [found.image_points], list(found.warnings)
@@ -67,6 +69,10 @@ ALGORITHM = replace(
         Param(
             "tie-points", Kind.TEXT, "auto finds them in the images, none does without, FILE reads them",
             default=AUTOMATIC, metavar="auto|none|FILE",
+        ),
+        Param(
+            "dem", Kind.RASTER, "Terrain, to search tie points where they can be; its heights as --height-datum says",
+            metavar="FILE",
         ),
         Param(
             "search-margin", Kind.NUMBER, "How far the RPCs may be off when tie points are searched", default=128.0,

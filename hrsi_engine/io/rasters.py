@@ -13,6 +13,7 @@ from ..block import Image
 from ..errors import InputError
 from .datasets import gdal_messages
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
+from .rpc_files.reading import FoundRpc
 
 RPC_SUFFIX = "_rpc"
 
@@ -28,12 +29,18 @@ def open_image(path: str) -> Image:
 
     Raises `InputError` where the file is missing, is neither an image nor an RPC file, or has no RPC.
     """
+    return open_image_and_source(path)[0]
+
+
+def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
+    """Open an image as `open_image` does; return also where its RPC came from, for the log."""
     path = os.fspath(path)
     alone = read_rpc_file(path)
     if alone is not None:
-        return Image(image_id(path), alone.rpc, alone.size, path)
+        return Image(image_id(path), alone.rpc, alone.size, path), alone
     raster = GdalRaster(path)
-    return Image(image_id(path), rpc_of_dataset(path, raster.dataset).rpc, raster.size, path, raster)
+    found = rpc_of_dataset(path, raster.dataset)
+    return Image(image_id(path), found.rpc, raster.size, path, raster), found
 
 
 class GdalRaster:

@@ -1,4 +1,4 @@
-"""Files of a simulated block: images streamed by blocks, terrain, points and truth.
+"""Files of a simulated block: images streamed by blocks, terrain and points.
 
 Nothing here knows how pixels come about: an image is anything whose windows can be read (`block.Raster`).
 """
@@ -6,10 +6,9 @@ Nothing here knows how pixels come about: an image is anything whose windows can
 from __future__ import annotations
 
 import csv
-import json
 import os
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -155,10 +154,3 @@ def _write_csv(path: str, header: list[str], rows: list[list[Any]]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
-
-
-def write_document(path: str, document: Mapping[str, Any]) -> None:
-    """Write the truth of a simulated block, or the report of its making, as JSON."""
-    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
-        json.dump(document, file, allow_nan=False, indent=1)
-        file.write("\n")

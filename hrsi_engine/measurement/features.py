@@ -70,6 +70,11 @@ class FeatureStore:
             self._count += len(xy)
         return self._tiles[tile]
 
+    def positions(self) -> np.ndarray:
+        """Return the positions of all features found so far, in the order of their numbers, ``(k, 2)``."""
+        found = [features.xy for features in self._tiles.values()]
+        return np.concatenate(found) if found else np.empty((0, 2))
+
     def inside(self, window: tuple[float, float, float, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return positions, descriptors and numbers of the features in a window."""
         tiles = [self.tile(tile) for tile in self.tiles_in(window)]

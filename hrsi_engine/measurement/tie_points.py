@@ -141,9 +141,7 @@ def _image_points(
     """Join matches into tracks, thin them out and number them."""
     if not found:
         return ImagePoints.create([], [], np.empty((0, 2)))
-    all_xy = {
-        k: np.concatenate([t.xy for t in store._tiles.values()] or [np.empty((0, 2))]) for k, store in stores.items()
-    }
+    all_xy = {index: store.positions() for index, store in stores.items()}
     offset = dict(zip(stores, np.cumsum([0] + [len(all_xy[k]) for k in stores])[:-1], strict=True))
     image_of_node = np.concatenate([np.full(len(all_xy[k]), k) for k in stores])
     xy = np.concatenate([all_xy[k] for k in stores])

@@ -61,6 +61,11 @@ class Scene:
     finest_gsd_m: float
     targets_m: np.ndarray
 
+    @property
+    def target_radius_m(self) -> float:
+        """Radius of a target itself, without its apron."""
+        return TARGET_GSD * self.finest_gsd_m / 2.0
+
     @cached_property
     def objects(self) -> Objects:
         """Everything with a known shape, in painting order; targets last, each on a dark apron."""

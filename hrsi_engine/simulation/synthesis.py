@@ -92,9 +92,9 @@ def simulate_block(
         camera.disturbed(_vendor_error(view, spec, noise, index))
         for index, (view, camera) in enumerate(zip(views, cameras, strict=True))
     )
+    scene = _with_targets(scene, cameras, points)
     ids, ground, role = _place_points(cameras, scene, points)
     known = role != Role.TIE
-    scene = replace(scene, targets_m=scene.chart.from_ground(ground[known]))
     image_points = _sorted(observe(cameras, scene.terrain, ground))
     vendor_rpcs = tuple(fit_camera(camera, scene.terrain.height_range) for camera in vendor_cameras)
 
@@ -120,13 +120,21 @@ def _vendor_error(view: View, spec: SceneSpec, noise: Noise, index: int) -> Orie
     return view.sensor.accuracy.draw(np.random.default_rng([spec.seed, 42, index]), noise.vendor)
 
 
+def _with_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: PointCounts) -> Scene:
+    """Return the scene with a target on plane ground for every surveyed point, GCPs first."""
+    rng = np.random.default_rng([scene.spec.seed, 43])
+    known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
+    targets = scene.chart.from_ground(known)
+    terrain = scene.terrain.planed(targets, scene.target_radius_m + 1.5 * scene.terrain.post_m)
+    return replace(scene, terrain=terrain, targets_m=targets)
+
+
 def _place_points(
     cameras: Sequence[PushbroomCamera], scene: Scene, points: PointCounts
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ids, positions and roles: check points C…, GCPs G…, tie points T…, sorted by id."""
-    rng = np.random.default_rng([scene.spec.seed, 43])
-    known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
-    ties = place_ties(cameras, scene.terrain, points.ties, rng)
+    known = scene.chart.to_ground(scene.targets_m, scene.terrain.height(*scene.targets_m.T))
+    ties = place_ties(cameras, scene.terrain, points.ties, np.random.default_rng([scene.spec.seed, 44]))
     gcps, checks = known[: points.gcps], known[points.gcps :]
     tables = ((checks, "C", Role.CHECK), (gcps, "G", Role.GCP), (ties, "T", Role.TIE))
     ids = [f"{letter}{number + 1:06d}" for table, letter, _ in tables for number in range(len(table))]

@@ -10,7 +10,7 @@ surface, one post wide, along the zero line of a second, smoother relief.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -89,6 +89,24 @@ class Terrain:
     def height_at(self, ground: np.ndarray) -> np.ndarray:
         """Return the surface height ``(n,)`` at lon, lat(, height) points."""
         return self.height(*self.chart.from_ground(ground).T)
+
+    def planed(self, positions_m: np.ndarray, radius_m: float) -> Terrain:
+        """Return the terrain made plane within a radius of chart positions ``(n, 2)``, as steep as it is there.
+
+        A disc on the ground then has its centre's image in the middle of its own.
+        """
+        posts = self.posts.copy()
+        for east, north in positions_m:
+            columns = self._posts_between(east - radius_m - self.west_m, east + radius_m - self.west_m, 1)
+            rows = self._posts_between(self.north_m - north - radius_m, self.north_m - north + radius_m, 0)
+            right = self.west_m + self.post_m * np.arange(columns.start, columns.stop) - east
+            ahead = self.north_m - self.post_m * np.arange(rows.start, rows.stop)[:, None] - north
+            steps = radius_m * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+            middle, to_east, to_west, to_north, to_south = self.height(east + steps[:, 0], north + steps[:, 1])
+            plane = middle + ((to_east - to_west) * right + (to_north - to_south) * ahead) / (2.0 * radius_m)
+            near = np.hypot(right, ahead) <= radius_m
+            posts[rows, columns] = np.where(near, plane, posts[rows, columns])
+        return replace(self, posts=posts)
 
     def window_statistics(self, east: np.ndarray, north: np.ndarray, margin_m: float) -> tuple[float, float, float]:
         """Return lowest and highest post and the steepest slope around chart positions."""

@@ -99,10 +99,10 @@ def _coefficients(rpc: RPC) -> dict[str, Any]:
 
 
 def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
-    """Return the tables ``ground_points``, ``image_points`` (at their ground positions) and ``objects``."""
+    """Return the tables ``true_ground_points``, ``true_image_points`` (at their ground positions) and ``objects``."""
     return {
-        "ground_points": _ground_points(simulated),
-        "image_points": _image_points(simulated),
+        "true_ground_points": _ground_points(simulated),
+        "true_image_points": _image_points(simulated),
         "objects": _objects(simulated),
     }
 

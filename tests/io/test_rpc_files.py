@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -112,7 +113,18 @@ def test_points_computed_by_other_software(scene: str, real_data: Path) -> None:
     np.testing.assert_allclose(image[:, ::-1] + 1.0, table[:, :2], atol=1e-6)
 
 
-def test_icihpb_is_applied(real_data: Path) -> None:
+def test_rpcm_projects_the_same_points(real_data: Path, repository: Path) -> None:
+    """Readers and evaluation of rpcm 1.4.10; tests/reference/rpcm_projections.py made the file."""
+    reference = json.loads((repository / "tests" / "reference" / "rpcm_projections.json").read_text())
+    assert len(reference) == 6
+    for file, points in reference.items():
+        ground = np.column_stack([points["lon"], points["lat"], points["height"]])
+        image = np.column_stack([points["sample"], points["line"]])
+        # 1e-9 px: the same numbers in double precision, summed in another order
+        np.testing.assert_allclose(read_rpc(str(real_data / file)).rpc.project(ground), image, atol=1e-9)
+
+
+def test_ichipb_is_applied(real_data: Path) -> None:
     """The two files have the same pixels; the RPC that was moved beforehand is off by exactly 1 px (README)."""
     folder = real_data / "formats" / "nitf_ichipb"
     chip = read_rpc(str(folder / "po_39928_pan_0000000_chip_700_700_withICHIPB.nitf"))

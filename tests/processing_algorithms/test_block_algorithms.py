@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from osgeo import gdal, ogr, osr
+from rasterio.transform import RPCTransformer
+
 from hrsi.hrsi_engine.adjustment import WEIGHTS
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_params import MODEL_CHOICES, ROBUST_CHOICES
 from hrsi.processing_algorithms.cli import main
-from osgeo import gdal, ogr, osr
-from rasterio.transform import RPCTransformer
 
 GCPS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 
@@ -208,6 +209,23 @@ def test_ties_without_gcps_stay_near_the_vendors_position(triplet, real_data):
     assert abs(np.median(heights) - 206) < 60
 
 
+def test_dem_narrows_the_search(real_data, tmp_path):
+    """Ventoux: 28 % overlap at the terrain's height, none at the RPCs' HEIGHT_OFF; a -3.4 px bias goes away."""
+    folder = real_data / "ventoux_phr_pair"
+    report = run(
+        "triangulate",
+        images=[str(folder / f"{side}_image.tif") for side in ("left", "right")],
+        dem=str(folder / "dem" / "N44E005.hgt"),
+        height_datum=str(folder / "dem" / "egm96_15.gtx"),
+        output_dir=str(tmp_path),
+    )
+    ties = report["ties"]
+    print(f"Ventoux: {ties['points']} ties, RMSE {ties['before_rmse_px']:.2f} -> {ties['rmse_px']:.3f} px")
+    assert ties["points"] > 300
+    assert ties["before_rmse_px"] > 2.0
+    assert ties["rmse_px"] < 0.25
+
+
 # ---- wrong input ----------------------------------------------------------------------------------------------------
 
 
@@ -260,7 +278,8 @@ BAD = {
         lambda t, h, r: ["adjust", plain_tif(t / "plain.tif"), "--image-points", h["image_points"]], 2, "RPC",
     ),
     "missing GCP file": (
-        lambda t, h, r: ["adjust", *h["images"], "--gcps", "no.gpkg", "--image-points", h["image_points"]], 2, "no.gpkg",
+        lambda t, h, r: ["adjust", *h["images"], "--gcps", "no.gpkg", "--image-points", h["image_points"]],
+        2, "no.gpkg",
     ),
     "GCP layer without CRS": (
         lambda t, h, r: [
@@ -298,7 +317,8 @@ BAD = {
         2, "overlap",
     ),
     "one image twice": (
-        lambda t, h, r: ["adjust", h["images"][0], h["images"][0], "--image-points", h["image_points"]], 2, "more than once",
+        lambda t, h, r: ["adjust", h["images"][0], h["images"][0], "--image-points", h["image_points"]],
+        2, "more than once",
     ),
     "unknown model": (
         lambda t, h, r: ["adjust", *h["images"], "--image-points", h["image_points"], "--model", "affin"], 2, "--model",

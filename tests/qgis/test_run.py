@@ -22,8 +22,8 @@ from qgis.core import (
 )
 from qgis.PyQt.QtCore import QTimer
 
+from hrsi.plugin.algorithm import DeclaredAlgorithm
 from hrsi.plugin.dependencies import pip_command, python_executable
-from hrsi.plugin.provider import HrsiProvider
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.declare import OUTPUT_PARAMS
 from hrsi.tests.qgis.tiny import TINY
@@ -88,12 +88,7 @@ def test_temporary_output(run_tiny) -> None:
 def test_report_of_an_algorithm_without_output_folder(qgis_processing) -> None:
     params = tuple(param for param in TINY.params if param not in OUTPUT_PARAMS)
     no_folder = replace(TINY, params=params, run=lambda options, context: {"algorithm": "tiny-test", "answer": 42})
-    provider = HrsiProvider({no_folder.name: no_folder})
-    QgsApplication.processingRegistry().addProvider(provider)
-    try:
-        result = processing.run("hrsi:tinytest", {"IMAGES": ["a"]})
-    finally:
-        QgsApplication.processingRegistry().removeProvider(provider)
+    result = processing.run(DeclaredAlgorithm(no_folder).create(), {"IMAGES": ["a"]})
     assert json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["answer"] == 42
 
 

@@ -1,0 +1,448 @@
+"""Point files: every format, CRS and height datum gives the same points; damaged ones a clear error.
+
+Outside authorities: pyproj for coordinates, GDAL (``ogr2ogr``'s library) and rasterio for writing the files.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from osgeo import gdal, ogr, osr
+from rasterio.control import GroundControlPoint
+
+from hrsi.hrsi_engine.block import UNSET, Role
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.point_files import READERS, read_points
+
+IDS = ["H001", "H002", "Ü-3", "a b"]
+GROUND = np.array([
+    [147.240401210, -42.814473760, 94.4649],
+    [147.243218430, -42.809852060, 59.0294],
+    [147.231733670, -42.815955450, 129.6879],
+    [147.300000000, -42.900000000, 3.0000],
+])  # fmt: skip
+#: Positions must come back to 1e-9 degrees (0.1 mm) and 0.1 mm: every format keeps doubles or enough digits.
+DEGREES, METRES = 1e-9, 1e-4
+
+
+def crs_wkt(code: str) -> str:
+    return pyproj.CRS.from_user_input(code).to_wkt()
+
+
+def in_crs(code: str, ground: np.ndarray = GROUND) -> np.ndarray:
+    """Return points in a CRS, by pyproj."""
+    transformer = pyproj.Transformer.from_crs("EPSG:4979", code, always_xy=True)
+    return np.column_stack(transformer.transform(*ground.T))
+
+
+def write_layer(
+    path: Path, driver: str, code: str | None, xyz: np.ndarray, fields: dict[str, list], *, with_z: bool = True,
+    layer: str = "points",
+) -> Path:  # fmt: skip
+    """Write a point layer with OGR; fields are texts or floats, None is NULL."""
+    reference = None
+    if code is not None:
+        reference = osr.SpatialReference()
+        assert reference.SetFromUserInput(crs_wkt(code)) == 0
+        reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
+    dataset = ogr.GetDriverByName(driver).CreateDataSource(str(path))
+    options = ["COORDINATE_PRECISION=15", "RFC7946=NO"] if driver == "GeoJSON" else []
+    table = dataset.CreateLayer(layer, reference, ogr.wkbPoint25D if with_z else ogr.wkbPoint, options)
+    for name, values in fields.items():
+        is_text = any(isinstance(value, str) for value in values)
+        definition = ogr.FieldDefn(name, ogr.OFTString if is_text else ogr.OFTReal)
+        if not is_text:
+            definition.SetWidth(24)
+            definition.SetPrecision(10)
+        table.CreateField(definition)
+    for row, point in enumerate(xyz):
+        feature = ogr.Feature(table.GetLayerDefn())
+        for name, values in fields.items():
+            if values[row] is not None:
+                feature.SetField(name, values[row])
+        geometry = ogr.Geometry(ogr.wkbPoint25D if with_z else ogr.wkbPoint)
+        geometry.SetPoint(0, *point.tolist()) if with_z else geometry.SetPoint_2D(0, *point[:2].tolist())
+        feature.SetGeometry(geometry)
+        table.CreateFeature(feature)
+    del table, dataset
+    return path
+
+
+def write_text(path: Path, text: str, encoding: str = "utf-8") -> str:
+    path.write_text(text, encoding=encoding)
+    return str(path)
+
+
+def assert_ground(found: np.ndarray, wanted: np.ndarray = GROUND) -> None:
+    np.testing.assert_allclose(found[:, :2], wanted[:, :2], rtol=0.0, atol=DEGREES)
+    np.testing.assert_allclose(found[:, 2], wanted[:, 2], rtol=0.0, atol=METRES)
+
+
+CASES = [
+    ("gpkg", "GPKG", "EPSG:4979"),
+    ("gpkg", "GPKG", "EPSG:32755"),
+    ("gpkg", "GPKG", "EPSG:28355"),
+    ("shp", "ESRI Shapefile", "EPSG:4326"),
+    ("shp", "ESRI Shapefile", "EPSG:32755"),
+    ("geojson", "GeoJSON", "EPSG:4979"),
+    ("geojson", "GeoJSON", "EPSG:28355"),
+    ("kml", "KML", "EPSG:4326"),
+]
+
+
+@pytest.mark.parametrize(("extension", "driver", "code"), CASES)
+def test_layers_in_any_crs_give_the_same_points(tmp_path: Path, extension: str, driver: str, code: str) -> None:
+    fields = {"Name" if driver == "KML" else "ID": IDS}
+    path = write_layer(tmp_path / f"p.{extension}", driver, code, in_crs(code), fields)
+    tables = read_points(str(path), height_datum="ellipsoidal")
+    assert tables.image is None
+    assert tables.ground is not None
+    assert tables.ground.ids.tolist() == IDS
+    assert_ground(tables.ground.ground)
+    assert (tables.ground.role == UNSET).all()
+    assert np.isnan(tables.ground.sigma_m).all()
+    assert tables.warnings == ()
+
+
+def test_csv_and_projected_csv_agree(tmp_path: Path) -> None:
+    rows = [
+        f"{i};{lon!r};{lat!r};{h!r}".replace(".", ",") for i, (lon, lat, h) in zip(IDS, GROUND.tolist(), strict=True)
+    ]
+    geographic = write_text(tmp_path / "g.csv", "id;Lon;LAT;Height\n" + "\n".join(rows) + "\n", "utf-8-sig")
+    en = in_crs("EPSG:28355")
+    rows = [f"{i}\t{x!r}\t{y!r}\t{h!r}" for i, (x, y, h) in zip(IDS, en.tolist(), strict=True)]
+    projected = write_text(tmp_path / "p.tsv", "id\teasting\tnorthing\tz\n" + "\n".join(rows), "utf-16")
+    for tables in (read_points(geographic), read_points(projected, ground_crs="EPSG:28355")):
+        assert tables.ground is not None
+        assert tables.ground.ids.tolist() == IDS
+        assert_ground(tables.ground.ground)
+        assert len(tables.warnings) == 1
+        assert "taken as ellipsoidal" in tables.warnings[0]
+
+
+def test_height_field_of_a_2d_layer(tmp_path: Path) -> None:
+    fields = {
+        "id": IDS,
+        "HEIGHT": GROUND[:, 2].tolist(),
+        "role": ["gcp", "Check", None, "tie"],
+        "sigma_xy": [0.1, None, 2, 3],
+    }
+    path = write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:32755", in_crs("EPSG:32755"), fields, with_z=False)
+    ground = read_points(f"{path}|layername=points", height_datum="ellipsoidal").ground
+    assert ground is not None
+    assert_ground(ground.ground)
+    assert ground.role.tolist() == [Role.GCP, Role.CHECK, UNSET, Role.TIE]
+    np.testing.assert_array_equal(ground.sigma_m[:, 0], [0.1, np.nan, 2.0, 3.0])
+
+
+def test_missing_heights_come_from_a_surface_or_are_an_error(tmp_path: Path) -> None:
+    path = write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:32755", in_crs("EPSG:32755"), {"id": IDS}, with_z=False)
+    with pytest.raises(InputError, match=r"feature 1 \(id 'H001'\): has no height: add a field 'height'"):
+        read_points(str(path))
+    tables = read_points(str(path), surface=lambda lonlat: lonlat[:, 0] + lonlat[:, 1])
+    assert tables.ground is not None
+    assert_ground(tables.ground.ground, np.column_stack([GROUND[:, :2], GROUND[:, :2].sum(axis=1)]))
+    assert "4 points have no height" in tables.warnings[0]
+
+
+def test_geoid_heights_by_grid_file_and_by_compound_crs(tmp_path: Path, real_data: Path) -> None:
+    """Oracle: the EGM96 grid read by GDAL as a raster and interpolated bilinearly here."""
+    grid = real_data / "ventoux_phr_pair" / "dem" / "egm96_15.gtx"
+    ground = np.array([[5.19, 44.21, 500.0], [147.3, -42.9, 20.0]])
+    orthometric = np.column_stack([ground[:, :2], ground[:, 2] - bilinear(grid, ground[:, :2])])
+    rows = [f"P{i},{x!r},{y!r},{h!r}" for i, (x, y, h) in enumerate(orthometric.tolist())]
+    path = write_text(tmp_path / "p.csv", "id,lon,lat,height\n" + "\n".join(rows))
+    found = read_points(path, height_datum=str(grid))
+    assert found.ground is not None
+    assert_ground(found.ground.ground, ground)
+    assert found.warnings == ()
+    layer = write_layer(tmp_path / "c.gpkg", "GPKG", "EPSG:4326+5773", orthometric, {"id": ["P0", "P1"]})
+    if pyproj.transformer.TransformerGroup("EPSG:4326+5773", "EPSG:4979").best_available:
+        compound = read_points(str(layer))
+        assert compound.ground is not None
+        assert_ground(compound.ground.ground, ground)
+        assert compound.warnings == ()
+    plain = read_points(str(layer), height_datum="ellipsoidal").ground
+    assert plain is not None
+    assert_ground(plain.ground, orthometric)
+
+
+def bilinear(grid: Path, lonlat: np.ndarray) -> np.ndarray:
+    dataset = gdal.Open(str(grid))
+    values, (x0, dx, _, y0, _, dy) = dataset.ReadAsArray(), dataset.GetGeoTransform()
+    column, row = (lonlat[:, 0] - x0) / dx - 0.5, (lonlat[:, 1] - y0) / dy - 0.5
+    c, r = np.floor(column).astype(int), np.floor(row).astype(int)
+    u, v = column - c, row - r
+    top = values[r, c] * (1 - u) + values[r, c + 1] * u
+    return top * (1 - v) + (values[r + 1, c] * (1 - u) + values[r + 1, c + 1] * u) * v
+
+
+def test_missing_geoid_grid_is_an_error_that_says_how_to_get_it(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "p.csv", "id,lon,lat,height\nA,5,44,1\n")
+    with pytest.raises(InputError, match="projsync"):
+        read_points(path, height_datum=str(tmp_path / "none.gtx"))
+
+
+def test_image_points_and_image_names(tmp_path: Path, thesis_data: Path) -> None:
+    tables = read_points(str(thesis_data / "hobart_image_points.csv"), image_ids=["hobart_ikonos_1"])
+    assert tables.ground is None
+    assert tables.image is not None
+    assert len(tables.image) == 159
+    assert tables.image.xy[0].tolist() == [3205.4660, 943.8452]
+    assert tables.image.kind[0] == "center"
+    names = ["img", "img.tif", "/data/img_RPC.TXT", r"C:\data\img.tif", "other.tif"]
+    rows = [f"P{i},{name},{i}.5,2" for i, name in enumerate(names)]
+    path = write_text(tmp_path / "i.csv", "id,Image,sample,line\n" + "\n".join(rows))
+    image = read_points(path, image_ids=["img"]).image
+    assert image is not None
+    assert image.image_ids.tolist() == ["img"] * 4 + ["other.tif"]
+    assert np.isnan(image.sigma_px).all()
+
+
+def test_one_layer_holds_ground_and_image_points(tmp_path: Path) -> None:
+    """Long format: a point on two images, one on none; rows of a point share its position."""
+    xyz = in_crs("EPSG:32755")[[0, 0, 1, 2]]
+    fields = {
+        "id": ["A", "A", "B", "C"], "image": ["i1", "i2", "i1", None], "sample": [1.0, 2.0, 3.0, None],
+        "line": [4.0, 5.0, 6.0, None], "sigma": [0.5, None, 1.0, None],
+    }  # fmt: skip
+    path = write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:32755", xyz, fields)
+    tables = read_points(str(path), height_datum="ellipsoidal")
+    assert tables.ground is not None
+    assert tables.image is not None
+    assert tables.ground.ids.tolist() == ["A", "B", "C"]
+    assert_ground(tables.ground.ground, GROUND[:3])
+    assert tables.image.ids.tolist() == ["A", "A", "B"]
+    assert tables.image.xy.tolist() == [[1.0, 4.0], [2.0, 5.0], [3.0, 6.0]]
+    np.testing.assert_array_equal(tables.image.sigma_px, [0.5, np.nan, 1.0])
+
+
+def test_the_only_image_needs_no_name(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "p.csv", "id,lon,lat,height,sample,line\nA,5,44,1,10,20\n")
+    image = read_points(path, image_ids=["img"]).image
+    assert image is not None
+    assert image.image_ids.tolist() == ["img"]
+    with pytest.raises(InputError, match="no field 'image'"):
+        read_points(path, image_ids=["a", "b"])
+
+
+def test_orthority_gcps(real_data: Path) -> None:
+    path = real_data / "qb2_gcp" / "gcps.geojson"
+    features = json.loads(path.read_text())["features"]
+    tables = read_points(str(path), image_ids=["qb2_basic1b"])
+    assert tables.ground is not None
+    assert tables.image is not None
+    assert tables.warnings == ()  # GeoJSON says that heights are ellipsoidal
+    np.testing.assert_array_equal(tables.ground.ground, [f["geometry"]["coordinates"] for f in features])
+    np.testing.assert_array_equal(tables.image.xy, [f["properties"]["ji"] for f in features])
+    assert set(tables.image.image_ids) == {"qb2_basic1b"}
+
+
+def test_qgis_georeferencer_points(tmp_path: Path) -> None:
+    """The centre of the first pixel is (0.5, -0.5) in QGIS."""
+    en = in_crs("EPSG:32755")
+    lines = [
+        f"{x!r},{y!r},{10.5 + k},{-20.5 - k},{0 if k == 2 else 1},0,0,0" for k, (x, y, _) in enumerate(en.tolist())
+    ]
+    header = f"#CRS: {crs_wkt('EPSG:32755')}\nmapX,mapY,sourceX,sourceY,enable,dX,dY,residual\n"
+    path = write_text(tmp_path / "img.tif.points", header + "\n".join(lines))
+    tables = read_points(path, surface=lambda lonlat: np.full(len(lonlat), 7.0), image_ids=["img"])
+    assert tables.ground is not None
+    assert tables.image is not None
+    assert tables.ground.ids.tolist() == ["img-1", "img-2", "img-4"]
+    np.testing.assert_allclose(tables.ground.ground[:, :2], GROUND[[0, 1, 3], :2], rtol=0.0, atol=DEGREES)
+    assert tables.image.xy.tolist() == [[10.0, 20.0], [11.0, 21.0], [13.0, 23.0]]
+    assert any("switched off" in text for text in tables.warnings)
+    with pytest.raises(InputError, match="no height"):
+        read_points(path)
+
+
+def test_gcps_in_an_image(tmp_path: Path) -> None:
+    """rasterio's row and col of a GCP count from the pixel's corner, as GDAL's do."""
+    gcps = [
+        GroundControlPoint(row=20.5 + k, col=10.5 + k, x=x, y=y, z=z, id=name)
+        for k, (name, (x, y, z)) in enumerate(zip(["A", "1", "C", ""], GROUND.tolist(), strict=True))
+    ]
+    path = tmp_path / "img.tif"
+    with rasterio.open(path, "w", driver="GTiff", width=64, height=64, count=1, dtype="uint8") as image:
+        image.gcps = (gcps, rasterio.crs.CRS.from_epsg(4326))
+    tables = read_points(str(path), height_datum="ellipsoidal")
+    assert tables.ground is not None
+    assert tables.image is not None
+    assert_ground(tables.ground.ground)
+    assert tables.image.xy[0].tolist() == [10.0, 20.0]
+    assert tables.ground.ids[:2].tolist() == ["A", "img-1"]
+
+
+def test_ames_stereo_pipeline_gcps(tmp_path: Path) -> None:
+    """The sample line of the program's manual, and one with commas."""
+    text = (
+        "# id lat lon height sigmas\n"
+        "5 23.7 160.1 427.1 1.0 1.0 1.0 image1.tif 124.5 19.7 1.0 1.0 image2.tif 254.3 73.9 1.0 1.0\n"
+        "6,-23.5,10.25,1.5,3,4,0.5\n"
+    )
+    tables = read_points(write_text(tmp_path / "a.gcp", text), image_ids=["image1", "image2"])
+    assert tables.ground is not None
+    assert tables.image is not None
+    assert tables.ground.ground.tolist() == [[160.1, 23.7, 427.1], [10.25, -23.5, 1.5]]
+    np.testing.assert_allclose(tables.ground.sigma_m, [[1.0, 1.0], [np.sqrt(12.5), 0.5]])
+    assert tables.image.image_ids.tolist() == ["image1", "image2"]
+    assert tables.image.xy.tolist() == [[124.5, 19.7], [254.3, 73.9]]
+    assert tables.warnings == ()
+
+
+def test_csv_details(tmp_path: Path) -> None:
+    """Comments, blank lines, quoted separators, trailing empty fields, Latin-1, Windows line ends."""
+    text = '# made by hand\r\n\r\nid,note,lon,lat,height\r\n"A, 1","x\r\ny", 5.0 ,44,1,,\r\n\r\nÄ,,6,45,2\r\n,,,,\r\n'
+    ground = read_points(write_text(tmp_path / "p.csv", text, "latin-1")).ground
+    assert ground is not None
+    assert ground.ids.tolist() == ["A, 1", "Ä"]
+    assert ground.ground.tolist() == [[5.0, 44.0, 1.0], [6.0, 45.0, 2.0]]
+
+
+def test_ground_crs_tells_the_datum_of_geographic_csv(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "p.csv", "id,lon,lat,height\nA,5,44,1\n")
+    assert read_points(path, ground_crs="EPSG:4979").warnings == ()
+
+
+DAMAGED = [
+    ("id,lon,lat,height\nA,5,x44,1\n", r"line 2: 'x44' is not a number|field 'lat', line 2"),
+    ("id,lon,lat,height\nA,5,44,1\nB,5,inf,1\n", "line 3: 'inf' is not a number"),
+    ("id,lon,lat,height\nA,5,1_0,1\n", "'1_0' is not a number"),
+    ("id,lon,lat,height\nA,5,44,nan\n", r"line 2 \(id 'A'\): has no height"),
+    ("id,lon,lat,height\nA,5,,1\n", "has no position"),
+    ("id,lon,lat,height\n ,5,44,1\n", "line 2: field 'id' is empty"),
+    ("id,lon,lat,height\nA,5,44,1\n\nB,5,44,1\nA,5,44,1\n", r"line 5 \(id 'A'\): stands in line 2 already"),
+    ("id,lon,lat,height\nA,-42.8,147.2,1\n", "latitude and longitude look swapped"),
+    ("id,lon,lat,height\nA,519653,5259759,1\n", "no degrees"),
+    ("id,lon,lat\nA,5,44\n", "has no height"),
+    ("lon,lat,height\n5,44,1\n", "has no field 'id'"),
+    ("id,lon,lat,height,role\nA,5,44,1,contrl\n", "role 'contrl' is unknown: use gcp, check or tie"),
+    ("id,lon,lat,height,sigma_xy\nA,5,44,1,0\n", "field 'sigma_xy' is 0"),
+    ("id,lon,lat,height\n", "holds no points"),
+    ("id,x,y,z\nA,5,44,1\n", "--ground-crs"),
+    ("id,foo\nA,1\n", "neither positions"),
+    ("5,44,1\n6,45,2\n", "add a header line"),
+    ("", "add a header line"),
+    ("id,image,sample,line\nA,i,5,\n", "field 'line' is empty"),
+    ("id,image,sample\nA,i,5\n", "has no field 'line'"),
+    ("id,image,sample,line\nA,,5,6\n", "field 'image' is empty"),
+    ("id,lon,lat,height\nA,5,1,44,2,1\n", "has 6 fields, the header 4"),
+    ("id,image,sample,line,lon,lat,height\nA,i,1,2,5,44,1\nA,j,1,2,6,44,1\n", "with another position"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), DAMAGED)
+def test_damaged_csv_names_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
+    path = write_text(tmp_path / "points.csv", text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_points(path)
+    assert "points.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_layers_name_what_is_wrong(tmp_path: Path) -> None:
+    no_crs = write_layer(tmp_path / "n.gpkg", "GPKG", None, GROUND, {"id": IDS})
+    with pytest.raises(InputError, match="assign one to the layer, or give --ground-crs"):
+        read_points(str(no_crs))
+    assert_ground(read_points(str(no_crs), ground_crs="EPSG:4979").ground.ground)  # type: ignore[union-attr]
+    text = write_layer(
+        tmp_path / "t.shp", "ESRI Shapefile", "EPSG:4326", GROUND, {"id": IDS, "height": ["1", "2", "drei", "4"]}
+    )
+    with pytest.raises(InputError, match=r"feature 2, field 'height': 'drei' is not a number"):
+        read_points(str(text))
+    wrong = write_layer(tmp_path / "w.gpkg", "GPKG", "EPSG:32755", GROUND, {"id": IDS})
+    with pytest.raises(InputError, match="look like degrees"):
+        read_points(str(wrong))
+    with pytest.raises(InputError, match=r"has no layer 'q' \(layers: points\)"):
+        read_points(f"{wrong}|layername=q")
+    with pytest.raises(InputError, match="is not understood"):
+        read_points(f"{wrong}|subset=x")
+    with pytest.raises(InputError, match="no such file"):
+        read_points(str(tmp_path / "none.gpkg"))
+    with pytest.raises(InputError, match="CRS 'EPSG:0' is unknown"):
+        read_points(str(no_crs), ground_crs="EPSG:0")
+
+
+def test_lines_are_no_points(tmp_path: Path) -> None:
+    geojson = {
+        "type": "FeatureCollection",
+        "features": [{"type": "Feature", "properties": {"id": "A"},
+                      "geometry": {"type": "LineString", "coordinates": [[0, 0], [1, 1]]}}],
+    }  # fmt: skip
+    with pytest.raises(InputError, match="is a Linestring: give a layer of points"):
+        read_points(write_text(tmp_path / "l.geojson", json.dumps(geojson)))
+
+
+def test_two_layers_must_be_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "two.gpkg"
+    write_layer(path, "GPKG", "EPSG:4979", GROUND, {"id": IDS}, layer="a")
+    with ogr_update(path) as dataset:
+        dataset.CopyLayer(dataset.GetLayer(0), "b")
+    with pytest.raises(InputError, match=r"has 2 layers \(a, b\): name one: two.gpkg\|layername=LAYER"):
+        read_points(str(path))
+    for spec in ("layername=b", "layerid=1", "layerid=1|geometrytype=PointZ"):
+        assert_ground(read_points(f"{path}|{spec}").ground.ground)  # type: ignore[union-attr]
+
+
+class ogr_update:  # noqa: N801  # a context manager around a GDAL dataset, which GDAL 3.6 does not have
+    def __init__(self, path: Path) -> None:
+        self.dataset = gdal.OpenEx(str(path), gdal.OF_VECTOR | gdal.OF_UPDATE)
+
+    def __enter__(self) -> gdal.Dataset:
+        return self.dataset
+
+    def __exit__(self, *_: object) -> None:
+        self.dataset = None
+
+
+SEEDS = {
+    ".csv": b"id,image,sample,line,lon,lat,height,role\nA,i1,1.5,2.5,5.1,44.2,10,gcp\nB,i2,3,4,5.2,44.3,20,\n",
+    ".points": b"#CRS: EPSG:4326\nmapX,mapY,sourceX,sourceY,enable\n5.1,44.2,10.5,-20.5,1\n5.2,44.3,1,-2,0\n",
+    ".gcp": b"5 23.7 160.1 427.1 1.0 1.0 1.0 image1.tif 124.5 19.7 1.0 1.0\n6,-23.5,10.25,1.5,3,4,0.5\n",
+    ".geojson": json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"ji": [1.5, 2.5], "filename": "a.tif", "id": "A"},
+         "geometry": {"type": "Point", "coordinates": [5.0, 44.0, 10.0]}}]}).encode(),
+    ".json": json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"id": 7, "height": 3.5, "role": "check"},
+         "geometry": {"type": "Point", "coordinates": [5.0, 44.0]}}]}).encode(),
+}  # fmt: skip
+MUTATION = st.tuples(st.floats(0.0, 1.0), st.integers(0, 12), st.one_of(st.binary(max_size=6), st.sampled_from(
+    [b",", b";", b"\n", b'"', b"nan", b"1e999", b"-", b"null", b"[]", b"{}", b"\x00", b"\xff\xfe", b"id", b"lon", b"#"]
+)))  # fmt: skip
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("extension", SEEDS)
+@settings(max_examples=150)
+@given(mutations=st.lists(MUTATION, min_size=1, max_size=4))
+def test_mutated_files_give_points_or_an_input_error(
+    tmp_path_factory: pytest.TempPathFactory, extension: str, mutations: list[tuple[float, int, bytes]]
+) -> None:
+    content = SEEDS[extension]
+    for place, removed, inserted in mutations:
+        at = int(place * len(content))
+        content = content[:at] + inserted + content[at + removed :]
+    path = tmp_path_factory.getbasetemp() / f"mutated{extension}"
+    path.write_bytes(content)
+    try:
+        tables = read_points(str(path), height_datum="ellipsoidal", image_ids=["i1"])
+    except InputError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+        return
+    if tables.ground is not None:
+        assert np.isfinite(tables.ground.ground).all()
+    if tables.image is not None:
+        assert np.isfinite(tables.image.xy).all()
+
+
+def test_every_reader_is_described() -> None:
+    assert {"csv", "ogr", "qgis-points", "image-gcps", "orthority", "asp-gcp"} == set(READERS)
+    assert all(reader.title for reader in READERS.values())

@@ -1,0 +1,104 @@
+"""`write-rpc`: what is written where, what is refused before anything is written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rpc_samples import sample_rpc, write_image
+
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.progress import silent
+from hrsi.processing_algorithms.declare import Context, Report
+from hrsi.processing_algorithms.options import checked_options
+from hrsi.processing_algorithms.write_rpc import ALGORITHM, SUFFIXES
+
+OLD, NEW = sample_rpc(1), sample_rpc(2)
+
+
+def run(*images: Path, **options: Any) -> Report:
+    given = {"images": [str(image) for image in images]} | {
+        key: str(value) if isinstance(value, Path) else value for key, value in options.items()
+    }
+    return ALGORITHM.run(checked_options(ALGORITHM, given), Context(silent, lambda message: None))
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    write_image(tmp_path / "image.tif", OLD)
+    return tmp_path / "image.tif"
+
+
+@pytest.fixture
+def new(tmp_path: Path) -> Path:
+    (tmp_path / "rpcs").mkdir()
+    write_rpc_text(str(tmp_path / "rpcs" / "image_RPC.TXT"), NEW)
+    return tmp_path / "rpcs" / "image_RPC.TXT"
+
+
+@pytest.mark.parametrize("how", SUFFIXES)
+@pytest.mark.parametrize("folder_of_rpcs", [False, True])
+def test_each_way(how: str, folder_of_rpcs: bool, image: Path, new: Path, tmp_path: Path) -> None:
+    rpc = new.parent if folder_of_rpcs else new
+    report = run(image, rpc=rpc, write=how, output_dir=None if how == "in-place" else tmp_path / "out")
+    entry = report["images"]["image"]
+    assert read_rpc(entry["output"]).rpc == NEW
+    assert entry["path"] == str(image)
+    assert entry["max_difference_px"] <= 1e-7  # GDAL's 15 digits
+    assert "image_RPC.TXT" in entry["source"]
+    assert report["schema"] == 1
+    assert "image" in ALGORITHM.summarise(report)
+    suffix = SUFFIXES[how]
+    assert Path(entry["output"]) == (image if suffix is None else tmp_path / "out" / f"image{suffix}")
+
+
+def test_restore(image: Path, new: Path) -> None:
+    run(image, rpc=new, write="in-place")
+    report = run(image, restore=True)
+    assert read_rpc(str(image)).rpc == OLD
+    assert "the original RPC is back" in report["warnings"][0]
+    with pytest.raises(InputError, match="keeps no original RPC"):
+        run(image, restore=True)
+
+
+def test_own_rpc_of_several_images(image: Path, tmp_path: Path) -> None:
+    write_image(tmp_path / "second.tif", NEW)
+    report = run(image, tmp_path / "second.tif", write="vrt", output_dir=tmp_path / "out")
+    assert [read_rpc(entry["output"]).rpc for entry in report["images"].values()] == [OLD, NEW]
+
+
+def test_image_without_pixels_becomes_a_sidecar(new: Path, tmp_path: Path) -> None:
+    report = run(new, output_dir=tmp_path / "out")
+    assert report["images"]["image"]["output"] == str(tmp_path / "out" / "image_RPC.TXT")
+
+
+def test_sidecar_beside_the_image(image: Path, new: Path) -> None:
+    run(image, rpc=new, write="sidecar")
+    assert read_rpc(str(image)).rpc == NEW
+    with pytest.raises(InputError, match="exists already"):
+        run(image, rpc=new, write="sidecar")
+    run(image, restore=True)
+    assert read_rpc(str(image)).rpc == OLD
+
+
+def test_refused_before_anything_is_written(image: Path, new: Path, tmp_path: Path) -> None:
+    write_image(tmp_path / "second.tif", NEW)
+    bare = tmp_path / "bare.tif"
+    write_image(bare, None)
+    refused = {
+        "needs --output-dir": lambda: run(image),
+        "one image": lambda: run(image, tmp_path / "second.tif", rpc=new, output_dir=tmp_path / "out"),
+        "no such file": lambda: run(image, rpc=tmp_path / "none.txt", output_dir=tmp_path / "out"),
+        "has no RPC": lambda: run(image, bare, output_dir=tmp_path / "out"),
+        "holds no RPC file for bare": lambda: run(image, bare, rpc=new.parent, output_dir=tmp_path / "out"),
+        "same id": lambda: run(image, new, write="sidecar", output_dir=tmp_path / "out"),
+        "exists already": lambda: run(image, write="copy", output_dir=tmp_path),
+        "is the input itself": lambda: run(image, write="copy", output_dir=tmp_path, overwrite=True),
+    }
+    for message, call in refused.items():
+        with pytest.raises(InputError, match=message):
+            call()
+        assert not os.path.exists(tmp_path / "out"), message

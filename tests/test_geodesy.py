@@ -1,0 +1,156 @@
+"""Geodesy against PROJ, and height datums against the published EGM96 grid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hrsi.hrsi_engine import geodesy
+from hrsi.hrsi_engine.errors import InputError
+
+METRE_TOLERANCE = 1e-6  # a micrometre; ECEF coordinates have a rounding step of 1e-9 m
+
+lons = st.floats(-180, 180)
+lats = st.floats(-89.999, 89.999)
+heights_m = st.floats(-500, 9000)
+
+
+def random_ground(count: int = 500) -> np.ndarray:
+    return np.random.default_rng(31).uniform((-180, -89.9, -500), (180, 89.9, 9000), (count, 3))
+
+
+def test_ecef_agrees_with_proj() -> None:
+    ground = random_ground()
+    proj = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
+    expected = np.column_stack(proj.transform(*ground.T))
+    np.testing.assert_allclose(geodesy.to_ecef(ground), expected, atol=METRE_TOLERANCE, rtol=0)
+    difference = np.abs(geodesy.from_ecef(expected) - ground).max(axis=0)
+    assert (difference < [1e-9, 1e-11, METRE_TOLERANCE]).all()  # longitudes crowd at 89.9 degrees
+
+
+@given(lon=lons, lat=lats, height=heights_m)
+def test_ecef_returns(lon: float, lat: float, height: float) -> None:
+    xyz = geodesy.to_ecef(np.array([[lon, lat, height]]))
+    back = geodesy.to_ecef(geodesy.from_ecef(xyz))
+    np.testing.assert_allclose(back, xyz, atol=1e-8, rtol=0)
+
+
+def test_local_frame_agrees_with_projs_topocentric() -> None:
+    frame = geodesy.LocalFrame(147.3, -42.9, 120.0)
+    ground = np.random.default_rng(32).uniform((146.8, -43.3, -100), (147.8, -42.5, 2000), (50, 3))
+    xyz = geodesy.to_ecef(ground)
+    proj = pyproj.Transformer.from_pipeline("+proj=topocentric +ellps=WGS84 +lon_0=147.3 +lat_0=-42.9 +h_0=120")
+    expected = np.column_stack(proj.transform(*xyz.T))
+    local = frame.from_ground(ground)
+    np.testing.assert_allclose(local, expected, atol=METRE_TOLERANCE, rtol=0)
+    np.testing.assert_allclose(frame.from_ground(frame.to_ground(local)), local, atol=METRE_TOLERANCE, rtol=0)
+
+
+def test_metres_per_degree_are_the_geodesics() -> None:
+    ground = random_ground(50)
+    ground[:, 1] *= 0.8
+    ground[:, 2] = 0.0
+    factors = geodesy.metres_per_degree(ground)
+    geod = pyproj.Geod(ellps="WGS84")
+    step = 1e-4
+    for axis in (0, 1):
+        moved = ground.copy()
+        moved[:, axis] += step
+        _, _, distance = geod.inv(ground[:, 0], ground[:, 1], moved[:, 0], moved[:, 1])
+        np.testing.assert_allclose(factors[:, axis] * step, distance, rtol=1e-5)
+
+
+def test_rotation_to_is_the_derivative_of_from_ground() -> None:
+    frame = geodesy.LocalFrame(10.0, 50.0)
+    ground = np.random.default_rng(33).uniform((9.8, 49.8, 0), (10.2, 50.2, 1000), (20, 3))
+    rotation = frame.rotation_to(ground)
+    for axis in range(3):
+        step = np.zeros(3)
+        step[axis] = 1.0
+        difference = frame.from_ground(geodesy.moved_ground(ground, step)) - frame.from_ground(ground)
+        np.testing.assert_allclose(rotation[:, :, axis], difference, atol=1e-6)  # one metre on a curved earth
+
+
+@given(lon=st.floats(-1000, 1000))
+def test_wrapped_degrees_lie_in_one_turn(lon: float) -> None:
+    wrapped = float(geodesy.wrap_degrees(np.array(lon)))
+    assert -180.0 <= wrapped < 180.0
+    assert np.cos(np.radians(wrapped)) == pytest.approx(np.cos(np.radians(lon)), abs=1e-9)
+
+
+def test_differences_across_the_180_degree_meridian_are_short() -> None:
+    east, west = np.array([[-179.999, 0.0, 5.0]]), np.array([[179.999, 0.0, 0.0]])
+    np.testing.assert_allclose(geodesy.ground_difference_m(east, west), [[222.64, 0.0, 5.0]], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "epsg"), [(147.3, -42.9, 32755), (-180.0, 1.0, 32601), (180.0, 1.0, 32601), (3.0, 45.0, 32631)]
+)
+def test_utm_zone(lon: float, lat: float, epsg: int) -> None:
+    assert geodesy.utm_epsg(lon, lat) == epsg
+
+
+# ---- height datums ---------------------------------------------------------------------------------------------
+
+
+def test_egm96_from_a_grid_file(real_data: Path) -> None:
+    grid = real_data / "ventoux_phr_pair" / "dem" / "egm96_15.gtx"
+    ground = np.array([[5.25, 44.25, 0.0], [179.9, 10.0, 0.0], [-179.9, 10.0, 0.0], [5.25 + 1e-9, 44.25, 0.0]])
+    undulation = geodesy.geoid_heights(ground, str(grid))
+    # the file itself: header of 40 bytes (lat0, lon0, dlat, dlon as doubles, rows, columns as int), big-endian floats
+    lat0, lon0, dlat, dlon = np.frombuffer(grid.read_bytes()[:32], ">f8")
+    rows, columns = np.frombuffer(grid.read_bytes()[32:40], ">i4")
+    cells = np.frombuffer(grid.read_bytes()[40:], ">f4").reshape(rows, columns)
+    expected = cells[round((44.25 - lat0) / dlat), round((5.25 - lon0) / dlon)]
+    assert undulation[0] == pytest.approx(expected, abs=1e-3)
+    assert abs(undulation[1] - undulation[2]) < 1.0
+    assert undulation[3] == pytest.approx(undulation[0], abs=1e-5)
+
+
+def test_a_height_above_the_geoid_becomes_ellipsoidal(real_data: Path) -> None:
+    grid = str(real_data / "ventoux_phr_pair" / "dem" / "egm96_15.gtx")
+    ground = np.array([[5.2, 44.2, 476.0]])
+    try:
+        by_crs = geodesy.to_wgs84(ground, "EPSG:4326+5773")
+    except InputError:
+        pytest.skip("PROJ has no EGM96 grid here")
+    assert by_crs[0, 2] == pytest.approx(476.0 + geodesy.geoid_heights(ground, grid)[0], abs=1e-3)
+    assert geodesy.undulations_of_crs("EPSG:4326+5773")(ground)[0] == pytest.approx(by_crs[0, 2] - 476.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("datum", ["no_such_grid.gtx", "egm99", __file__])
+def test_a_missing_grid_says_what_to_do(datum: str) -> None:
+    with pytest.raises(InputError, match=r"check its name|projsync"):
+        geodesy.geoid_heights(np.zeros((1, 3)), datum)
+
+
+def test_heights_are_never_left_as_they_are_for_want_of_a_grid() -> None:
+    """DHHN92 needs a grid that is on no machine without proj-data; PROJ itself would keep the number."""
+    point = np.array([[600000.0, 5300000.0, 100.0]])
+    try:
+        converted = geodesy.to_wgs84(point, "EPSG:25832+5783")
+    except InputError as error:
+        message = str(error)
+    else:
+        assert converted[0, 2] == pytest.approx(146.0, abs=5.0)  # the quasigeoid is 44 to 50 m in the south of Germany
+        return
+    assert "DHHN92" in message
+    assert "projsync" in message
+
+
+def test_unknown_crs_is_named() -> None:
+    with pytest.raises(InputError, match="EPSG:999999"):
+        geodesy.to_wgs84(np.zeros((1, 3)), "EPSG:999999")
+
+
+def test_ellipsoidal_heights_stay() -> None:
+    point = np.array([[5.0, 44.0, 321.0]])
+    np.testing.assert_allclose(geodesy.to_wgs84(point, "EPSG:4979"), point)
+    np.testing.assert_allclose(geodesy.undulations_of_crs("EPSG:4326")(point), [0.0])
+    assert geodesy.has_vertical_datum("EPSG:4979")
+    assert not geodesy.has_vertical_datum("EPSG:32631")
