@@ -229,8 +229,10 @@ class Block:
 
     def rays_per_point(self) -> np.ndarray:
         """Return the number of different images on which each point was measured, ``(m,)``."""
-        pairs = np.unique(np.column_stack([self.measurements.point, self.measurements.image]), axis=0)
-        return np.bincount(pairs[:, 0], minlength=len(self.points))
+        point, image = self.measurements.point, self.measurements.image  # sorted by point, then by image
+        another = np.ones(len(point), dtype=bool)
+        another[1:] = (point[1:] != point[:-1]) | (image[1:] != image[:-1])
+        return np.bincount(point[another], minlength=len(self.points))
 
     def with_measurements(self, keep: np.ndarray) -> Block:
         """Return the block with only the chosen measurements (mask); points stay."""

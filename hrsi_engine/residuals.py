@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .adjustment import Adjustment
-from .adjustment.intersection import intersect
-from .adjustment.normals import linearise
+from .adjustment.intersection import image_residuals, intersect
 from .adjustment.observations import subset
 from .block import Role
 from .geodesy import ground_difference_m, moved_ground
@@ -103,8 +102,8 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     observations = subset(ties, ties.rays_per_point() >= 2)
     vendor, no_values = MODELS["none"], np.zeros((len(block.images), 0))
     ground = intersect(observations, vendor, no_values, result.ground[observations.points])
-    linear = linearise(observations, observations.linearisers(vendor), no_values, ground)
-    residual[np.flatnonzero(used)[observations.rows]] = linear.residual
+    before = image_residuals(observations, vendor, no_values, ground)
+    residual[np.flatnonzero(used)[observations.rows]] = before
     return residual
 
 

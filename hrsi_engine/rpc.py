@@ -22,7 +22,7 @@ import numpy as np
 
 from .geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from .rpc_inverse import Solver
-from .rpc_terms import DERIVATIVES, Workspace, chunks, monomials, slopes_of_ratios
+from .rpc_terms import DERIVATIVES, Workspace, for_parts, monomials, slopes_of_ratios
 
 
 class Localization(NamedTuple):
@@ -152,13 +152,14 @@ class RPC:
         """Return image points ``(n, 2)`` (sample, line) of ground points ``(n, 3)`` (lon, lat, height)."""
         ground = _as_points(ground, 3, "ground")
         image = np.empty((len(ground), 2))
-        work = Workspace(len(ground))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for part in chunks(len(ground)):
-                terms = work.terms(part.stop - part.start)
-                self._normalise(ground[part], out=terms[1:4])
-                ratios, _ = work.ratios(self._polynomials, terms)
-                self._denormalise(ratios, image[part])
+
+        def project_part(part: slice, work: Workspace) -> None:
+            terms = work.terms(part.stop - part.start)
+            self._normalise(ground[part], out=terms[1:4])
+            ratios, _ = work.ratios(self._polynomials, terms)
+            self._denormalise(ratios, image[part])
+
+        for_parts(len(ground), project_part)
         return image
 
     def project_with_jacobian(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,16 +167,17 @@ class RPC:
         ground = _as_points(ground, 3, "ground")
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         scale = self._image_scale[:, None] / self._ground_scale[None, :]
-        work = Workspace(len(ground))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for part in chunks(len(ground)):
-                terms = work.terms(part.stop - part.start)
-                self._normalise(ground[part], out=terms[1:4])
-                ratios, denominators = work.ratios(self._polynomials, terms)
-                slopes = slopes_of_ratios(self._derivatives, terms, ratios, denominators)
-                for row, column in np.ndindex(2, 3):
-                    np.multiply(slopes[column, row], scale[row, column], out=jacobian[part, row, column])
-                self._denormalise(ratios, image[part])
+
+        def project_part(part: slice, work: Workspace) -> None:
+            terms = work.terms(part.stop - part.start)
+            self._normalise(ground[part], out=terms[1:4])
+            ratios, denominators = work.ratios(self._polynomials, terms)
+            slopes = slopes_of_ratios(self._derivatives, terms, ratios, denominators)
+            for row, column in np.ndindex(2, 3):
+                np.multiply(slopes[column, row], scale[row, column], out=jacobian[part, row, column])
+            self._denormalise(ratios, image[part])
+
+        for_parts(len(ground), project_part)
         return image, jacobian
 
     def project_with_metric_jacobian(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,19 +206,23 @@ class RPC:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         converged = np.empty(len(image), dtype=bool)
-        work = Workspace(len(image))
-        with np.errstate(all="ignore"):
-            for part in chunks(len(image)):
-                converged[part] = self._localize_part(image[part], heights[part], work, ground[part])
+        solver = self._solver  # made here: each thread would make its own
+
+        def localize_part(part: slice, work: Workspace) -> None:
+            converged[part] = self._localize_part(solver, image[part], heights[part], work, ground[part])
+
+        for_parts(len(image), localize_part)
         return Localization(ground, converged)
 
-    def _localize_part(self, image: np.ndarray, heights: np.ndarray, work: Workspace, ground: np.ndarray) -> np.ndarray:
+    def _localize_part(
+        self, solver: Solver, image: np.ndarray, heights: np.ndarray, work: Workspace, ground: np.ndarray
+    ) -> np.ndarray:
         """Write the ground points of at most a workspace of image points; return where they were found."""
         target = np.empty((2, len(image)))
         for axis in (0, 1):
             np.subtract(image[:, axis], self._image_off[axis], out=target[axis])
         target /= self._image_scale[:, None]
-        lonlat, converged = self._solver.solve(target, (heights - self.height_off) / self.height_scale, work)
+        lonlat, converged = solver.solve(target, (heights - self.height_off) / self.height_scale, work)
         lonlat *= self._ground_scale[:2, None]
         lonlat += self._ground_off[:2, None]
         if np.abs(lonlat[0]).max() > 180.0:

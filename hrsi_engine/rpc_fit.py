@@ -9,8 +9,9 @@ denominator::
 Iterating with the weights ``1 / D`` minimises the image residuals themselves (Tao and Hu 2001, PE&RS 67(12)
 "A comprehensive study of the rational function model", iterative weighted least squares). Numerator and denominator
 are nearly collinear wherever the camera is nearly affine; a ridge so small that it costs less than 1e-6 px keeps the
-denominator near 1 and every coefficient bounded. The observation equations are reduced to their triangular factor
-part by part (normal equations would square the condition number), so that the memory needed does not grow with them.
+denominator near 1 and every coefficient bounded, and prefers low terms where the points leave a choice. The
+observation equations are reduced to their triangular factor part by part (normal equations would square the condition
+number), so that the memory needed does not grow with them.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ import numpy as np
 from .errors import SolveError
 from .geodesy import wrap_degrees
 from .rpc import RPC, Localization
-from .rpc_terms import monomials
+from .rpc_terms import POWERS, monomials
 
 RIDGE = 1e-16  # variance of the normalised image residuals over that of the denominator's coefficients
 RIDGES = (RIDGE, 1e-12, 1e-9, 1e-6, 1e-3)  # tried in turn while the fit is not good
 GOOD_PX = 1e-3
+ALIKE = 1.05  # of fits that differ by less the most damped one is taken: it behaves best where nothing was checked
 MAX_ITERATIONS = 10
 SETTLED_PX = 1e-9  # iterations end when the RMS residual changes by less
 PART = 20_000  # observation equations held in memory at a time
@@ -38,6 +40,9 @@ FLAT_HEIGHT_M = 1.0  # points within such a range say nothing of the camera's be
 SMALLEST_SCALE = np.array([1e-5, 1e-5, FLAT_HEIGHT_M, 1.0, 1.0])
 #: Terms that so many points can carry: (points needed, terms of the numerator, terms of the denominator).
 TERMS_BY_POINTS = ((45, 20, 20), (24, 20, 1), (12, 10, 1), (5, 4, 1))
+#: Damping of the numerator's terms against that of the denominator's, by degree. Where points lie on few levels of
+#: height, powers of H cannot be told apart there (on three levels H**3 equals H); the lowest one must win.
+NUMERATOR_DAMPING = np.array([0.0, 0.0, 1.0, 10.0])[POWERS.sum(axis=1)]
 HEIGHT_TERMS = np.array([3, 5, 6, 9, 10, 13, 16, 17, 18, 19])  # those with a power of H
 
 Correct = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -47,13 +52,15 @@ Correct = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class RpcFit:
     """A fitted RPC and its largest and RMS distance (px, length of the image difference) from what it was to fit.
 
-    `fit_rpc` states them at the given points, `refit_rpc` on an independent grid. ``warnings`` are for the user.
+    `fit_rpc` states them at the given points, `refit_rpc` on an independent grid. ``warnings`` are for the user;
+    ``ridge`` is the damping that was applied.
     """
 
     rpc: RPC
     max_px: float
     rms_px: float
     warnings: tuple[str, ...] = ()
+    ridge: float = RIDGE
 
 
 def fit_rpc(
@@ -95,7 +102,7 @@ def fit_rpc(
     system = _System(terms, target, root_weights, numerator, denominator, ridge)
     solve = _solve_common if common_denominator else _solve_separate
     rpc = _assemble(off, scale, *solve(system, scale[3:]))
-    return RpcFit(rpc, *_differences(rpc, ground, image), warnings)
+    return RpcFit(rpc, *_differences(rpc, ground, image), warnings, ridge)
 
 
 def refit_rpc(
@@ -118,7 +125,22 @@ def refit_rpc(
     nodes = _virtual_points(rpc, correct, domain_px, heights, FIT_GRID)
     staggered = _virtual_points(rpc, correct, domain_px, heights, CHECK_GRID)
     fit = best_fit(nodes, staggered)
-    return replace(fit, rpc=replace(fit.rpc, err_bias=rpc.err_bias, err_rand=rpc.err_rand))
+    return replace(
+        fit,
+        rpc=replace(fit.rpc, err_bias=rpc.err_bias, err_rand=rpc.err_rand),
+        warnings=fit.warnings + extrapolation_warnings(heights, rpc.height_range),
+    )
+
+
+def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, float]) -> tuple[str, ...]:
+    """Return a warning where an RPC is to hold at heights (m) that it is not made from."""
+    slack = 0.01 * (known[1] - known[0])
+    if wanted[0] >= known[0] - slack and wanted[1] <= known[1] + slack:
+        return ()
+    return (
+        f"heights from {wanted[0]:.0f} to {wanted[1]:.0f} m are wanted, but only {known[0]:.0f} to {known[1]:.0f} m "
+        "are known: the RPC extrapolates there",
+    )
 
 
 def best_fit(
@@ -133,10 +155,11 @@ def best_fit(
     for ridge in RIDGES:
         fit = fit_rpc(*points, ridge=ridge, common_denominator=common_denominator)
         largest, rms = _differences(fit.rpc, *check)
-        fits.append(RpcFit(fit.rpc, largest, rms, fit.warnings))
+        fits.append(replace(fit, max_px=largest, rms_px=rms))
         if largest < GOOD_PX:
             break
-    return min(fits, key=lambda fit: fit.rms_px if np.isfinite(fit.rms_px) else np.inf)
+    best = min(fit.rms_px for fit in fits)
+    return next(fit for fit in reversed(fits) if fit.rms_px <= ALIKE * best)
 
 
 def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
@@ -221,7 +244,7 @@ def _virtual_points(
 
 def _differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float, float]:
     """Return the largest and the RMS length (px) of the differences between observed and projected points."""
-    squared = np.sum((image - rpc.project(ground)) ** 2, axis=1)
+    squared = np.nan_to_num(np.sum((image - rpc.project(ground)) ** 2, axis=1), nan=np.inf)
     return float(np.sqrt(squared.max())), float(np.sqrt(squared.mean()))
 
 
@@ -331,14 +354,13 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
 
 
 def _solve_linear(system: _System, axes: list[int], divisor: np.ndarray) -> np.ndarray:
-    """Solve the observation equations together with the ridge on the denominator."""
+    """Solve the observation equations together with the ridge."""
     unknowns = len(system.numerator) * len(axes) + len(system.denominator)
     factor = np.zeros((0, unknowns + 1))
     for equations in _equations(system, axes, divisor):
         factor = np.asarray(np.linalg.qr(np.vstack([factor, equations]), mode="r"))
-    damping = np.zeros((len(system.denominator), unknowns + 1))
-    first = unknowns - len(system.denominator)
-    damping[:, first:unknowns] = np.sqrt(system.ridge * len(system.terms)) * np.eye(len(system.denominator))
+    weights = np.concatenate([*(NUMERATOR_DAMPING[system.numerator] for _ in axes), np.ones(len(system.denominator))])
+    damping = np.sqrt(system.ridge * len(system.terms)) * np.eye(unknowns, unknowns + 1) * weights[:, None]
     stacked = np.vstack([factor, damping])
     return np.linalg.lstsq(stacked[:, :-1], stacked[:, -1], rcond=1e-15)[0]
 

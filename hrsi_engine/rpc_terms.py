@@ -7,13 +7,18 @@ number of points.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 CHUNK = 12288  # points in the buffers: fewer cost calls, more leave the cache
 #: Multiplications in one matrix product: OpenBLAS starts threads above, which cost more than they save here.
 PRODUCT_LIMIT = 2**18
+THREADED = 20 * CHUNK  # points from which threads pay
+MAX_THREADS = 4  # the processor's memory and Python's lock leave nothing to more
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.
 POWERS = np.array(
     [
@@ -28,6 +33,39 @@ def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
     """Yield slices of at most ``size`` that cover ``count`` points."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))
+
+
+def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
+    """Call ``work(part, workspace)`` for slices of at most `CHUNK` of ``count`` points, silent about bad numbers.
+
+    From `THREADED` points on, threads take the parts in turn: NumPy lets them compute at the same time. Fewer points
+    belong to callers that have threads of their own.
+    """
+    threads = min(MAX_THREADS, os.cpu_count() or 1) if count >= THREADED else 1
+    parts = chunks(count)
+    if threads == 1:
+        _work_off(parts, count, work)
+        return
+    lock = threading.Lock()
+
+    def taken() -> Iterator[slice]:
+        while True:
+            with lock:
+                part = next(parts, None)
+            if part is None:
+                return
+            yield part
+
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(_work_off, taken(), count, work) for _ in range(threads)]:
+            done.result()
+
+
+def _work_off(parts: Iterator[slice], count: int, work: Callable[[slice, Workspace], None]) -> None:
+    workspace = Workspace(count)
+    with np.errstate(all="ignore"):
+        for part in parts:
+            work(part, workspace)
 
 
 def fill_monomials(terms: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..hrsi_engine.progress import Progress, silent
-from . import adjust, simulate, triangulate
+from . import adjust, fit_rpc, localize, project, rpc_info, simulate, triangulate, write_rpc
 from .declare import Algorithm, Context, Log, Report
 from .options import checked_options, find_algorithm
 
@@ -19,6 +19,11 @@ REGISTRY: dict[str, Algorithm] = {
         triangulate,
         adjust,
         simulate,
+        write_rpc,
+        rpc_info,
+        project,
+        localize,
+        fit_rpc,
     )
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..hrsi_engine.errors import InputError
 from ..hrsi_engine.io.dems import open_dem
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters import open_image
+from .terrain import dem_datum
 
 DEM_MARGIN_M = 50.0  # buildings, trees, and the DEM's own errors
 
@@ -28,21 +30,29 @@ def read_block(
 ) -> tuple[Block, list[str]]:
     """Read the point files named by the options and put the block together with the tie points that are there.
 
-    Returns the block and what the user should know.
+    Ground positions count in the layer of GCPs only: a layer of image points may be one that HRSI wrote, at adjusted
+    positions. Returns the block and what the user should know.
     """
     warnings: list[str] = []
     ground: list[GroundPoints] = []
     measured: list[ImagePoints] = list(ties)
+    dem = open_dem(options["dem"], dem_datum(options)) if options.get("dem") else None
     for key in ("gcps", "image_points", "tie_points_file"):
         if not options.get(key):
             continue
         tables = read_points(
-            options[key], ground_crs=options.get("ground_crs"), height_datum=options["height_datum"],
+            options[key],
+            ground_crs=options.get("ground_crs"),
+            height_datum=options["height_datum"],
             image_ids=[image.id for image in images],
-        )  # fmt: skip
-        ground += [tables.ground] if tables.ground is not None else []
-        measured += [tables.image] if tables.image is not None else []
-        warnings += tables.warnings
+            surface=None if dem is None else partial(surface_heights, dem),
+        )
+        if tables.ground is not None and key == "gcps":
+            ground.append(tables.ground)
+        if tables.image is not None:
+            measured.append(tables.image)
+        if key == "gcps" or tables.image is None:  # positions in other layers are not used, nor is what is said of them
+            warnings += tables.warnings
     if ground and not any(len(table) for table in measured):
         raise InputError(
             f"{options['gcps']}: no point is measured on any image: give --image-points, or add the fields image, "
@@ -59,7 +69,7 @@ def terrain_heights(images: Sequence[Image], options: Mapping[str, Any]) -> tupl
     """Return the lowest and highest terrain below the images by the DEM, with a margin; None without one."""
     if not options.get("dem"):
         return None
-    surface = open_dem(options["dem"], options["height_datum"])
+    surface = open_dem(options["dem"], dem_datum(options))
     grids = [image.rpc.localize(image.grid_px(20, 20), image.rpc.height_off).ground for image in images]
     heights = surface_heights(surface, np.concatenate(grids)[:, :2])
     known = heights[np.isfinite(heights)]

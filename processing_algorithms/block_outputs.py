@@ -15,13 +15,14 @@ from ..hrsi_engine.io.layer_styles import default_styles
 from ..hrsi_engine.io.layers import write_geopackage
 from ..hrsi_engine.io.output_dir import staged
 from ..hrsi_engine.io.report import write_report_html, write_report_json
+from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.progress import advance, stage
 from ..hrsi_engine.refinement import RefinedRPC
 from ..hrsi_engine.residuals import Residuals, residuals
 from ..hrsi_engine.version import VERSION
 from .block_layers import block_layers, block_map
 from .declare import Context, Report
-from .rpc_outputs import IN_PLACE, write_into_images, write_new_files
+from .rpc_outputs import IN_PLACE, clear_the_way, write_into_images, write_new_files
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
@@ -56,13 +57,12 @@ def write_results(
     """Write everything that the options ask for; return the report."""
     images = result.block.images
     left = residuals(result)
-    refined = [
-        result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)
-    ]
+    refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     clock.lap("residuals")
     report = {
         "schema": 1, "algorithm": algorithm, "version": VERSION, "seconds": {}, **block_report(result, left, refined),
         "warnings": [*warnings, *result.warnings, *_fit_warnings(images, refined)],
+        "versions": versions(),
         "settings": {key: value for key, value in options.items() if value is not None},
     }  # fmt: skip
     with staged(options["output_dir"], [image.path for image in images]) as folder:
@@ -72,6 +72,7 @@ def write_results(
         layers = block_layers(result, left, options["residual_crs"])
         styles = default_styles({layer.name: layer.fields for layer in layers})
         write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
+        report["warnings"] += clear_the_way(options["output_dir"], names, images, refined)
         if options["write"] == IN_PLACE:
             report["warnings"] += write_into_images(images, refined, stage(context.progress, 0.7, 0.95))
         clock.lap("write")

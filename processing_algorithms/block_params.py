@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Kind, Param
+from .terrain import GROUND_CRS, HEIGHT_DATUM
 
 #: Models that `adjust` knows; the engine's `MODELS` holds them (a test compares the two).
 MODEL_CHOICES = ("none", "shift", "shift-drift", "conformal", "affine", "quadratic")
@@ -19,18 +20,14 @@ POINT_PARAMS = (
     Param(
         "gcps", Kind.POINTS, "Ground points with known position: a vector layer or CSV", metavar="FILE[|layername=L]"
     ),
-    Param("image-points", Kind.POINTS, "Where the points were measured on the images", metavar="FILE"),
+    Param(
+        "image-points", Kind.POINTS, "Where points were measured on the images; ground positions in it are not used",
+        metavar="FILE",
+    ),
     Param("gcp-ids", Kind.IDS, "These points are control, all other known points are check points", metavar="A,B,…"),
     Param("check-ids", Kind.IDS, "These points are check points", metavar="A,B,…"),
-    Param(
-        "ground-crs", Kind.TEXT, "CRS of ground points whose file does not name one (EPSG:code or WKT)", metavar="CRS"
-    ),
-    Param(
-        "height-datum", Kind.TEXT,
-        "What the heights of the ground points refer to: layer (as its CRS says), ellipsoidal, egm96, egm2008 "
-        "or a geoid grid file",
-        default="layer", metavar="layer|ellipsoidal|egm96|egm2008|FILE",
-    ),
+    GROUND_CRS,
+    HEIGHT_DATUM,
 )  # fmt: skip
 
 ADJUST_PARAMS = (

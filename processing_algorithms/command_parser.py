@@ -159,7 +159,7 @@ def _section(param: Param) -> str:
     """Return the heading that an option stands under: the first that fits."""
     fitting = {
         "images": param.kind is Kind.IMAGES,
-        "output": param in OUTPUT_PARAMS,
+        "output": param.name in {output.name for output in OUTPUT_PARAMS},  # some algorithms can do without a folder
         COMMON: param in COMMON_PARAMS,
         "advanced options": param.advanced,
     }

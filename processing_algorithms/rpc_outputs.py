@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ..hrsi_engine.block import Image
-from ..hrsi_engine.io.rpc_files import write_geotiff_copy, write_in_place, write_rpc_text, write_vrt
+from ..hrsi_engine.io.rpc_files import free_the_way, write_geotiff_copy, write_in_place, write_rpc_text, write_vrt
 from ..hrsi_engine.progress import Progress, advance, stage
 from ..hrsi_engine.refinement import RefinedRPC
 from ..hrsi_engine.rpc import RPC
@@ -52,6 +52,18 @@ def write_new_files(
         names[image.id] = image.id + ending
         write(image.path, str(folder / names[image.id]), new.rpc, part)
     return names
+
+
+def clear_the_way(
+    folder: str, names: Mapping[str, str], images: Sequence[Image], refined: Sequence[RefinedRPC]
+) -> list[str]:
+    """Set aside sidecars of an earlier run in ``folder`` that would win over the RPCs of new copies; return notices."""
+    notices: list[str] = []
+    for image, new in zip(images, refined, strict=True):
+        name = names.get(image.id, "")
+        if name.endswith(NEW_FILES["copy"][0]):
+            notices += free_the_way(os.path.join(folder, name), image.path, new.rpc)
+    return notices
 
 
 def write_into_images(images: Sequence[Image], refined: Sequence[RefinedRPC], progress: Progress) -> list[str]:

@@ -16,14 +16,13 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     """Simulate a block and write its files."""
     from ..hrsi_engine.io.output_dir import check_output_dir, staged
     from ..hrsi_engine.io.report import write_report_json
-    from ..hrsi_engine.progress import advance, stage
+    from ..hrsi_engine.progress import stage
     from ..hrsi_engine.simulation import simulate_block
     from . import simulation_inputs, simulation_outputs
 
     folder = options["output_dir"]
     check_output_dir(folder, options["overwrite"])
-    simulated = simulate_block(*simulation_inputs.arguments(options))
-    advance(context.progress, 0.05, "block simulated")
+    simulated = simulate_block(*simulation_inputs.arguments(options), stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.block_report(simulated, options)
     with staged(folder, []) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)

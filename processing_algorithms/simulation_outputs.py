@@ -73,9 +73,7 @@ def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]
     return ["dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg"]
 
 
-def write_cameras(
-    folder: Path, simulated: SimulatedBlock, options: Mapping[str, Any], progress: Progress
-) -> list[str]:
+def write_cameras(folder: Path, simulated: SimulatedBlock, options: Mapping[str, Any], progress: Progress) -> list[str]:
     """Write images, or RPC files in their place, and the orthophoto; return the names of the files."""
     threads = options["threads"] or os.cpu_count() or 1
     count = len(simulated.views) + bool(options["ortho"])

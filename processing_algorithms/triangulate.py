@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .adjust import ALGORITHM as ADJUST
 from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
 from .declare import Context, Kind, Param, Report
+from .terrain import DEM, DEM_DATUM
 
 if TYPE_CHECKING:
     from ..hrsi_engine.block import Image, ImagePoints
@@ -70,10 +71,8 @@ ALGORITHM = replace(
             "tie-points", Kind.TEXT, "auto finds them in the images, none does without, FILE reads them",
             default=AUTOMATIC, metavar="auto|none|FILE",
         ),
-        Param(
-            "dem", Kind.RASTER, "Terrain, to search tie points where they can be; its heights as --height-datum says",
-            metavar="FILE",
-        ),
+        DEM,
+        DEM_DATUM,
         Param(
             "search-margin", Kind.NUMBER, "How far the RPCs may be off when tie points are searched", default=128.0,
             minimum=0.0, unit="px", advanced=True, metavar="PX",

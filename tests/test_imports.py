@@ -33,6 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.dem": CAMERA,
     "hrsi_engine.rpc_fit": CAMERA,
     "hrsi_engine.block": SURFACE,
+    "hrsi_engine.imaging_geometry": BLOCK,
     "hrsi_engine.refinement": BLOCK,
     "hrsi_engine.measurement": BLOCK,
     "hrsi_engine.simulation": BLOCK,

@@ -44,7 +44,7 @@ def test_every_data_file_is_installed(repository: Path, project: dict):
         path.relative_to(repository)
         for part in ("hrsi_engine", "plugin", "processing_algorithms")
         for path in (repository / part).rglob("*")
-        if path.is_file() and path.suffix not in (".py", ".pyc") and not any(path.match(each) for each in patterns)
+        if path.is_file() and "__pycache__" not in path.parts and not any(map(path.match, ["*.py", *patterns]))
     ]
     assert loose == []
 

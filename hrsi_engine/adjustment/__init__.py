@@ -1,18 +1,29 @@
 """Bundle block adjustment with RPCs (thesis chapter 5): `adjust` and what it is made of.
 
-| module       | holds                                                                  |
-|--------------|------------------------------------------------------------------------|
-| observations | which measurements and points take part, in solver order               |
-| normals      | linearised equations, elimination of the points, reduced camera system |
-| intersection | points from fixed cameras                                              |
-| weights      | robust weight functions                                                |
-| solver       | the damped Gauss-Newton loop                                           |
-| precision    | covariances of parameters and points                                   |
-| result       | what an adjustment delivers                                            |
+| module              | holds                                                                       |
+|---------------------|-----------------------------------------------------------------------------|
+| options, result     | how to adjust; what an adjustment delivers                                  |
+| observations        | which measurements and points take part, in solver order                    |
+| pattern             | which cameras share points                                                  |
+| equations           | normal equations with the points eliminated: what the solver asks of them   |
+| array_equations     | … with NumPy, for every model                                               |
+| compiled_equations  | … compiled (kernels), for image-space models                                |
+| nested_dissection   | sparse Cholesky factors and inverse on the pattern                          |
+| camera_system       | solution of the reduced system, direct or iterative                         |
+| gauss_newton        | the damped, reweighted loop                                                 |
+| problem             | a block made ready: priors, parts, weak geometry                            |
+| intersection        | points from fixed cameras                                                   |
+| weights             | robust weight functions                                                     |
+| snooping            | blunders among measurements and GCPs                                        |
+| variance_components | sigmas of groups of observations                                            |
+| precision           | cofactors, error ellipses, reliability                                      |
+| cross_validation    | each GCP as a check point in turn                                           |
+| solver              | `adjust`: the rounds of an adjustment                                       |
 """
 
-from .result import Adjustment
-from .solver import AdjustOptions, adjust
+from .options import AdjustOptions
+from .result import Adjustment, Verdict
+from .solver import adjust
 from .weights import WEIGHTS
 
-__all__ = ["WEIGHTS", "AdjustOptions", "Adjustment", "adjust"]
+__all__ = ["WEIGHTS", "AdjustOptions", "Adjustment", "Verdict", "adjust"]

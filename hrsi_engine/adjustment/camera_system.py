@@ -1,60 +1,142 @@
 """Solution of the reduced camera system: symmetric, positive definite, scaled to a unit diagonal.
 
-Small systems are factorised densely (Cholesky), large ones as sparse matrices; `solve` takes one or several
-right-hand sides.
+`Factored` has the Cholesky factors (`nested_dissection`), which also give the precision. Above `ITERATIVE_LIMIT`
+cameras the factors would not fit in memory; `Iterative` then uses conjugate gradients, preconditioned by the
+Cholesky factors of neighbourhoods of cameras, and knows no precision.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, cg
 
 from ..errors import SolveError
+from .nested_dissection import SparseFactor
+from .pattern import Pattern
 
-Solve = Callable[[np.ndarray], np.ndarray]
+ITERATIVE_LIMIT = 40_000  # cameras; the factors of an affine block that large take some 16 GB
+CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
+CG_ITERATIONS = 5_000
+NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
-DENSE_LIMIT = 1500  # unknowns: below, a dense factorisation is quicker than a sparse one
 
+class CameraSystem(Protocol):
+    """``S + diag(prior weight)``, and damping times its diagonal; `factorise` comes first."""
 
-class CameraSystem:
-    """Factor of ``S + diag(prior weight) + damping * diag``."""
-
-    def __init__(self, matrix: sparse.csc_matrix, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        diagonal = matrix.diagonal() + prior_weight
-        if not np.all(diagonal > 0.0):
-            raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
-        scale = 1.0 / np.sqrt(diagonal)
-        scaling = sparse.diags(scale)
-        scaled = scaling @ (matrix + sparse.diags(prior_weight)) @ scaling + damping * sparse.identity(len(scale))
-        self.size = len(scale)
-        self._scale = scale
-        self._factor = _empty if not self.size else _dense(scaled) if self.size <= DENSE_LIMIT else _sparse(scaled)
+    def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
+        """Take the upper ``blocks (blocks, p, p)`` and ``prior_weight (cameras, p)``, infinite where fixed."""
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Return the solution for ``(u,)`` or ``(u, k)`` right-hand sides."""
-        scale = self._scale if right.ndim == 1 else self._scale[:, None]
-        return scale * self._factor(scale * right)
+        """Return the solution ``(cameras, p)``."""
+
+    def cofactors(self) -> np.ndarray | None:
+        """Return the blocks of the inverse on the pattern, None where they are not known."""
 
 
-def _empty(right: np.ndarray) -> np.ndarray:
-    return right
+def camera_system(pattern: Pattern) -> CameraSystem:
+    """Return the solver that suits the number of cameras."""
+    return Factored(pattern) if pattern.cameras <= ITERATIVE_LIMIT else Iterative(pattern)
 
 
-def _dense(matrix: sparse.spmatrix) -> Solve:
-    try:
-        factor = linalg.cho_factor(matrix.toarray(), lower=True)
-    except linalg.LinAlgError as error:
-        raise SolveError(
-            "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
-        ) from error
-    return lambda right: linalg.cho_solve(factor, right)
+class _Scaled:
+    """Scales a matrix to a unit diagonal; fixed unknowns get a scale of zero, and with it a solution of zero."""
+
+    def __init__(self, pattern: Pattern) -> None:
+        self.pattern = pattern
+        self.scale = np.ones((pattern.cameras, pattern.parameters))
+
+    def scaled(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
+        pattern = self.pattern
+        own = np.einsum("cpp->cp", blocks[pattern.diagonal])
+        fixed = np.isinf(prior_weight)
+        diagonal = np.where(fixed, 1.0, own + np.where(fixed, 0.0, prior_weight))
+        if not np.all(diagonal > 0.0):
+            raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
+        self.scale = np.where(fixed, 0.0, 1.0 / np.sqrt(diagonal))
+        result = blocks * self.scale[pattern.rows][:, :, None] * self.scale[pattern.columns][:, None, :]
+        p = np.arange(pattern.parameters)
+        result[pattern.diagonal[:, None], p, p] = 1.0 + damping
+        return result
 
 
-def _sparse(matrix: sparse.spmatrix) -> Solve:
-    factor = splu(
-        sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+class Factored(_Scaled):
+    """Direct solution."""
+
+    def __init__(self, pattern: Pattern) -> None:
+        super().__init__(pattern)
+        self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters)
+
+    def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
+        """See `CameraSystem`."""
+        self._factor.factorise(self.scaled(blocks, prior_weight, damping))
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """See `CameraSystem`."""
+        return self.scale * self._factor.solve((self.scale * right).ravel()).reshape(right.shape)
+
+    def cofactors(self) -> np.ndarray:
+        """See `CameraSystem`."""
+        inverse = self._factor.inverse_blocks()
+        inverse *= self.scale[self.pattern.rows][:, :, None]
+        inverse *= self.scale[self.pattern.columns][:, None, :]
+        return inverse
+
+    def columns(self, right: np.ndarray) -> np.ndarray:
+        """Return the solutions ``(cameras, p, k)`` of k right-hand sides."""
+        shape = right.shape
+        scale = self.scale[:, :, None]
+        return scale * self._factor.solve((scale * right).reshape(-1, shape[2])).reshape(shape)
+
+
+class Iterative(_Scaled):
+    """Preconditioned conjugate gradients."""
+
+    def __init__(self, pattern: Pattern) -> None:
+        super().__init__(pattern)
+        size = max(1, NEIGHBOURHOOD // max(pattern.parameters, 1))
+        self._groups = [np.arange(k, min(k + size, pattern.cameras)) for k in range(0, pattern.cameras, size)]
+
+    def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
+        """See `CameraSystem`."""
+        pattern, p = self.pattern, self.pattern.parameters
+        scaled = self.scaled(blocks, prior_weight, damping)
+        upper = sparse.bsr_matrix((scaled, pattern.columns, pattern.start), shape=(pattern.cameras * p,) * 2).tocsr()
+        self._matrix = _symmetric(upper, p)
+        self._parts = []
+        for group in self._groups:
+            chosen = slice(group[0] * p, (group[-1] + 1) * p)
+            self._parts.append((chosen, linalg.cho_factor(self._matrix[chosen, chosen].toarray(), lower=True)))
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """See `CameraSystem`; raises `SolveError` where the iteration does not converge."""
+        b = (self.scale * right).ravel()
+        preconditioner = LinearOperator(self._matrix.shape, matvec=self._precondition)
+        x, failed = cg(self._matrix, b, rtol=CG_TOLERANCE, maxiter=CG_ITERATIONS, M=preconditioner)
+        if failed:
+            raise SolveError(
+                f"the camera system did not converge in {CG_ITERATIONS} iterations: add GCPs or tie points"
+            )
+        return self.scale * x.reshape(right.shape)
+
+    def cofactors(self) -> None:
+        """See `CameraSystem`."""
+        return None
+
+    def _precondition(self, residual: np.ndarray) -> np.ndarray:
+        result = np.empty_like(residual)
+        for chosen, factor in self._parts:
+            result[chosen] = linalg.cho_solve(factor, residual[chosen], check_finite=False)
+        return result
+
+
+def _symmetric(upper_blocks: sparse.csr_matrix, p: int) -> sparse.csr_matrix:
+    """Return the full matrix of a block-upper one, whose diagonal blocks are complete."""
+    entries = upper_blocks.tocoo()
+    off_diagonal = entries.row // p != entries.col // p
+    mirrored = sparse.coo_matrix(
+        (entries.data[off_diagonal], (entries.col[off_diagonal], entries.row[off_diagonal])), shape=entries.shape
     )
-    return factor.solve
+    return sparse.csr_matrix(upper_blocks + mirrored)

@@ -1,38 +1,50 @@
 """Ground points from measurements on images whose cameras stay as they are (space intersection).
 
 The same equations as in the block, with the image parameters fixed: each point is its own 3 x 3 system. The start is
-the first measurement's ray at a height near the known points, or in the middle of the RPC's height range.
+the first measurement carried from its image's centre by the camera's derivatives, at a height near the known points or
+in the middle of the RPC's height range: the cameras are nearly linear, a few steps close the rest.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..block import Image
 from ..geodesy import moved_ground
 from ..refinement import RefinementModel
-from .normals import linearise, point_blocks
+from .compiled import equations_of
+from .equations import Equations, PointPriors, State
 from .observations import Observations
-
-ITERATIONS = 12
-CLOSURE_M = 1e-4  # a tenth of a millimetre on the ground: far below any measurement
-STEP_LIMIT_M = 5e3  # weak geometry takes short steps; the equations are nearly linear
+from .pattern import trivial_pattern
 
 
 def start_positions(observations: Observations, height_m: float | None = None) -> np.ndarray:
-    """Return ``(m, 3)`` positions on the ray of each point's first measurement; surveyed points at their survey."""
+    """Return approximate positions ``(m, 3)``; surveyed coordinates at their survey."""
     if height_m is None:
-        known = observations.survey[:, 2]
-        height_m = float(np.nanmedian(known)) if np.isfinite(known).any() else None
-    ground = np.full((len(observations.points), 3), np.nan)
+        known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+        height_m = float(np.median(known)) if len(known) else None
     first = observations.first[:-1]
-    image_of_first = observations.image[first]
-    for index in np.unique(image_of_first):
-        rpc = observations.images[index].rpc
-        here = image_of_first == index
-        level = rpc.height_off if height_m is None else height_m
-        ground[here] = rpc.localize(observations.xy[first[here]], level).ground
-    ground[observations.surveyed] = observations.survey[observations.surveyed]
-    return ground
+    image = observations.image[first]
+    seen = np.bincount(image, minlength=len(observations.images)) > 0
+    centre, outwards = np.full((len(seen), 3), np.nan), np.zeros((len(seen), 2, 2))
+    for index in np.flatnonzero(seen):
+        centre[index], outwards[index] = _at_centre(observations.images[index], height_m)
+    offset = observations.xy[first] - np.array([i.centre_px for i in observations.images])[image]
+    step = np.zeros((len(first), 3))
+    step[:, :2] = (outwards[image] @ offset[:, :, None])[:, :, 0]
+    ground = moved_ground(centre[image], step)
+    return np.where(observations.survey_weight > 0.0, observations.survey, ground)
+
+
+def _at_centre(image: Image, height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ground position (3,) of an image's centre and the metres east, north per pixel (2, 2) there."""
+    rpc = image.rpc
+    height = rpc.height_off if height_m is None else height_m
+    ground = rpc.localize(image.centre_px[None], height).ground
+    if not np.isfinite(ground).all():
+        ground = np.array([[rpc.long_off, rpc.lat_off, height]])
+    _, by_ground = rpc.project_with_metric_jacobian(ground)
+    return ground[0], np.linalg.pinv(by_ground[0, :, :2])
 
 
 def intersect(observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
@@ -40,16 +52,17 @@ def intersect(observations: Observations, model: RefinementModel, values: np.nda
 
     ``ground`` is the start. Points that cannot be computed come out as NaN.
     """
-    linearisers = observations.linearisers(model)
-    weight = 1.0 / observations.sigma_px**2
-    start = ground
-    for _ in range(ITERATIONS):
-        linear = linearise(observations, linearisers, values, ground)
-        blocks = point_blocks(observations, linear, weight, ground, start)
-        step = np.einsum("mij,mj->mi", blocks.inverse, blocks.right)
-        length = np.linalg.norm(step, axis=1, keepdims=True)
-        step *= np.minimum(1.0, STEP_LIMIT_M / np.maximum(length, STEP_LIMIT_M))
-        ground = moved_ground(ground, step)
-        if not np.nanmax(length, initial=0.0) > CLOSURE_M:
-            break
-    return ground
+    return _equations(observations, model).intersect(
+        State(values, ground), 1.0 / observations.sigma_px**2, PointPriors.of(observations, ground)
+    )
+
+
+def image_residuals(
+    observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
+) -> np.ndarray:
+    """Return observed - computed ``(n, 2)`` of all measurements."""
+    return _equations(observations, model).residuals(State(values, ground))
+
+
+def _equations(observations: Observations, model: RefinementModel) -> Equations:
+    return equations_of(observations, model, trivial_pattern(observations.cameras, len(model.parameters)))

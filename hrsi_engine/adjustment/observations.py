@@ -25,8 +25,10 @@ class Observations:
     points : (m,) indices of the adjusted points in the block
     point, image : (n,) index of each measurement's point (into ``points``) and image
     first : (m + 1,) measurements ``first[i]:first[i + 1]`` belong to point i
-    survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 where not surveyed
+    survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 where a coordinate is
+        not surveyed (an infinite sigma makes a point horizontal or height control only)
     contributes : (n,) whether the measurement has a say in the cameras
+    camera_of_image : (images,) which set of parameters an image has; images of one strip may share one
     """
 
     images: tuple[Image, ...]
@@ -40,6 +42,7 @@ class Observations:
     survey: np.ndarray
     survey_weight: np.ndarray
     contributes: np.ndarray
+    camera_of_image: np.ndarray
 
     @property
     def count(self) -> int:
@@ -47,9 +50,19 @@ class Observations:
         return len(self.point)
 
     @property
+    def cameras(self) -> int:
+        """Number of sets of parameters."""
+        return int(self.camera_of_image.max(initial=-1)) + 1
+
+    @cached_property
+    def camera(self) -> np.ndarray:
+        """Set of parameters of each measurement, ``(n,)``."""
+        return self.camera_of_image[self.image]
+
+    @property
     def surveyed(self) -> np.ndarray:
-        """Mask of the points with a survey."""
-        return self.survey_weight[:, 0] > 0.0
+        """Mask of the points with a survey of any coordinate."""
+        return (self.survey_weight > 0.0).any(axis=1)
 
     @cached_property
     def contributing_points(self) -> np.ndarray:
@@ -69,6 +82,13 @@ class Observations:
         lengths = np.diff(self.first)
         return {int(k): np.flatnonzero(lengths == k) for k in np.unique(lengths)}
 
+    def rows_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the measurements of some points in order, and where each point's begin among them."""
+        lengths = self.first[points + 1] - self.first[points]
+        place = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)])
+        rows = np.arange(place[-1]) + np.repeat(self.first[points] - place[:-1], lengths)
+        return rows, place[:-1]
+
     def without(self, lost: np.ndarray) -> Observations:
         """Return the observations without some of the points (mask over ``points``)."""
         keep = ~lost[self.point]
@@ -77,7 +97,7 @@ class Observations:
         return Observations(
             self.images, self.rows[keep], self.points[~lost], point, self.image[keep], self.xy[keep],
             self.sigma_px[keep], np.searchsorted(point, np.arange((~lost).sum() + 1)), self.survey[~lost],
-            self.survey_weight[~lost], self.contributes[keep],
+            self.survey_weight[~lost], self.contributes[keep], self.camera_of_image,
         )  # fmt: skip
 
     def linearisers(self, model: RefinementModel) -> list[Linearise]:
@@ -107,11 +127,15 @@ def subset(
     surveyed = np.zeros(len(block.points), dtype=bool) if surveyed is None else surveyed
     contributing = np.ones(len(block.points), dtype=bool) if contributing is None else contributing
     rows = np.flatnonzero(usable[block.measurements.point])
-    chosen = block.measurements.select(rows)
-    points, point = np.unique(chosen.point, return_inverse=True)
-    has_survey = surveyed[points]
-    weight = np.zeros((len(points), 3))
-    weight[has_survey] = 1.0 / block.points.sigma_m[points[has_survey]][:, [0, 0, 1]] ** 2
+    every = len(rows) == len(block.measurements)  # then its columns serve as they are, without a copy
+    chosen = block.measurements if every else block.measurements.select(rows)
+    taking_part = np.zeros(len(block.points), dtype=bool)
+    taking_part[chosen.point] = True
+    points = np.flatnonzero(taking_part)
+    point = (np.cumsum(taking_part) - 1)[chosen.point]
+    survey = block.points.ground[points]
+    has_survey = surveyed[points][:, None] & np.isfinite(survey)
+    weight = np.where(has_survey, 1.0 / block.points.sigma_m[points][:, [0, 0, 1]] ** 2, 0.0)
     return Observations(
         images=block.images,
         rows=rows,
@@ -121,7 +145,8 @@ def subset(
         xy=chosen.xy,
         sigma_px=chosen.sigma_px,
         first=np.searchsorted(point, np.arange(len(points) + 1)),
-        survey=np.where(has_survey[:, None], block.points.ground[points], np.nan),
+        survey=np.where(has_survey, survey, np.nan),
         survey_weight=weight,
         contributes=contributing[chosen.point],
+        camera_of_image=np.arange(len(block.images), dtype=np.int32),
     )

@@ -1,46 +1,134 @@
-"""Precision of the unknowns from the factors of the normal equations (thesis eqs. 5.50-5.55).
+"""Precision of the unknowns from the factors of the normal equations (thesis eqs. 5.50-5.55), and what follows.
 
-The covariance of the image parameters is the inverse of the reduced matrix; only the blocks of images that share
-points are kept. A point's cofactor follows from its own block and the images that see it::
+The covariance of the image parameters is the inverse of the reduced matrix, on the pattern of images that share
+points. A point's cofactor follows from its own block and the images that see it::
 
     Qx = V^-1 + V^-1 (sum_ij W_i' Q_ij W_j) V^-1
+
+The cofactor of a residual is that of the observation less that of what was computed for it; their ratio is the
+redundancy number r, the share of an error that shows in its own residual (Baarda 1968).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from .camera_system import CameraSystem
-from .normals import Linearisation, PointBlocks, Structure, cross_blocks
+from .equations import Cofactors, Equations
+from .gauss_newton import GaussNewton, Solution
 
-COLUMNS_PER_SOLVE = 256
-
-
-def parameter_cofactors(pattern: Structure, system: CameraSystem) -> np.ndarray:
-    """Return the blocks ``(blocks, p, p)`` of the inverse reduced matrix on its own pattern."""
-    p = pattern.parameters
-    result = np.empty((pattern.blocks, p, p))
-    images_per_solve = max(1, COLUMNS_PER_SOLVE // max(p, 1))
-    by_column = np.argsort(pattern.block_column, kind="stable")
-    bounds = np.searchsorted(pattern.block_column[by_column], np.arange(pattern.images + 1))
-    for first in range(0, pattern.images, images_per_solve):
-        last = min(first + images_per_solve, pattern.images)
-        unit = np.zeros((system.size, (last - first) * p))
-        unit[np.arange(first * p, last * p), np.arange((last - first) * p)] = 1.0
-        columns = system.solve(unit).reshape(pattern.images, p, last - first, p)
-        chosen = by_column[bounds[first] : bounds[last]]
-        result[chosen] = columns[pattern.block_row[chosen], :, pattern.block_column[chosen] - first, :]
-    return result
+#: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
+NON_CENTRALITY = 4.13
+LEAST_REDUNDANCY = 1e-3  # below, a residual says nothing of its own observation
+CIRCLE_90, LINE_90 = 2.1460, 1.6449  # radius and half-width that hold 90 % of unit normal errors, in sigmas
 
 
-def point_cofactors(
-    pattern: Structure, linear: Linearisation, weight: np.ndarray, points: PointBlocks, cofactors: np.ndarray
-) -> np.ndarray:
-    """Return the cofactor matrices ``(m, 3, 3)`` of the points in m², east, north, up."""
-    result = points.inverse.copy()
-    for batch in pattern.batches:
-        count, length = batch.rows.shape
-        gain = points.inverse[batch.points][:, None] @ cross_blocks(linear, weight, batch).transpose(0, 1, 3, 2)
-        between = cofactors[batch.pair_block].reshape(count, length, length, pattern.parameters, pattern.parameters)
-        result[batch.points] += np.einsum("aixp,aijpq,ajyq->axy", gain, between, gain, optimize=True)
-    return result
+@dataclass(frozen=True, eq=False)
+class Precision:
+    """Cofactors at a solution; all NaN where the cameras' are not known.
+
+    parameters : (cameras, p) variances
+    points : (m, 3, 3) cofactors in m²
+    residuals : (n, 2, 2) cofactors of the residuals in px²
+    cameras : (blocks, p, p) cofactors on the pattern
+    """
+
+    parameters: np.ndarray
+    points: np.ndarray
+    residuals: np.ndarray
+    cameras: np.ndarray | None
+
+
+def precision(equations: Equations, loop: GaussNewton, solution: Solution) -> Precision:
+    """Return all cofactors at a solution."""
+    loop.system.factorise(solution.normals.blocks, loop.prior_weight)
+    cameras = loop.system.cofactors()
+    n, m = len(solution.factor), len(solution.normals.inverse)
+    if cameras is None:
+        shape = loop.prior_weight.shape
+        return Precision(
+            np.full(shape, np.nan), np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None
+        )  # fmt: skip
+    spread: Cofactors = equations.cofactors(
+        solution.state, solution.weight, solution.normals, cameras, solution.weighting.contributes
+    )
+    own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
+    residuals = np.negative(spread.computed, out=spread.computed)
+    weight = solution.weight
+    with np.errstate(divide="ignore"):
+        residuals[:, [0, 1], [0, 1]] += np.where(weight > 0.0, 1.0 / weight, np.nan)[:, None]
+    return Precision(own, spread.points, residuals, cameras)
+
+
+def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return by how much the weighted sum of squares falls when an image point is left out, ``(n,)``.
+
+    v' Qv^-1 v of residuals ``(n, 2)``; under normal errors chi² with two degrees of freedom. Directions in which less
+    than `LEAST_REDUNDANCY` of an error shows are not tested.
+    """
+    a, d, b = cofactors[:, 0, 0] * weight, cofactors[:, 1, 1] * weight, cofactors[:, 0, 1] * weight
+    middle, half = 0.5 * (a + d), np.hypot(0.5 * (a - d), b)
+    angle = 0.5 * np.arctan2(2.0 * b, a - d)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    total = np.zeros(len(residual))
+    for share, x in (
+        (middle + half, residual[:, 0] * cosine + residual[:, 1] * sine),
+        (middle - half, residual[:, 1] * cosine - residual[:, 0] * sine),
+    ):
+        testable = share > LEAST_REDUNDANCY
+        total[testable] += weight[testable] * x[testable] ** 2 / share[testable]
+    return total
+
+
+def survey_tests(miss_m: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the same for surveys: ``miss_m (k, 3)``, their ``cofactors (k, 3, 3)``, weights 0 where not surveyed."""
+    scale = np.sqrt(weight)
+    share, axes = np.linalg.eigh(cofactors * scale[:, :, None] * scale[:, None, :])
+    along = np.einsum("kij,ki->kj", axes, miss_m * scale)
+    return np.where(share > LEAST_REDUNDANCY, along**2 / np.maximum(share, LEAST_REDUNDANCY), 0.0).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorEllipse:
+    """Horizontal error ellipses (one sigma): semi-axes (m) and the azimuth of the longer one, degrees from north."""
+
+    major_m: np.ndarray
+    minor_m: np.ndarray
+    azimuth_deg: np.ndarray
+
+
+def error_ellipses(covariance_m2: np.ndarray) -> ErrorEllipse:
+    """Return the ellipses of covariances ``(m, 3, 3)`` or ``(m, 2, 2)``, east and north first."""
+    east, north, mixed = covariance_m2[:, 0, 0], covariance_m2[:, 1, 1], covariance_m2[:, 0, 1]
+    middle, half = 0.5 * (east + north), np.hypot(0.5 * (east - north), mixed)
+    azimuth = np.degrees(0.5 * np.arctan2(2.0 * mixed, north - east)) % 180.0
+    return ErrorEllipse(np.sqrt(middle + half), np.sqrt(np.maximum(middle - half, 0.0)), azimuth)
+
+
+def minimal_detectable_error(redundancy: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return the internal reliability: the smallest error that the test finds with 80 % (Baarda)."""
+    with np.errstate(divide="ignore"):
+        return NON_CENTRALITY * sigma / np.sqrt(np.maximum(redundancy, 0.0))
+
+
+def undetected_influence(redundancy: np.ndarray) -> np.ndarray:
+    """Return the external reliability: the most an undetected error moves any unknown, in that unknown's sigmas."""
+    with np.errstate(divide="ignore"):
+        return NON_CENTRALITY * np.sqrt(np.maximum(1.0 - redundancy, 0.0) / np.maximum(redundancy, 0.0))
+
+
+def predicted_accuracy(covariance_m2: np.ndarray, sigma_survey_m: np.ndarray) -> dict[str, float | None]:
+    """Return the RMSE, CE90 and LE90 to expect at points ``(k, 3, 3)`` surveyed with ``(k, 2)`` xy and h sigmas."""
+    known = np.isfinite(covariance_m2).all(axis=(1, 2))
+    if not known.any():
+        return {"rmse_east_m": None, "rmse_north_m": None, "rmse_height_m": None, "ce90_m": None, "le90_m": None}
+    variance = covariance_m2[known].diagonal(axis1=1, axis2=2) + sigma_survey_m[known][:, [0, 0, 1]] ** 2
+    east, north, height = np.sqrt(variance.mean(axis=0)).tolist()
+    return {
+        "rmse_east_m": east,
+        "rmse_north_m": north,
+        "rmse_height_m": height,
+        "ce90_m": CIRCLE_90 * float(np.sqrt(0.5 * (east**2 + north**2))),
+        "le90_m": LINE_90 * height,
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
@@ -19,15 +20,70 @@ class Iteration:
     damping: float
 
 
+class Verdict(IntEnum):
+    """What data snooping says of a measurement."""
+
+    KEPT = 0
+    BLUNDER = 1  #: wrong: left out
+    DOUBTFUL = 2  #: one of the point's measurements is wrong, but not which; left out with the others
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A GCP that disagrees with the rest: its ``what`` is ``ground`` or the id of an image.
+
+    ``statistic`` is its test value in standard deviations; ``left_out`` tells whether it was taken out.
+    """
+
+    id: str
+    what: str
+    statistic: float
+    left_out: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class VarianceComponent:
+    """A group of observations whose sigma was estimated: ``factor`` times the one given."""
+
+    group: str
+    observations: int
+    redundancy: float
+    factor: float
+    sigma: float
+    unit: str
+    estimated: bool
+
+
+@dataclass(frozen=True)
+class DatumPart:
+    """Images connected by common points: what holds them, and how well their position is known.
+
+    by_priors : how many of the parameters come from priors, in all
+    sigma_m : mean standard deviation of the points' positions, east, north, up
+    """
+
+    images: tuple[str, ...]
+    gcps: int
+    ties: int
+    by_priors: float
+    sigma_m: tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Adjustment:
     """Result of `adjust`; arrays are in the order of the block's images, points and measurements.
 
     values, values_sigma : (images, p) parameters of the model and their standard deviations
     ground, ground_sigma_m : (points, 3) adjusted positions and sigmas (east, north, up); NaN where not adjusted
+    ground_covariance_m2 : (points, 3, 3) covariance of each position, sigma0 included
     residual_px : (measurements, 2) observed - computed at the adjusted position; NaN where it took no part
     weight : (measurements,) robust weight factor, 0 for rejected ones
+    redundancy_numbers : (measurements, 2) share of an error in sample and in line that shows in its own residual
+    statistic : (measurements,) test value, in standard deviations, of "this measurement is a blunder"; NaN: untested
+    verdict : (measurements,) a `Verdict`
     prior_share : (images, p) how much of each parameter comes from its prior (0 … 1)
+    solves : linear systems solved in all; ``history`` has the passes of all rounds
     """
 
     block: Block
@@ -36,8 +92,12 @@ class Adjustment:
     values_sigma: np.ndarray
     ground: np.ndarray
     ground_sigma_m: np.ndarray
+    ground_covariance_m2: np.ndarray
     residual_px: np.ndarray
     weight: np.ndarray
+    redundancy_numbers: np.ndarray
+    statistic: np.ndarray
+    verdict: np.ndarray
     prior_share: np.ndarray
     sigma0: float
     observations: int
@@ -46,4 +106,8 @@ class Adjustment:
     converged: bool
     status: str
     history: tuple[Iteration, ...]
+    solves: int
+    findings: tuple[Finding, ...]
+    variance_components: tuple[VarianceComponent, ...]
+    parts: tuple[DatumPart, ...]
     warnings: tuple[str, ...]

@@ -1,316 +1,299 @@
-"""The adjustment: damped Gauss-Newton on the reduced camera system, reweighted for robustness.
-
-Unknowns are the model's values of each image and a metric step of each point. One pass linearises all image points,
-eliminates the points, solves for the images and substitutes back; the residuals at the new state are those of the
-next pass, so each pass evaluates the cameras once. A step that raises the cost is repeated with more damping.
-"""
+"""`adjust`: prepare, leave out blunders, estimate sigmas, solve, and say how good the result is."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import replace
 
 import numpy as np
 
-from ..block import Block, Image, Role
-from ..errors import InputError, SolveError
-from ..geodesy import ground_difference_m, moved_ground
-from ..progress import Progress, advance, silent
-from ..refinement import MODELS, Priors, RefinementModel, priors_of
-from .camera_system import CameraSystem
-from .intersection import intersect, start_positions
-from .normals import Linearisation, PointBlocks, back_substitute, linearise, point_blocks, reduce, structure
-from .observations import Observations, select
-from .precision import parameter_cofactors, point_cofactors
-from .result import Adjustment, Iteration
-from .weights import WEIGHTS
+from ..block import Block
+from ..progress import Progress, silent, stage
+from .gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
+from .options import AdjustOptions
+from .precision import Precision, deletion_tests, precision
+from .problem import Problem, named, prepare
+from .result import Adjustment, DatumPart, Finding, VarianceComponent, Verdict
+from .snooping import Suspect, control_suspect, point_squares, tie_variance, tie_verdicts
+from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary
 
-Entry = TypeVar("Entry")
-RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two standard normal components
+SNOOPING_ROUNDS = 6
+RARE = 2e-4  # share of the measurements whose change of verdict is not worth another round
+HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
 
 
-@dataclass(frozen=True)
-class AdjustOptions:
-    """How to adjust.
-
-    sigma_shift_px, sigma_drift : priors of the corrections; None chooses them (`refinement.priors_of`)
-    check_as_ties : the check points' image measurements take part like those of tie points (never their survey)
-    reject_sigma : tie measurements beyond this many robust sigmas are left out before the final adjustment; 0 keeps
-        all. GCPs are never left out.
-    """
-
-    model: str = "shift"
-    robust: str = "none"
-    sigma_shift_px: float | None = None
-    sigma_drift: float | None = None
-    check_as_ties: bool = False
-    reject_sigma: float = 0.0
-    reject_rounds: int = 3
-    max_iterations: int = 30
-    tolerance: float = 1e-9
-
-    def priors(self, image: Image, controlled: bool) -> Priors:
-        """Return the priors of an image's corrections."""
-        chosen = priors_of(image, controlled)
-        return Priors(
-            chosen.shift_px if self.sigma_shift_px is None else self.sigma_shift_px,
-            chosen.drift if self.sigma_drift is None else self.sigma_drift,
-        )
-
-
-@dataclass(eq=False)
-class _State:
-    """Where the iteration stands: values (images, p) and ground (m, 3), with the residuals there."""
-
-    values: np.ndarray
-    ground: np.ndarray
-    linear: Linearisation
-
-
-def adjust(block: Block, options: AdjustOptions | None = None, progress: Progress = silent) -> Adjustment:
+def adjust(
+    block: Block, options: AdjustOptions | None = None, progress: Progress = silent, start: np.ndarray | None = None
+) -> Adjustment:
     """Adjust a block; return corrected cameras, points and their precision.
+
+    ``start (images, p)`` are values to begin with, those of an earlier adjustment with the same model, say.
 
     Raises
     ------
     InputError
-        unknown model or weight function
+        unknown model, weight function or image id
     SolveError
         nothing to adjust, or fewer observations than unknowns (the images are named)
     """
-    options = options or AdjustOptions()
-    model = _choose(MODELS, options.model, "model")
-    _choose(WEIGHTS, options.robust, "robust weight function")
-    kept = np.ones(len(block.measurements), dtype=bool)
-    if options.reject_sigma > 0.0:
-        kept = _without_tie_outliers(block, model, options, progress)
-    return _adjust_once(block, kept, model, options, progress)
+    return Adjuster(prepare(block, options or AdjustOptions(), start)).run(progress)
 
 
-def _choose(table: Mapping[str, Entry], name: str, what: str) -> Entry:
-    if name not in table:
-        raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
-    return table[name]
+class Adjuster:
+    """The rounds of one adjustment: each is a run of the loop from where the last one ended."""
 
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.loop: GaussNewton = problem.loop()
+        observations = problem.observations
+        self.image_weight = problem.weighting.image
+        self.survey_weight = observations.survey_weight.copy()
+        self.verdict = np.full(observations.count, int(Verdict.KEPT), dtype=np.int8)
+        self.ties = observations.contributing_points & ~problem.weighting.points.held
+        self.tie_variance = 1.0
+        self.findings: list[Finding] = []
+        self.warnings: list[str] = []
+        self.components: tuple[VarianceComponent, ...] = ()
 
-def _without_tie_outliers(
-    block: Block, model: RefinementModel, options: AdjustOptions, progress: Progress
-) -> np.ndarray:
-    """Return a mask of the measurements without tie measurements far from a robust solution.
+    def run(self, progress: Progress) -> Adjustment:
+        """Return the result of all rounds."""
+        options = self.problem.options
+        solution = self.solve(None, progress)
+        if options.reject_sigma > 0.0:
+            solution = self.without_blunders(solution, stage(progress, 0.3, 0.7))
+        if options.variance_components:
+            solution = self.with_estimated_sigmas(solution, stage(progress, 0.7, 0.9))
+        precise = precision(self.problem.equations, self.loop, solution)
+        if options.reject_sigma > 0.0:
+            solution, precise = self.without_bad_control(solution, precise, stage(progress, 0.9, 1.0))
+        return self.result(solution, precise)
 
-    The robust weights keep blunders from dragging the cameras along; sigma is the residuals' own, from their median,
-    because sigma0 is inflated by the blunders.
-    """
-    rows = block.measurements
-    tie = (block.points.role == Role.TIE)[rows.point]
-    kept = np.ones(len(rows), dtype=bool)
-    for _ in range(options.reject_rounds if tie.any() else 0):
-        result = _adjust_once(block, kept, model, replace(options, robust="huber"), progress)
-        t = np.linalg.norm(result.residual_px, axis=1) / rows.sigma_px
-        ties = t[tie & np.isfinite(t)]
-        if not len(ties):
-            break
-        sigma = np.median(ties) / RAYLEIGH_MEDIAN * np.sqrt(result.observations / max(result.redundancy, 1.0))
-        outliers = tie & kept & (t > options.reject_sigma * sigma)
-        if not outliers.any():
-            break
-        kept &= ~outliers
-    return kept
+    # ---- rounds ----------------------------------------------------------------------------------------------------
 
+    def weighting(self) -> Weighting:
+        """Return the weights without what was left out."""
+        image = np.where(self.verdict == int(Verdict.KEPT), self.image_weight, 0.0)
+        return self.problem.survey_weighting(image, self.survey_weight)
 
-def _adjust_once(
-    block: Block, kept: np.ndarray, model: RefinementModel, options: AdjustOptions, progress: Progress
-) -> Adjustment:
-    reduced_block = block if kept.all() else block.with_measurements(kept)
-    observations = select(reduced_block, options.check_as_ties)
-    _require_solvable(observations, model)
-    observations, start, warnings = _starting_points(reduced_block, observations, model)
-    solution = _Solver(observations, model, options).run(start, progress)
-    return _result(block, np.flatnonzero(kept), observations, model, solution, warnings)
+    def solve(self, last: Solution | None, progress: Progress, loosely: bool = False) -> Solution:
+        """Run the loop from the last solution, or from the start."""
+        options = self.problem.options
+        state = self.problem.start if last is None else last.state
+        first_of_many = last is None and options.reject_sigma > 0.0
+        robust = "huber" if first_of_many and options.robust == "none" else options.robust
+        tolerance = LOOSE_TOLERANCE if loosely or first_of_many else options.tolerance
+        return self.loop.run(state, self.weighting(), robust, tolerance, progress)
 
-
-def _require_solvable(observations: Observations, model: RefinementModel) -> None:
-    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values."""
-    if not observations.count:
-        raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
-    p = len(model.parameters)
-    per_image = np.bincount(observations.image[observations.contributes], minlength=len(observations.images))
-    for image, count in zip(observations.images, per_image, strict=True):
-        if 0 < 2 * count < p:
-            raise SolveError(
-                f"image {image.id}: {2 * count} observations for the {p} parameters of model {model.name}: "
-                "choose a simpler --model or measure more points on it"
-            )
-    observed, unknowns = _counts(observations, p * int((per_image > 0).sum()))
-    if not observations.surveyed.any():
-        observed += min(3, unknowns)  # the priors hold the block's position
-    if observed < unknowns:
-        raise SolveError(
-            f"{observed} observations for {unknowns} unknowns: choose a simpler --model, or add GCPs or tie points"
-        )
-
-
-def _counts(observations: Observations, parameters: int) -> tuple[int, int]:
-    """Return the numbers of observations and of unknowns that have a say in the cameras."""
-    observed = 2 * int(observations.contributes.sum()) + 3 * int(observations.surveyed.sum())
-    return observed, 3 * int(observations.contributing_points.sum()) + parameters
-
-
-def _starting_points(
-    block: Block, observations: Observations, model: RefinementModel
-) -> tuple[Observations, np.ndarray, list[str]]:
-    """Intersect all points with the vendor's cameras; points that cannot be computed leave the adjustment."""
-    values = np.zeros((len(block.images), len(model.parameters)))
-    ground = intersect(observations, model, values, start_positions(observations))
-    lost = ~np.isfinite(ground).all(axis=1)
-    if not lost.any():
-        return observations, ground, []
-    names = ", ".join(block.points.ids[observations.points[lost]][:8].tolist())
-    message = f"{lost.sum()} points could not be intersected and are left out: {names}"
-    return observations.without(lost), ground[~lost], [message]
-
-
-class _Solver:
-    """One run of the Gauss-Newton loop; attributes are what its steps share."""
-
-    def __init__(self, observations: Observations, model: RefinementModel, options: AdjustOptions) -> None:
-        self.observations = observations
-        self.options = options
-        self.linearisers = observations.linearisers(model)
-        self.pattern = structure(observations, len(model.parameters))
-        controlled = bool(observations.surveyed.any())
-        sigmas = np.array(
-            [model.prior_sigmas(image, options.priors(image, controlled)) for image in observations.images]
-        )
-        self.prior_weight = 1.0 / sigmas.reshape(len(observations.images), -1) ** 2
-        self.history: list[Iteration] = []
-
-    def run(self, start: np.ndarray, progress: Progress) -> _Solution:
-        """Iterate from the vendor's cameras and the ``start`` of the points."""
-        self.start = start
-        values = np.zeros_like(self.prior_weight)
-        state = _State(values, start, linearise(self.observations, self.linearisers, values, start))
-        damping, converged = 0.0, False
-        for iteration in range(self.options.max_iterations):
-            advance(progress, 1.0 - 0.6**iteration, f"adjustment, iteration {iteration + 1}")
-            # the first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing
-            factor = self.robust_factors(state) if iteration else np.ones(self.observations.count)
-            weight = factor / self.observations.sigma_px**2
-            cost = self.cost(state, weight)
-            state, decrease, damping = self.step(state, weight, cost, damping)
-            self.history.append(Iteration(cost, decrease, damping))
-            settled = iteration > 0 or self.options.robust == "none"
-            if settled and decrease <= self.options.tolerance * cost + 1e-12:
-                converged = True
+    def without_blunders(self, solution: Solution, progress: Progress) -> Solution:
+        """Leave out the measurements that do not fit their points; the rounds end when the verdicts settle."""
+        if not self.ties.any():
+            return self.solve(solution, progress)
+        for number in range(SNOOPING_ROUNDS):
+            verdict = self._judge(solution)
+            changed = int((verdict != self.verdict).sum())
+            self.verdict = verdict
+            settled = changed <= RARE * len(verdict)
+            solution = self.solve(solution, progress, loosely=not settled and number < SNOOPING_ROUNDS - 1)
+            if settled:
                 break
-        return self.finish(state, converged)
+        return solution
 
-    def robust_factors(self, state: _State) -> np.ndarray:
-        t = np.linalg.norm(state.linear.residual, axis=1) / self.observations.sigma_px
-        return WEIGHTS[self.options.robust](t)
-
-    def cost(self, state: _State, weight: np.ndarray) -> float:
-        """Half the weighted sum of squares of image points, surveys and priors."""
-        image = np.einsum(
-            "n,nc,nc->", weight * self.observations.contributes, state.linear.residual, state.linear.residual
-        )
-        surveyed = self.observations.surveyed
-        miss = ground_difference_m(self.observations.survey[surveyed], state.ground[surveyed])
-        survey = np.sum(self.observations.survey_weight[surveyed] * miss**2)
-        return 0.5 * float(image + survey + np.sum(self.prior_weight * state.values**2))
-
-    def step(self, state: _State, weight: np.ndarray, cost: float, damping: float) -> tuple[_State, float, float]:
-        """Return the next state, the decrease of the cost that was predicted for it, and the damping it took."""
-        points = point_blocks(self.observations, state.linear, weight, state.ground, self.start)
-        reduced = reduce(self.pattern, self.observations, state.linear, weight, points)
-        right = reduced.right - self.prior_weight * state.values
-        matrix = self.pattern.matrix(reduced.blocks)
-        while True:
-            system = CameraSystem(matrix, self.prior_weight.ravel(), damping)
-            by_values = system.solve(right.ravel()).reshape(right.shape)
-            by_ground = back_substitute(self.observations, state.linear, weight, points, by_values)
-            values, ground = state.values + by_values, moved_ground(state.ground, by_ground)
-            trial = _State(values, ground, linearise(self.observations, self.linearisers, values, ground))
-            decrease = 0.5 * float(np.sum(right * by_values) + self._point_gain(points))
-            if self.cost(trial, weight) <= cost * (1.0 + 1e-9) + 1e-12:
-                return trial, decrease, 0.0 if damping < 1e-4 else damping / 10.0
-            damping = max(10.0 * damping, 1e-3)
-            if damping > 1e6:
-                return state, 0.0, damping
-
-    def _point_gain(self, points: PointBlocks) -> float:
-        right = points.right[self.observations.contributing_points]
-        inverse = points.inverse[self.observations.contributing_points]
-        return float(np.einsum("mi,mij,mj->", right, inverse, right))
-
-    def finish(self, state: _State, converged: bool) -> _Solution:
-        """Compute the precision at the last state."""
-        factor = self.robust_factors(state)
-        weight = factor / self.observations.sigma_px**2
-        points = point_blocks(self.observations, state.linear, weight, state.ground, self.start)
-        reduced = reduce(self.pattern, self.observations, state.linear, weight, points)
-        system = CameraSystem(self.pattern.matrix(reduced.blocks), self.prior_weight.ravel())
-        cofactors = parameter_cofactors(self.pattern, system)
-        by_parameter = cofactors[self.pattern.diagonal].diagonal(axis1=1, axis2=2)
-        by_point = point_cofactors(self.pattern, state.linear, weight, points, cofactors)
-        prior_cost = 0.5 * float(np.sum(self.prior_weight * state.values**2))
-        return _Solution(
-            state, factor, by_parameter, by_point.diagonal(axis1=1, axis2=2), self.prior_weight * by_parameter,
-            2.0 * (self.cost(state, weight) - prior_cost), converged, tuple(self.history),
+    def _judge(self, solution: Solution) -> np.ndarray:
+        """Return the verdicts for the cameras of a solution."""
+        observations, equations = self.problem.observations, self.problem.equations
+        present = self.weighting()
+        squares = point_squares(equations, solution, present, observations)
+        rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
+        self.tie_variance = tie_variance(observations, squares, rays, self.ties)
+        everything = replace(present, image=self.image_weight)
+        return tie_verdicts(
+            equations, observations, solution, everything, self.ties, self.problem.options.reject_sigma,
+            self.tie_variance,
         )  # fmt: skip
 
+    def without_bad_control(
+        self, solution: Solution, precise: Precision, progress: Progress
+    ) -> tuple[Solution, Precision]:
+        """Test the GCPs with the whole adjustment's cofactors; take out one at a time."""
+        sigmas = self.problem.options.reject_sigma
+        most = int(self.problem.observations.surveyed.sum()) // 2
+        for _ in range(most):
+            suspect = control_suspect(self.problem.observations, solution, precise, sigmas)
+            if suspect is None or not self._accuse(suspect):
+                break
+            if self.ties.any():
+                self.verdict = np.where(self._control_rows(), self.verdict, self._judge(solution))
+            solution = self.solve(solution, progress)
+            precise = precision(self.problem.equations, self.loop, solution)
+        return solution, precise
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """What the loop hands over: state, robust factors, cofactors' diagonals and the sum of squares."""
+    def _control_rows(self) -> np.ndarray:
+        return self.problem.observations.surveyed[self.problem.observations.point]
 
-    state: _State
-    factor: np.ndarray
-    parameter_variance: np.ndarray
-    point_variance: np.ndarray
-    prior_share: np.ndarray
-    sum_of_squares: float
-    converged: bool
-    history: tuple[Iteration, ...]
+    def _accuse(self, suspect: Suspect) -> bool:
+        """Record a finding; take its observation out unless another GCP is as likely. Return whether it was."""
+        observations, points = self.problem.observations, self.problem.block.points
+        name = str(points.ids[observations.points[suspect.point]])
+        image = None if suspect.row is None else observations.images[observations.image[suspect.row]].id
+        what = "its ground position" if image is None else f"its measurement on image {image}"
+        if suspect.same_point:
+            what = "its ground position or its measurements (they cannot be told apart)"
+        clear = not suspect.rivals
+        if clear and suspect.row is None:
+            self.survey_weight[suspect.point] = 0.0
+        elif clear:
+            self.verdict[suspect.row] = int(Verdict.BLUNDER)
+        rivals = named(points.ids[observations.points[list(suspect.rivals)]])
+        consequence = "it is left out" if clear else f"but {rivals} may be the wrong one instead: all are kept"
+        message = f"GCP {name}: {what} disagrees with the rest by {suspect.statistic:.1f} sigma; {consequence}"
+        self.findings.append(Finding(name, image or "ground", suspect.statistic, clear, message))
+        self.warnings.append(message)
+        return clear
+
+    def with_estimated_sigmas(self, solution: Solution, progress: Progress) -> Solution:
+        """Repeat the adjustment with the sigmas that its residuals show."""
+        problem, observations = self.problem, self.problem.observations
+        groups = Groups.of(problem.block, observations)
+        sigmas = Sigmas(np.ones(len(groups.names)))
+        given_image, given_survey = self.image_weight, self.survey_weight.copy()
+        for _ in range(ROUNDS):
+            precise = precision(problem.equations, self.loop, solution)
+            sums = components(groups, observations, solution, precise)
+            change = sigmas.update(sums)
+            self.image_weight = sigmas.image_weight(groups, given_image)
+            self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(given_survey), 0.0)
+            solution = self.solve(solution, progress)
+            if change < SETTLED:
+                break
+        self.components = summary(groups, observations, sigmas, sums)
+        self.warnings += [
+            f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
+            f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
+            for part in self.components
+            if part.estimated and not 0.67 < part.factor < 1.5
+        ]
+        return solution
+
+    # ---- result ----------------------------------------------------------------------------------------------------
+
+    def result(self, solution: Solution, precise: Precision) -> Adjustment:
+        """Return the last solution in the order of the block."""
+        problem, observations, block = self.problem, self.problem.observations, self.problem.block
+        contributes = solution.weighting.contributes
+        prior_share = np.where(
+            np.isinf(self.loop.prior_weight), 1.0, problem.prior_weight * precise.parameters
+        )  # fmt: skip
+        observed, unknowns = self._counts(solution)
+        redundancy = observed - unknowns + float(np.nan_to_num(prior_share).sum())
+        squares = self.loop.sum_of_squares(solution)
+        sigma0 = float(np.sqrt(squares / redundancy)) if redundancy > 0.5 else 1.0
+        rows, points = observations.rows, observations.points
+        placed = contributes | (observations.surveyed & (np.diff(observations.first) > 0))
+        placed |= ~observations.contributing_points
+        camera = observations.camera_of_image
+        covariance = sigma0**2 * precise.points
+        covariance[~placed] = np.nan
+        kept = (solution.weight > 0.0) & placed[observations.point]
+        ground = _spread(len(block.points), points, np.where(placed[:, None], solution.state.ground, np.nan))
+        full_covariance = _spread(len(block.points), points, covariance)
+        with np.errstate(invalid="ignore"):
+            ground_sigma = np.sqrt(full_covariance.diagonal(axis1=1, axis2=2))
+        residual = np.where(kept[:, None], solution.normals.residual, np.nan)
+        status = "converged" if solution.converged else "stopped at the iteration limit"
+        return Adjustment(
+            block=block,
+            model=problem.model,
+            values=solution.state.values[camera],
+            values_sigma=sigma0 * np.sqrt(precise.parameters[camera]),
+            ground=ground,
+            ground_sigma_m=ground_sigma,
+            ground_covariance_m2=full_covariance,
+            residual_px=_spread(len(block.measurements), rows, residual),
+            weight=_spread(len(block.measurements), rows, np.where(kept, solution.factor, 0.0), 0.0),
+            redundancy_numbers=_spread(len(block.measurements), rows, self._redundancy(solution, precise)),
+            statistic=_spread(len(block.measurements), rows, self._statistic(solution, precise)),
+            verdict=_spread(len(block.measurements), rows, self.verdict, int(Verdict.KEPT)),
+            prior_share=prior_share[camera],
+            sigma0=sigma0,
+            observations=observed,
+            unknowns=unknowns,
+            redundancy=redundancy,
+            converged=solution.converged,
+            status=status,
+            history=tuple(self.loop.history),
+            solves=self.loop.solves,
+            findings=tuple(self.findings),
+            variance_components=self.components,
+            parts=self._parts(ground_sigma, prior_share),
+            warnings=(*problem.warnings, *self.warnings, *self._undetermined(prior_share)),
+        )
+
+    def _counts(self, solution: Solution) -> tuple[int, int]:
+        """Return the numbers of observations and unknowns, those left out not counted."""
+        observations, weighting = self.problem.observations, solution.weighting
+        contributes = weighting.contributes
+        rows = int(((weighting.image > 0.0) & contributes[observations.point]).sum())
+        observed = 2 * rows + int(weighting.points.observed[contributes].sum())
+        return observed, 3 * int(contributes.sum()) + self.loop.prior_weight.size
+
+    def _redundancy(self, solution: Solution, precise: Precision) -> np.ndarray:
+        """Return redundancy numbers ``(n, 2)``; NaN where a measurement has no say."""
+        share = solution.weight[:, None] * precise.residuals[:, [0, 1], [0, 1]]
+        judged = (solution.weight > 0.0) & solution.weighting.contributes[self.problem.observations.point]
+        return np.where(judged[:, None], np.clip(share, 0.0, 1.0), np.nan).astype(np.float32)
+
+    def _statistic(self, solution: Solution, precise: Precision) -> np.ndarray:
+        """Return each measurement's test value in standard deviations, with the tie points' own variance factor."""
+        judged = (solution.weight > 0.0) & solution.weighting.contributes[self.problem.observations.point]
+        result = np.full(len(judged), np.nan, dtype=np.float32)
+        if precise.cameras is not None:
+            tests = deletion_tests(
+                solution.normals.residual[judged], precise.residuals[judged], solution.weight[judged]
+            )
+            result[judged] = np.sqrt(tests / self.tie_variance)
+        return result
+
+    def _parts(self, ground_sigma: np.ndarray, prior_share: np.ndarray) -> tuple[DatumPart, ...]:
+        """Return what holds each part of the block, and the mean sigmas of its points."""
+        observations = self.problem.observations
+        head = observations.image[observations.first[:-1]]
+        sigma = ground_sigma[observations.points]
+        part_of_image = np.empty(len(observations.images), dtype=np.int64)
+        for number, part in enumerate(self.problem.parts):
+            part_of_image[part.images] = number
+        result = []
+        for number, part in enumerate(self.problem.parts):
+            here = sigma[(part_of_image[head] == number) & np.isfinite(sigma).all(axis=1)]
+            east, north, height = np.sqrt(np.mean(here**2, axis=0)).tolist() if len(here) else (np.nan,) * 3
+            share = prior_share[np.unique(observations.camera_of_image[part.images])]
+            result.append(
+                DatumPart(
+                    tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
+                    float(np.nan_to_num(share).sum()), (east, north, height),
+                )
+            )  # fmt: skip
+        return tuple(result)
+
+    def _undetermined(self, prior_share: np.ndarray) -> list[str]:
+        """Name parameters of images with control that nevertheless come from their priors."""
+        names, observations = self.problem.model.parameters, self.problem.observations
+        fixed = np.isinf(self.loop.prior_weight)
+        poor = (prior_share > HELD_BY_PRIOR) & ~fixed
+        by_set: dict[tuple[str, ...], list[str]] = {}
+        for part in self.problem.parts:
+            for index in part.images if part.gcps else ():
+                which = poor[observations.camera_of_image[index]]
+                if which.any():
+                    key = tuple(name for name, bad in zip(names, which, strict=True) if bad)
+                    by_set.setdefault(key, []).append(observations.images[index].id)
+        return [
+            f"{', '.join(key)} of image {named(ids)} follow from their priors: the GCPs and tie points do not "
+            "determine them"
+            for key, ids in by_set.items()
+        ]
 
 
-def _result(
-    block: Block,
-    kept: np.ndarray,
-    observations: Observations,
-    model: RefinementModel,
-    solution: _Solution,
-    warnings: list[str],
-) -> Adjustment:
-    observed, unknowns = _counts(observations, solution.state.values.size)
-    redundancy = observed - unknowns + float(solution.prior_share.sum())
-    sigma0 = float(np.sqrt(solution.sum_of_squares / redundancy)) if redundancy > 0.5 else 1.0
-    rows = kept[observations.rows]
-    ground = np.full((len(block.points), 3), np.nan)
-    ground_sigma = np.full((len(block.points), 3), np.nan)
-    residual = np.full((len(block.measurements), 2), np.nan)
-    weight = np.zeros(len(block.measurements))
-    ground[observations.points] = solution.state.ground
-    ground_sigma[observations.points] = sigma0 * np.sqrt(solution.point_variance)
-    residual[rows] = solution.state.linear.residual
-    weight[rows] = solution.factor
-    status = "converged" if solution.converged else "stopped at the iteration limit"
-    return Adjustment(
-        block=block,
-        model=model,
-        values=solution.state.values,
-        values_sigma=sigma0 * np.sqrt(solution.parameter_variance),
-        ground=ground,
-        ground_sigma_m=ground_sigma,
-        residual_px=residual,
-        weight=weight,
-        prior_share=solution.prior_share,
-        sigma0=sigma0,
-        observations=observed,
-        unknowns=unknowns,
-        redundancy=redundancy,
-        converged=solution.converged,
-        status=status,
-        history=solution.history,
-        warnings=tuple(warnings),
-    )
+def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
+    """Return an array of ``length`` rows with ``values`` at ``where``."""
+    result = np.full((length, *values.shape[1:]), empty, dtype=values.dtype)
+    result[where] = values
+    return result

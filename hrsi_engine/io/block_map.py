@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,11 +92,20 @@ def _footprints(rings: Mapping[str, np.ndarray], view: _View) -> Iterable[str]:
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in outline)
         yield f'<polygon class="footprint" points="{path}"><title>{html.escape(name)}</title></polygon>'
     if len(rings) <= _MOST_LABELS:
-        for number, (name, ring) in enumerate(rings.items()):
-            outline = view(ring)
-            x, y = outline[np.argmin(outline.sum(axis=1))]  # upper left corner
-            lower = y + 14.0 + 13.0 * (number % 4)  # names of images that begin at one place do not cover each other
-            yield f'<text class="image" x="{x + 4.0:.1f}" y="{lower:.1f}">{html.escape(name)}</text>'
+        corners = [view(ring)[np.argmin(view(ring).sum(axis=1))] for ring in rings.values()]  # upper left
+        for name, (x, y) in zip(rings, _apart(corners), strict=True):
+            yield f'<text class="image" x="{x + 4.0:.1f}" y="{y + 14.0:.1f}">{html.escape(name)}</text>'
+
+
+def _apart(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+    """Return places of labels that begin at the corners, moved down where they would cover another."""
+    placed: list[tuple[float, float]] = []
+    for x, corner_y in corners:
+        y = corner_y
+        while any(abs(x - other_x) < 120.0 and abs(y - other_y) < 13.0 for other_x, other_y in placed):
+            y += 2.0
+        placed.append((x, y))
+    return placed
 
 
 def _points(data: BlockMap, here: np.ndarray, view: _View, arrow_scale: float | None) -> Iterable[str]:
@@ -149,7 +158,7 @@ def _round_length(longest: float) -> float:
 
 
 def _metres(length: float) -> str:
-    for unit, size in (("km", 1000.0), ("m", 1.0), ("mm", 0.001)):
+    for unit, size in (("km", 1000.0), ("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
         if length >= size:
             return f"{length / size:g} {unit}"
     return f"{length:g} m"

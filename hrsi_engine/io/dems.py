@@ -64,8 +64,8 @@ def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations:
         return lambda ground: geoid_heights(ground, height_datum)
     if not has_vertical_datum(crs.to_wkt()):
         raise InputError(
-            f"{path}: does not say what its heights refer to: "
-            "give --dem-datum egm96, egm2008, ellipsoidal or the file of a geoid grid"
+            f"{path}: does not say what its heights refer to: name egm96, egm2008, ellipsoidal or the file of a geoid "
+            "grid with --dem-datum or --height-datum, whichever the command has"
         )
     return undulations_of_crs(crs.to_wkt())
 

@@ -1,7 +1,7 @@
 """QGIS styles of the result's layers: residual arrows whose scale suits the data, footprints, points.
 
-The styles are QML templates in ``styles/``, made for QGIS 3.22 and later. The arrow of the 90th percentile is
-8 mm long on the screen; the legend says how many metres or pixels that is.
+The styles are QML templates in ``styles/``, made for QGIS 3.22 and later. The arrow of the 90th percentile has a fixed
+length on the screen; the legend says how many metres or pixels that is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-TYPICAL_ARROW_MM = 8.0
+GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
 COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
 }  # fmt: skip
@@ -43,8 +43,8 @@ def _residuals(fields: Columns) -> Style:
     image = _typical(fields["residual_sample_px"], fields["residual_line_px"], (level == "image") & good)
     return _rendered(
         "residuals.qml.j2", "Residual arrows (observed - computed)",
-        ground_scale=_scale(ground), ground_key=_key(ground, "m"),
-        image_scale=_scale(image), image_key=_key(image, "px"),
+        ground_scale=_scale(ground, GROUND_ARROW_MM), ground_key=_key(ground, GROUND_ARROW_MM, "m"),
+        image_scale=_scale(image, IMAGE_ARROW_MM), image_key=_key(image, IMAGE_ARROW_MM, "px"),
         has_ground=bool(np.any((level == "ground") & np.isfinite(fields["residual_east_m"]))),
     )  # fmt: skip
 
@@ -53,8 +53,9 @@ def _image_points(fields: Columns) -> Style:
     good = ~np.isin(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _rendered(
-        "image_points.qml.j2", "Image residuals", image_scale=_scale(typical), image_key=_key(typical, "px")
-    )
+        "image_points.qml.j2", "Image residuals",
+        image_scale=_scale(typical, IMAGE_ARROW_MM), image_key=_key(typical, IMAGE_ARROW_MM, "px"),
+    )  # fmt: skip
 
 
 STYLES: dict[str, Callable[[Columns], Style]] = {
@@ -74,13 +75,13 @@ def _typical(x: np.ndarray, y: np.ndarray, rows: np.ndarray) -> float:
     return typical if typical > 0.0 else 1.0
 
 
-def _scale(typical: float) -> str:
-    return f"{TYPICAL_ARROW_MM / typical:.6g}"
+def _scale(typical: float, arrow_mm: float) -> str:
+    return f"{arrow_mm / typical:.6g}"
 
 
-def _key(typical: float, unit: str) -> str:
+def _key(typical: float, arrow_mm: float, unit: str) -> str:
     """Return what an arrow's length means, for the legend."""
-    return f"{TYPICAL_ARROW_MM:g} mm = {typical:.2g} {unit}"
+    return f"{arrow_mm:g} mm = {typical:.2g} {unit}"
 
 
 def _rendered(template: str, description: str, **values: Any) -> Style:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
+from .layers import remove_old_journal
 
 RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result
 
@@ -57,4 +58,6 @@ def _move_into_place(temporary: Path, folder: Path, protected: list[str]) -> Non
         if os.path.realpath(folder / file.name) in inputs:
             raise InputError(f"{folder / file.name} is an input and would be replaced: choose another --output-dir")
     for file in files:
+        if file.suffix == ".gpkg":
+            remove_old_journal(str(folder / file.name))
         os.replace(file, folder / file.name)

@@ -73,12 +73,15 @@ def _template() -> jinja2.Template:
 
 
 def figure(value: Any, digits: int = 3, unit: str = "") -> str:
-    """Return a number with fixed digits, very small and large ones with an exponent; a dash where there is none."""
+    """Return a number with fixed digits; a dash where there is none.
+
+    Where three digits or more are asked for, very small numbers get an exponent, so that they do not read as 0.
+    """
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "–" if value is None or isinstance(value, jinja2.Undefined) else str(value)
     if isinstance(value, int):
         text = f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
-    elif value != 0.0 and not 10.0 ** (1 - digits) <= abs(value) < 1e7:
+    elif digits >= 3 and value != 0.0 and not 10.0 ** (1 - digits) <= abs(value) < 1e7:
         text = f"{value:.2e}"
     else:
         text = f"{value:.{digits}f}"

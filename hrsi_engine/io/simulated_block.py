@@ -45,21 +45,26 @@ def write_image(
     Raises `OutputError` where the file cannot be written, `Cancelled` where ``progress`` asks to stop.
     """
     samples, lines = bands[0].size
-    with replacing(path) as temporary, gdal_messages() as messages:
-        dataset = _create(path, temporary, (samples, lines, len(bands)), gdal.GDT_UInt16, messages)
-        if rpc is not None:
-            dataset.SetMetadata(gdal_metadata(rpc), "RPC")
-        if geotransform is not None:
-            _georeference(dataset, geotransform)
-        for line, parts in _rows_of_tiles(bands, threads):
-            advance(progress, line / lines, f"rendering {os.path.basename(path)}")
-            for band, sample, pixels in parts:
-                dataset.GetRasterBand(band + 1).WriteArray(pixels, sample, line)
-            dataset.FlushCache()  # GDAL would hold up to a twentieth of the machine's memory
-            _require_quiet(path, messages)
-        del dataset
+    with replacing(path) as temporary:
+        with gdal_messages() as messages:
+            dataset = _create(path, temporary, (samples, lines, len(bands)), gdal.GDT_UInt16, messages)
+            if rpc is not None:
+                dataset.SetMetadata(gdal_metadata(rpc), "RPC")
+            if geotransform is not None:
+                _georeference(dataset, geotransform)
+            for line, parts in _rows_of_tiles(bands, threads):
+                advance(progress, line / lines, f"rendering {os.path.basename(path)}")
+                _write_row(dataset, line, parts)
+                _require_quiet(path, messages)
+            del dataset
         _require_quiet(path, messages)
     advance(progress, 1.0, f"wrote {os.path.basename(path)}")
+
+
+def _write_row(dataset: gdal.Dataset, line: int, parts: list[Part]) -> None:
+    for band, sample, pixels in parts:
+        dataset.GetRasterBand(band + 1).WriteArray(pixels, sample, line)
+    dataset.FlushCache()  # GDAL would hold up to a twentieth of the machine's memory
 
 
 def _create(
@@ -117,15 +122,16 @@ def _finished(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list
 def write_dem(path: str, heights: np.ndarray, geotransform: Geotransform) -> None:
     """Write ellipsoidal heights ``(rows, columns)`` as a float32 GeoTIFF in EPSG:4979, row 0 in the north."""
     rows, columns = heights.shape
-    with replacing(path) as temporary, gdal_messages() as messages:
-        dataset = _create(path, temporary, (columns, rows, 1), gdal.GDT_Float32, messages)
-        _georeference(dataset, geotransform)
-        dataset.SetMetadata({"VERTICAL_DATUM": "ellipsoidal heights above WGS84", "AREA_OR_POINT": "Point"})
-        band = dataset.GetRasterBand(1)
-        band.SetUnitType("m")
-        band.SetDescription("ellipsoidal height")
-        band.WriteArray(np.asarray(heights, dtype=np.float32))
-        del band, dataset
+    with replacing(path) as temporary:
+        with gdal_messages() as messages:
+            dataset = _create(path, temporary, (columns, rows, 1), gdal.GDT_Float32, messages)
+            _georeference(dataset, geotransform)
+            dataset.SetMetadata({"VERTICAL_DATUM": "ellipsoidal heights above WGS84", "AREA_OR_POINT": "Point"})
+            band = dataset.GetRasterBand(1)
+            band.SetUnitType("m")
+            band.SetDescription("ellipsoidal height")
+            band.WriteArray(np.asarray(heights, dtype=np.float32))
+            del band, dataset
         _require_quiet(path, messages)
 
 

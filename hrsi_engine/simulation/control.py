@@ -226,5 +226,3 @@ def measure(
         ),
         blunder,
     )  # fmt: skip
-
-

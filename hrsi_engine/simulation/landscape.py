@@ -146,8 +146,9 @@ class Landscape:
     def parcel_grey(self) -> np.ndarray:
         """Grey value of each parcel in each band, ``(5, PARCELS, PARCELS)`` float32; fields are strips of parcels."""
         rng = np.random.default_rng([self.seed, 12])
-        cover, by_row = self.parcel_cover, np.kron(
-            rng.random(self.block_cover.shape) < 0.5, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool)
+        cover, by_row = (
+            self.parcel_cover,
+            np.kron(rng.random(self.block_cover.shape) < 0.5, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool)),
         )
         variation = rng.standard_normal((PARCELS, PARCELS))
         rows = np.repeat(variation[:, ::PER_BLOCK], PER_BLOCK, axis=1)

@@ -210,9 +210,7 @@ def aim(
     )
 
 
-def _position(
-    sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: float, heading_deg: float
-) -> np.ndarray:
+def _position(sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: float, heading_deg: float) -> np.ndarray:
     """Return the satellite's ECEF position at the sensor's altitude that sees the frame's origin at the two angles."""
     target = to_ecef(np.array([[frame.lon_deg, frame.lat_deg, frame.height_m]]))
     wanted = np.tan(np.radians([along_deg, across_deg]))

@@ -11,6 +11,7 @@ import numpy as np
 from ..block import Block, Image, Role, assemble
 from ..errors import InputError
 from ..geodesy import metres_per_degree
+from ..progress import Progress, advance, silent, stage
 from .control import (
     Noise,
     PointCounts,
@@ -80,10 +81,11 @@ def simulate_block(
     views: Sequence[View],
     points: PointCounts | None = None,
     noise: Noise | None = None,
+    progress: Progress = silent,
 ) -> SimulatedBlock:
     """Return a synthetic block; the same arguments give the same block to the last bit.
 
-    Raises `InputError` where the views do not see enough in common.
+    Raises `InputError` where the views do not see enough in common, `Cancelled` where ``progress`` asks to stop.
     """
     points, noise = points or PointCounts(), noise or Noise()
     scene = make_scene(spec, views)
@@ -92,11 +94,13 @@ def simulate_block(
         camera.disturbed(_vendor_error(view, spec, noise, index))
         for index, (view, camera) in enumerate(zip(views, cameras, strict=True))
     )
+    advance(progress, 0.2, "terrain simulated")
     scene = _with_targets(scene, cameras, points)
     ids, ground, role = _place_points(cameras, scene, points)
     known = role != Role.TIE
     image_points = _sorted(observe(cameras, scene.terrain, ground))
-    vendor_rpcs = tuple(fit_camera(camera, scene.terrain.height_range) for camera in vendor_cameras)
+    advance(progress, 0.6, "points placed")
+    vendor_rpcs = _fit_all(vendor_cameras, scene, stage(progress, 0.6, 1.0))
 
     surveyed, wrong = survey(
         ids[known], ground[known], role[known], noise, 1.0 / metres_per_degree(ground[known]),
@@ -112,6 +116,14 @@ def simulate_block(
         wrong_height,
     )  # fmt: skip
     return SimulatedBlock(spec, tuple(views), noise, scene, assemble(images, [surveyed], [measured]), truth)
+
+
+def _fit_all(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progress) -> tuple[VendorRPC, ...]:
+    fitted = []
+    for index, camera in enumerate(cameras):
+        fitted.append(fit_camera(camera, scene.terrain.height_range))
+        advance(progress, (index + 1) / len(cameras), "fitting RPCs")
+    return tuple(fitted)
 
 
 def _vendor_error(view: View, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:

@@ -13,12 +13,16 @@ from .pushbroom import PushbroomCamera
 CONTROL_GRID = (15, 15, 7)  # samples, lines, heights
 CHECK_GRID = (22, 23, 10)  # shares no node with the control grid
 HEIGHT_MARGIN_M = 50.0
+RESOLVED_PX = 2e-8
 BORDER = 0.02  # by which the control grid is larger than the image, as a share of it
 
 
 @dataclass(frozen=True, eq=False)
 class VendorRPC:
-    """An RPC and how far it is from the physical camera it was fitted to, in pixels on the independent grid."""
+    """An RPC and how far it is from the physical camera it was fitted to, in pixels on the independent grid.
+
+    ``max_px`` is never below `RESOLVED_PX`: the camera's own two directions agree no better.
+    """
 
     rpc: RPC
     max_px: float
@@ -32,7 +36,7 @@ def fit_camera(camera: PushbroomCamera, height_range_m: tuple[float, float]) -> 
     rpc = fit_rpc(ground, image).rpc
     image, ground = virtual_grid(camera, CHECK_GRID, (low, high), 0.0)
     distance = np.hypot(*(rpc.project(ground) - image).T)
-    return VendorRPC(rpc, float(distance.max()), float(np.sqrt(np.mean(distance**2))))
+    return VendorRPC(rpc, max(float(distance.max()), RESOLVED_PX), float(np.sqrt(np.mean(distance**2))))
 
 
 def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:

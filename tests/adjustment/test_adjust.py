@@ -9,7 +9,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.normals import FREE_POINT_SIGMA_M
+from hrsi.hrsi_engine.adjustment.equations import FREE_POINT_SIGMA_M
 from hrsi.hrsi_engine.block import Role
 from hrsi.hrsi_engine.errors import InputError, SolveError
 from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground

@@ -184,9 +184,9 @@ def bilinear(grid: Path, lonlat: np.ndarray) -> np.ndarray:
     return top * (1 - v) + (values[r + 1, c] * (1 - u) + values[r + 1, c + 1] * u) * v
 
 
-def test_missing_geoid_grid_is_an_error_that_says_how_to_get_it(tmp_path: Path) -> None:
+def test_missing_geoid_grid_is_an_error(tmp_path: Path) -> None:
     path = write_text(tmp_path / "p.csv", "id,lon,lat,height\nA,5,44,1\n")
-    with pytest.raises(InputError, match="projsync"):
+    with pytest.raises(InputError, match="geoid grid"):
         read_points(path, height_datum=str(tmp_path / "none.gtx"))
 
 
@@ -268,7 +268,7 @@ def test_gcps_in_an_image(tmp_path: Path) -> None:
     """rasterio's row and col of a GCP count from the pixel's corner, as GDAL's do."""
     gcps = [
         GroundControlPoint(row=20.5 + k, col=10.5 + k, x=x, y=y, z=z, id=name)
-        for k, (name, (x, y, z)) in enumerate(zip(["A", "1", "C", ""], GROUND.tolist(), strict=True))
+        for k, (name, (x, y, z)) in enumerate(zip("ABCD", GROUND.tolist(), strict=True))
     ]
     path = tmp_path / "img.tif"
     with rasterio.open(path, "w", driver="GTiff", width=64, height=64, count=1, dtype="uint8") as image:
@@ -278,7 +278,14 @@ def test_gcps_in_an_image(tmp_path: Path) -> None:
     assert tables.image is not None
     assert_ground(tables.ground.ground)
     assert tables.image.xy[0].tolist() == [10.0, 20.0]
-    assert tables.ground.ids[:2].tolist() == ["A", "img-1"]
+    assert tables.ground.ids.tolist() == ["img-1", "img-2", "img-3", "img-4"]  # GeoTIFF keeps no names
+    named = [gdal.GCP(*GROUND[0].tolist(), 1.0, 2.0, "", "A"), gdal.GCP(*GROUND[1].tolist(), 3.0, 4.0, "", "7")]
+    virtual = gdal.GetDriverByName("VRT").CreateCopy(str(tmp_path / "v.vrt"), gdal.Open(str(path)))
+    virtual.SetGCPs(named, crs_wkt("EPSG:4326"))
+    del virtual
+    ground = read_points(str(tmp_path / "v.vrt")).ground
+    assert ground is not None
+    assert ground.ids.tolist() == ["A", "v-7"]
 
 
 def test_ames_stereo_pipeline_gcps(tmp_path: Path) -> None:

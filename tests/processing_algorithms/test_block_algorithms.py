@@ -148,6 +148,30 @@ def test_utm_residuals_lie_at_the_printed_coordinates(adjusted, hobart):
         assert (geometry.GetX(), geometry.GetY()) == pytest.approx(printed[point], abs=0.002)
 
 
+def test_results_can_be_fed_back(adjusted, hobart, tmp_path):
+    """The layer of measurements that HRSI wrote is image points again; its adjusted positions are no GCPs."""
+    report, folder = adjusted
+    options = hobart | {"image_points": f"{folder / 'block.gpkg'}|layername=image_points"}
+    again = run("adjust", **options, gcp_ids=GCPS.split(","), model="shift", output_dir=str(tmp_path))
+    for figure, value in report["check"].items():
+        assert again["check"][figure] == pytest.approx(value, abs=1e-9), figure
+
+
+def test_gcps_and_measurements_in_one_layer(hobart, tmp_path):
+    """A GCP layer that was measured on an image is both at once."""
+    with open(hobart["gcps"]) as file:
+        ground = {row["id"]: row for row in csv.DictReader(file)}
+    with open(hobart["image_points"]) as file:
+        rows = [row | {k: ground[row["id"]][k] for k in ("lon", "lat", "height")} for row in csv.DictReader(file)]
+    with open(tmp_path / "both.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    both = str(tmp_path / "both.csv")
+    report = run("adjust", images=hobart["images"], gcps=both, output_dir=str(tmp_path / "result"))
+    assert report["control"]["points"] == 71
+
+
 def test_triangulate_does_the_same(adjusted, hobart, tmp_path):
     report = run("triangulate", **hobart, tie_points="none", gcp_ids=GCPS.split(","), output_dir=str(tmp_path / "new"))
     assert report["check"] == adjusted[0]["check"]
@@ -409,6 +433,18 @@ def test_every_way_of_writing_gives_the_same_camera(how, pair, tmp_path):
         np.testing.assert_allclose(written.samp_off, expected.samp_off, atol=1e-9)
         np.testing.assert_allclose(written.line_off, expected.line_off, atol=1e-9)
         assert (Path(path).read_bytes() == original) == (how != "in-place")
+
+
+def test_a_sidecar_of_an_earlier_run_does_not_win_over_the_copy(pair, tmp_path):
+    folder = str(tmp_path / "result")
+    run("triangulate", images=pair, write="sidecar", sigma_image=0.2, output_dir=folder)
+    stale = tmp_path / "result" / "img_01_RPC.TXT"
+    stale.write_text(stale.read_text().replace("LINE_OFF: ", "LINE_OFF: 9"))
+    report = run("triangulate", images=pair, write="copy", output_dir=folder, overwrite=True)
+    shift = report["images"]["img_01"]["parameters"]["line_0"]["value"]
+    with rasterio.open(report["images"]["img_01"]["output"]) as copy, rasterio.open(pair[0]) as source:
+        assert copy.rpcs.line_off - source.rpcs.line_off == pytest.approx(shift, abs=1e-6)
+    assert any("img_01_RPC.TXT" in warning for warning in report["warnings"])
 
 
 def test_original_comes_back_after_writing_in_place(pair, tmp_path):

@@ -13,6 +13,7 @@ from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
 from .table import Table
 
+_CHUNK_ROWS = 100_000
 _SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
 
 
@@ -36,7 +37,7 @@ def interpret(table: Table, reference: Reference, image_ids: Sequence[str]) -> P
             f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
         )
     _require_field(table, "id")
-    _require_text(table, "id", np.arange(len(table)))
+    _require_text(table, "id")
     image = _image_points(table, known, image_ids) if measures else None
     ground, warnings = _ground_points(table, measures, reference) if known else (None, [])
     return PointTables(ground, image, (*table.notes, *warnings))
@@ -51,8 +52,10 @@ def _require_field(table: Table, field: str) -> np.ndarray:
     return table.columns[field]
 
 
-def _require_text(table: Table, field: str, rows: np.ndarray) -> None:
-    empty = rows[table.columns[field][rows] == ""]
+def _require_text(table: Table, field: str, rows: np.ndarray | None = None) -> None:
+    empty = np.flatnonzero(table.columns[field] == "")
+    if rows is not None:
+        empty = np.intersect1d(empty, rows)
     if len(empty):
         raise InputError(f"{table.source}, {table.row_name(int(empty[0]))}: field {field!r} is empty: fill it in")
 
@@ -71,7 +74,7 @@ def _image_points(table: Table, known: bool, image_ids: Sequence[str]) -> ImageP
         return None
     everything = len(rows) == len(table)  # millions of rows are not copied without need
     columns = table.columns if everything else {name: column[rows] for name, column in table.columns.items()}
-    images = _image_names(table, rows, image_ids)
+    images = image_names(table, rows, image_ids)
     sigma = _positive(table, "sigma")
     return ImagePoints(
         columns["id"],
@@ -84,17 +87,24 @@ def _image_points(table: Table, known: bool, image_ids: Sequence[str]) -> ImageP
     )
 
 
-def _image_names(table: Table, rows: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
+def image_names(table: Table, rows: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
     """Return each row's image id; a file without that field belongs to the only image there is."""
     if "image" not in table.columns:
         if len(image_ids) == 1:
             return np.full(len(rows), image_ids[0])
         _require_field(table, "image")
     _require_text(table, "image", rows)
-    given = table.columns["image"]
-    names, index = unique_ids(given if len(rows) == len(given) else given[rows])
-    wanted = set(image_ids)
-    return np.array([_matching_id(str(name), wanted) for name in names], dtype=str)[index]
+    given = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
+    wanted, known = set(image_ids), dict[str, str]()
+    for start in range(0, len(given), _CHUNK_ROWS):  # sorting millions of names would take more memory than the table
+        for name in set(given[start : start + _CHUNK_ROWS].tolist()) - known.keys():
+            known[name] = _matching_id(name, wanted)
+    if all(name == image for name, image in known.items()):
+        return given
+    return np.concatenate([
+        np.array([known[name] for name in given[start : start + _CHUNK_ROWS].tolist()], dtype=str)
+        for start in range(0, len(given), _CHUNK_ROWS)
+    ])  # fmt: skip
 
 
 def _matching_id(name: str, image_ids: set[str]) -> str:

@@ -1,0 +1,130 @@
+"""The normal equations of a block with the ground points eliminated (thesis eqs. 5.44-5.49).
+
+Per image point, with residual v = observed - computed and weight w = (robust weight) / sigma²::
+
+    v = A da + B dx        A (2, p): camera parameters,  B (2, 3): east, north, up of the point, metres
+
+    | N  W | |da|   |n|      N  blocks (p, p) of the cameras,   V  blocks (3, 3) of the points,
+    | W' V | |dx| = |m|      W  one block (p, 3) per image point
+
+The points are eliminated one by one: (N - W V^-1 W') da = n - W V^-1 m, then dx = V^-1 (m - W' da). No matrix over
+all observations is ever formed. Two implementations do the same: `array_equations` with NumPy for every model,
+`compiled_equations` with compiled code for the image-space polynomials.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..geodesy import metres_per_degree, wrap_degrees
+from .observations import Observations
+
+FREE_POINT_SIGMA_M = 1e4  # prior of a point without survey about its start (C_G): only keeps V regular
+
+
+class State(NamedTuple):
+    """Where the iteration stands: values (cameras, p) and ground (m, 3)."""
+
+    values: np.ndarray
+    ground: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PointPriors:
+    """Observed positions of the points: surveys, DEM heights, and a weak prior about the start for all others.
+
+    target : (m, 3) lon, lat, height
+    weight : (m, 3) in 1/m² east, north, up, above zero everywhere
+    observed : (m, 3) which of them are observations; the weak priors are none and do not count
+    """
+
+    target: np.ndarray
+    weight: np.ndarray
+    observed: np.ndarray
+
+    @classmethod
+    def of(cls, observations: Observations, start: np.ndarray, weight: np.ndarray | None = None) -> PointPriors:
+        """Return the surveys where their ``weight (m, 3)`` is above zero; elsewhere the start with its weak prior."""
+        weight = observations.survey_weight if weight is None else weight
+        given = weight > 0.0
+        free = 1.0 / FREE_POINT_SIGMA_M**2
+        return cls(np.where(given, observations.survey, start), np.where(given, weight, free), given)
+
+    @property
+    def held(self) -> np.ndarray:
+        """Mask of the points with an observed coordinate."""
+        return self.observed.any(axis=1)
+
+    def miss_m(self, ground: np.ndarray, points: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return target - ground in metres east, north, up of some points, for their ``ground (k, 3)``."""
+        difference = self.target[points] - ground
+        difference[:, 0] = wrap_degrees(difference[:, 0])
+        return difference * metres_per_degree(ground)
+
+    def sum_of_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
+        """Return the weighted sum of squares of the observed coordinates of the points ``counting (m,)``."""
+        points = np.flatnonzero(self.held & counting)
+        weight = np.where(self.observed[points], self.weight[points], 0.0)
+        return float(np.sum(weight * self.miss_m(ground[points], points) ** 2))
+
+
+@dataclass(eq=False)
+class Normals:
+    """Eliminated normal equations at one state.
+
+    residual : (n, 2) px
+    blocks, right : (blocks, p, p) and (cameras, p) of the reduced system, without the cameras' priors
+    inverse, point_right : V^-1 (m, 3, 3) and m (m, 3) of the points
+    """
+
+    residual: np.ndarray
+    blocks: np.ndarray
+    right: np.ndarray
+    inverse: np.ndarray
+    point_right: np.ndarray
+
+
+class PointJacobians(NamedTuple):
+    """Rows (indices of the image points), their residuals (r, 2) and derivatives by the ground (r, 2, 3)."""
+
+    rows: np.ndarray
+    residual: np.ndarray
+    by_ground: np.ndarray
+
+
+class Cofactors(NamedTuple):
+    """Cofactors of the adjusted quantities.
+
+    points : (m, 3, 3) of the positions, m²
+    computed : (n, 2, 2) of the computed image points, px²: prior cofactor minus this is that of the residual
+    """
+
+    points: np.ndarray
+    computed: np.ndarray
+
+
+class Equations(Protocol):
+    """What the solver asks of the normal equations; ``weight (n,)`` in 1/px², 0 for image points without a say."""
+
+    def residuals(self, state: State) -> np.ndarray:
+        """Return observed - computed of all image points, ``(n, 2)``."""
+
+    def normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
+        """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
+
+    def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
+        """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
+
+    def point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
+        """Return residuals and derivatives by the ground of all image points of some points, in order."""
+
+    def cofactors(
+        self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray, contributes: np.ndarray
+    ) -> Cofactors:
+        """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
+
+    def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
+        """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none."""

@@ -1,0 +1,155 @@
+"""The damped Gauss-Newton loop on the reduced camera system, reweighted for robustness.
+
+Unknowns are the model's values of each camera and a metric step of each point. One pass eliminates the points, solves
+for the cameras and substitutes back; the normal equations at the new state are those of the next pass. A step that
+raises the cost is repeated with more damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..geodesy import moved_ground
+from ..progress import Progress, advance
+from .camera_system import CameraSystem, camera_system
+from .equations import Equations, Normals, PointPriors, State
+from .pattern import Pattern
+from .result import Iteration
+from .weights import WEIGHTS, least_squares
+
+MOST_DAMPING = 1e6
+LOOSE_TOLERANCE = 0.05  # of passes before a round of data snooping: cameras to a few tenths of a pixel will do
+ROBUST_TOLERANCE = 1e-4  # reweighting converges slowly, but what is left moves single blunders, not the cameras
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """What the observations weigh at present; data snooping and variance components change it.
+
+    image : (n,) 1/px², 0 for a measurement that is left out
+    points : priors of the points' positions, surveys among them
+    contributes : (m,) whether a point has a say in the cameras
+    """
+
+    image: np.ndarray
+    points: PointPriors
+    contributes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the loop ended: state, equations there, robust factors (n,), cost, and how it went."""
+
+    state: State
+    weighting: Weighting
+    normals: Normals
+    factor: np.ndarray
+    cost: float
+    converged: bool
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Weights of the image points, robust factors included."""
+        return self.weighting.image * self.factor
+
+
+@dataclass(eq=False)
+class GaussNewton:
+    """The loop over one set of equations.
+
+    prior_weight : (cameras, p), infinite for a parameter that stays at its start
+    rows_per_point : (m,) numbers of image points
+    heights : new height targets for positions (m, 3), where a DEM holds them
+    """
+
+    equations: Equations
+    pattern: Pattern
+    prior_weight: np.ndarray
+    rows_per_point: np.ndarray
+    max_iterations: int = 30
+    heights: Callable[[np.ndarray], np.ndarray] | None = None
+    history: list[Iteration] = field(default_factory=list)
+    solves: int = 0
+
+    def __post_init__(self) -> None:
+        self.system: CameraSystem = camera_system(self.pattern)
+        self._finite_prior = np.where(np.isinf(self.prior_weight), 0.0, self.prior_weight)
+
+    def run(self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress) -> Solution:
+        """Iterate from a state until the predicted decrease of the cost falls below ``tolerance`` of the cost.
+
+        The history grows over all runs.
+        """
+        robustly = WEIGHTS[robust]
+        reweighting = robustly is not least_squares or self.heights is not None
+        # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
+        at = self._at(state, weighting, np.ones(len(weighting.image)))
+        damping, converged = 0.0, False
+        tolerance = max(tolerance, ROBUST_TOLERANCE) if robustly is not least_squares else tolerance
+        for iteration in range(self.max_iterations):
+            advance(progress, 1.0 - 0.6**iteration, f"adjustment, iteration {len(self.history) + 1}")
+            cost = at.cost
+            at, decrease, damping = self._step(at, damping)
+            self.history.append(Iteration(cost, decrease, damping))
+            if reweighting:
+                at = self._reweighted(at, robustly)
+            settled = iteration > 0 or not reweighting
+            if settled and decrease <= tolerance * cost + 1e-12:
+                converged = True
+                break
+        return replace(at, converged=converged)
+
+    def _reweighted(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
+        """Return the same state with robust factors from its residuals and heights from the DEM."""
+        weighting = at.weighting
+        if self.heights is not None:
+            points = weighting.points
+            target = points.target.copy()
+            target[:, 2] = self.heights(at.state.ground)
+            weighting = replace(weighting, points=replace(points, target=target))
+        t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
+        return self._at(at.state, weighting, robustly(t))
+
+    def _at(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
+        normals = self.equations.normals(state, weighting.image * factor, weighting.points, weighting.contributes)
+        at = Solution(state, weighting, normals, factor, 0.0, False)
+        return replace(at, cost=self.cost(at))
+
+    def cost(self, at: Solution) -> float:
+        """Half the weighted sum of squares of image points, surveys and priors."""
+        return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2)))
+
+    def sum_of_squares(self, at: Solution) -> float:
+        """Return the weighted sum of squares of image points and surveys that have a say in the cameras."""
+        contributes, residual = at.weighting.contributes, at.normals.residual
+        lengths = np.einsum("nc,nc->n", residual, residual) * at.weight
+        used = np.repeat(contributes, self.rows_per_point)
+        return float(lengths @ used) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
+
+    def _step(self, at: Solution, damping: float) -> tuple[Solution, float, float]:
+        """Return the next state, the decrease of the cost that was predicted for it, and the damping it took."""
+        right = at.normals.right - self._finite_prior * at.state.values
+        while True:
+            self.system.factorise(at.normals.blocks, self.prior_weight, damping)
+            self.solves += 1
+            by_values = self.system.solve(right)
+            by_ground = self.equations.point_steps(at.state, at.weight, at.normals, by_values)
+            trial = self._at(
+                State(at.state.values + by_values, moved_ground(at.state.ground, by_ground)), at.weighting, at.factor
+            )
+            decrease = 0.5 * (float(np.sum(right * by_values)) + _point_gain(at))
+            if trial.cost <= at.cost * (1.0 + 1e-9) + 1e-12:
+                return trial, decrease, 0.0 if damping < 1e-4 else damping / 10.0
+            damping = max(10.0 * damping, 1e-3)
+            if damping > MOST_DAMPING:
+                return at, 0.0, damping
+
+
+def _point_gain(at: Solution) -> float:
+    """Return the part of the predicted decrease that the points would bring with the cameras as they are."""
+    right = at.normals.point_right
+    gain = np.einsum("mi,mij,mj->m", right, at.normals.inverse, right)
+    return float(gain @ at.weighting.contributes)

@@ -1,0 +1,237 @@
+"""Sparse Cholesky factors of block matrices by nested dissection, with dense fronts (multifrontal method).
+
+The graph of the cameras is cut in two by a small separator, each half again, and so on; a part small enough becomes a
+leaf. Eliminating the leaves first and the separators last keeps the fill to O(n log n) for blocks that are flat, as
+those of images on the ground are (George 1973). Each node of the tree is a *front*: the dense matrix of its own
+unknowns and of its border, the unknowns of separators above that it touches::
+
+    | F11  .  |   own       L11 L11' = F11,   B = F21 L11^-T,   update to the parent: F22 - B B'
+    | F21 F22 |   border
+
+The same tree gives the inverse on the fill pattern, from the root down, without ever forming the dense inverse
+(Takahashi et al. 1973; Erisman and Tinney 1975): with K = B L11^-1 and the inverse Z22 of the border,
+
+    Z21 = -Z22 K,    Z11 = (L11 L11')^-1 + K' Z22 K
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse import csgraph
+
+from ..errors import SolveError
+
+LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
+
+
+@dataclass(eq=False)
+class Front:
+    """A node of the tree: the cameras it eliminates, those on its border, and its children."""
+
+    own: np.ndarray
+    children: list[Front] = field(default_factory=list)
+    border: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    factor: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    coupling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+def dissect(graph: sparse.csr_matrix, leaf: int) -> list[Front]:
+    """Return the fronts of a symmetric graph in the order of elimination: children before parents.
+
+    ``leaf`` is the number of cameras up to which a part is not cut further.
+    """
+    fronts: list[Front] = []
+    roots: list[Front] = []
+    pending: list[tuple[np.ndarray, Front | None]] = [(np.arange(graph.shape[0]), None)]
+    while pending:
+        part, parent = pending.pop()
+        separator, halves = (part, []) if len(part) <= leaf else _cut(graph, part)
+        front = Front(np.sort(separator))
+        fronts.append(front)
+        (roots if parent is None else parent.children).append(front)
+        pending += [(half, front) for half in halves]
+    fronts.reverse()
+    return fronts
+
+
+def _cut(graph: sparse.csr_matrix, part: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return a separator of a part and the pieces that it leaves."""
+    inside = graph[part][:, part]
+    count, label = csgraph.connected_components(inside, directed=False)
+    if count > 1:
+        return part[:0], _two_heaps(part, label, count)
+    level = _levels(inside)
+    middle = int(np.searchsorted(np.cumsum(np.bincount(level)), len(part) // 2))
+    if middle in (0, level.max()):
+        return part, []
+    near, far = level <= middle, level > middle
+    touches_far = np.asarray(inside[:, far].sum(axis=1)).ravel() > 0
+    separator = near & touches_far
+    return part[separator], [piece for piece in (part[near & ~separator], part[far]) if len(piece)]
+
+
+def _two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarray]:
+    """Return unconnected components as two heaps of similar size."""
+    size = np.bincount(label, minlength=count)
+    heap, weight = np.zeros(count, dtype=int), [0, 0]
+    for component in np.argsort(-size):
+        lighter = int(weight[1] < weight[0])
+        heap[component] = lighter
+        weight[lighter] += int(size[component])
+    return [part[heap[label] == side] for side in (0, 1)]
+
+
+def _levels(graph: sparse.csr_matrix) -> np.ndarray:
+    """Return each vertex's distance from a vertex at the rim (two sweeps find one)."""
+    start = 0
+    for _ in range(2):
+        distance = csgraph.shortest_path(graph, method="D", unweighted=True, indices=start, directed=False)
+        start = int(np.argmax(distance))
+    distance = csgraph.shortest_path(graph, method="D", unweighted=True, indices=start, directed=False)
+    return distance.astype(np.int64)
+
+
+def _cholesky(matrix: np.ndarray) -> np.ndarray:
+    if not matrix.size:
+        return matrix
+    try:
+        return np.asarray(linalg.cholesky(matrix, lower=True, check_finite=False))
+    except linalg.LinAlgError as error:
+        raise SolveError(
+            "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
+        ) from error
+
+
+def _triangular(factor: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:
+    """Return L^-1 right or L^-T right; empty arrays pass."""
+    if not factor.size or not right.size:
+        return right
+    return np.asarray(
+        linalg.solve_triangular(factor, right, lower=True, trans=1 if transposed else 0, check_finite=False)
+    )
+
+
+class SparseFactor:
+    """Cholesky factor of a block matrix given by its upper blocks.
+
+    Parameters
+    ----------
+    graph : symmetric adjacency of the n cameras
+    start, columns : compressed rows of the upper blocks
+    size : p, unknowns of a camera
+    """
+
+    def __init__(self, graph: sparse.csr_matrix, start: np.ndarray, columns: np.ndarray, size: int) -> None:
+        self.cameras, self.size = graph.shape[0], size
+        self._start, self._columns = start, columns
+        self.fronts = dissect(graph, max(1, LEAF_UNKNOWNS // max(size, 1)))
+        self._order = np.empty(self.cameras, dtype=np.int64)
+        for number, front in enumerate(self.fronts):
+            self._order[front.own] = number
+        self._lower = self._lower_index(graph)
+        for number, front in enumerate(self.fronts):
+            front.border = self._border(graph, front, number)
+
+    def _lower_index(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
+        """Return a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)."""
+        number = np.arange(1, len(self._columns) + 1, dtype=np.int64)
+        upper = sparse.csr_matrix((number, self._columns, self._start), shape=graph.shape)
+        return sparse.csr_matrix(upper - sparse.triu(upper, 1).T)
+
+    def _border(self, graph: sparse.csr_matrix, front: Front, number: int) -> np.ndarray:
+        neighbours = graph[front.own].indices
+        reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
+        return reached[self._order[reached] > number].astype(np.int64)
+
+    # ---- numbers -------------------------------------------------------------------------------------------------
+
+    def factorise(self, blocks: np.ndarray) -> None:
+        """Compute the factors of ``blocks (blocks, p, p)``; raises `SolveError` where not positive definite."""
+        updates: dict[int, np.ndarray] = {}
+        for front in self.fronts:
+            matrix = self._assemble(front, blocks, updates)
+            own = len(front.own) * self.size
+            front.factor = _cholesky(matrix[:own, :own])
+            front.coupling = _triangular(front.factor, matrix[own:, :own].T).T
+            updates[id(front)] = matrix[own:, own:] - front.coupling @ front.coupling.T
+
+    def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
+        cameras, p = np.concatenate([front.own, front.border]), self.size
+        local = {int(camera): place for place, camera in enumerate(cameras)}
+        matrix = np.zeros((len(cameras), p, len(cameras), p))
+        entries = self._lower[front.own]
+        i = np.repeat(np.arange(len(front.own)), np.diff(entries.indptr))
+        j = np.array([local.get(int(column), -1) for column in entries.indices], dtype=np.int64)
+        here = j >= 0
+        i, j, number = i[here], j[here], entries.data[here]
+        values = blocks[np.abs(number) - 1]
+        values = np.where((number < 0)[:, None, None], values.transpose(0, 2, 1), values)
+        matrix[i, :, j, :] = values
+        outer = j >= len(front.own)
+        matrix[j[outer], :, i[outer], :] = values[outer].transpose(0, 2, 1)
+        for child in front.children:
+            update = updates.pop(id(child))
+            place = np.array([local[int(camera)] for camera in child.border], dtype=np.int64)
+            matrix[place[:, None], :, place[None, :], :] += update.reshape(
+                len(place), p, len(place), p
+            ).transpose(0, 2, 1, 3)  # fmt: skip
+        return matrix.reshape(len(cameras) * p, len(cameras) * p)
+
+    def _unknowns(self, cameras: np.ndarray) -> np.ndarray:
+        return (cameras[:, None] * self.size + np.arange(self.size)).ravel()
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Return the solution for right-hand sides ``(u,)`` or ``(u, k)``."""
+        x = np.array(right, dtype=np.float64)
+        for front in self.fronts:
+            own, border = self._unknowns(front.own), self._unknowns(front.border)
+            x[own] = _triangular(front.factor, x[own])
+            x[border] -= front.coupling @ x[own]
+        for front in reversed(self.fronts):
+            own, border = self._unknowns(front.own), self._unknowns(front.border)
+            x[own] = _triangular(front.factor, x[own] - front.coupling.T @ x[border], transposed=True)
+        return x
+
+    def inverse_blocks(self) -> np.ndarray:
+        """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern of the matrix."""
+        result = np.empty((len(self._columns), self.size, self.size))
+        for front, cameras, inverse in self._inverses():
+            self._pick(front, cameras, inverse, result)
+        return result
+
+    def _inverses(self) -> Iterator[tuple[Front, np.ndarray, np.ndarray]]:
+        """Yield each front with its cameras (own, border) and the inverse over their unknowns, the root first."""
+        borders: dict[int, np.ndarray] = {}
+        for front in reversed(self.fronts):
+            border = borders.pop(id(front), np.zeros((0, 0)))
+            own = len(front.own) * self.size
+            inverse = np.zeros((own + len(border), own + len(border)))
+            inverse[own:, own:] = border
+            unit = _triangular(front.factor, np.eye(own))
+            gain = front.coupling @ unit
+            pulled = border @ gain
+            inverse[own:, :own], inverse[:own, own:] = -pulled, -pulled.T
+            inverse[:own, :own] = unit.T @ unit + gain.T @ pulled
+            cameras = np.concatenate([front.own, front.border])
+            place = {int(camera): number for number, camera in enumerate(cameras)}
+            for child in front.children:
+                chosen = np.array([place[int(camera)] for camera in child.border], dtype=np.int64)
+                unknowns = self._unknowns(chosen)
+                borders[id(child)] = inverse[np.ix_(unknowns, unknowns)]
+            yield front, cameras, inverse
+
+    def _pick(self, front: Front, cameras: np.ndarray, inverse: np.ndarray, result: np.ndarray) -> None:
+        """Copy the blocks of a front's own cameras that belong to the pattern."""
+        p = self.size
+        place = {int(camera): number for number, camera in enumerate(cameras)}
+        entries = self._lower[front.own]
+        i = np.repeat(np.arange(len(front.own)), np.diff(entries.indptr))
+        j = np.array([place.get(int(column), -1) for column in entries.indices], dtype=np.int64)
+        here = j >= 0
+        i, j, number = i[here], j[here], entries.data[here]
+        blocks = inverse.reshape(len(cameras), p, len(cameras), p)[i, :, j, :]
+        result[np.abs(number) - 1] = np.where((number < 0)[:, None, None], blocks.transpose(0, 2, 1), blocks)

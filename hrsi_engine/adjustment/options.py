@@ -1,0 +1,48 @@
+"""How to adjust a block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..block import Image
+from ..dem import HeightSurface
+from ..refinement import Priors, priors_of
+
+
+@dataclass(frozen=True)
+class AdjustOptions:
+    """How to adjust.
+
+    model, robust : names in `MODELS` and `WEIGHTS`
+    sigma_shift_px, sigma_drift : priors of the corrections; None chooses them (`refinement.priors_of`)
+    check_as_ties : the check points' image measurements take part like those of tie points (never their survey)
+    reject_sigma : measurements and GCPs that fail their test at this many sigmas are left out; 0 keeps all
+    variance_components : estimate the sigmas of the groups of observations
+    fixed_images : ids of reference images, whose RPCs stay as they are
+    shared_images : groups of ids that have one set of parameters together (one strip or orbit)
+    dem, sigma_dem_m : a surface that holds the heights of tie points, and its standard deviation
+    threads : 0 takes all cores
+    """
+
+    model: str = "shift"
+    robust: str = "none"
+    sigma_shift_px: float | None = None
+    sigma_drift: float | None = None
+    check_as_ties: bool = False
+    reject_sigma: float = 0.0
+    variance_components: bool = False
+    fixed_images: tuple[str, ...] = ()
+    shared_images: tuple[tuple[str, ...], ...] = ()
+    dem: HeightSurface | None = None
+    sigma_dem_m: float = 10.0
+    max_iterations: int = 30
+    tolerance: float = 1e-9
+    threads: int = 0
+
+    def priors(self, image: Image, controlled: bool) -> Priors:
+        """Return the priors of an image's corrections."""
+        chosen = priors_of(image, controlled)
+        return Priors(
+            chosen.shift_px if self.sigma_shift_px is None else self.sigma_shift_px,
+            chosen.drift if self.sigma_drift is None else self.sigma_drift,
+        )

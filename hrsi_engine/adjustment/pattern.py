@@ -1,0 +1,72 @@
+"""Which cameras share points: the block pattern of the reduced normal equations.
+
+The reduced matrix has a block for every pair of cameras that measured a common point, and one on the diagonal for
+every camera. It is symmetric, so only the blocks with row <= column are kept, in the order of the rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from .observations import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Upper block pattern in compressed rows: row i has the columns ``columns[start[i]:start[i + 1]]``.
+
+    The first column of a row is its diagonal. ``parameters`` is the size p of a block.
+    """
+
+    cameras: int
+    parameters: int
+    start: np.ndarray
+    columns: np.ndarray
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.columns)
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Row of each block."""
+        return np.repeat(np.arange(self.cameras, dtype=self.columns.dtype), np.diff(self.start))
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """Indices of the diagonal blocks, in the order of the cameras."""
+        return self.start[:-1]
+
+    def find(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """Return the indices of existing blocks, ``row <= column``."""
+        keys = self.rows.astype(np.int64) * self.cameras + self.columns
+        return np.searchsorted(keys, row.astype(np.int64) * self.cameras + column)
+
+    @cached_property
+    def graph(self) -> sparse.csr_matrix:
+        """Symmetric adjacency of the cameras, the diagonal included."""
+        shape = (self.cameras, self.cameras)
+        upper = sparse.csr_matrix((np.ones(self.blocks, dtype=np.int8), self.columns, self.start), shape=shape)
+        return sparse.csr_matrix(upper + sparse.triu(upper, 1).T)
+
+
+def find_pattern(observations: Observations, parameters: int) -> Pattern:
+    """Return the pattern of the cameras of all measurements."""
+    count, points = observations.cameras, len(observations.points)
+    incidence = sparse.csr_matrix(
+        (np.ones(observations.count, dtype=np.float32), observations.camera, observations.first), shape=(points, count)
+    )
+    shared = sparse.triu(incidence.T @ incidence + sparse.identity(count, dtype=np.float32), format="csr")
+    shared.sort_indices()
+    return Pattern(count, parameters, shared.indptr.astype(np.int64), shared.indices.astype(np.int32))
+
+
+def trivial_pattern(cameras: int, parameters: int) -> Pattern:
+    """Return the pattern of cameras that share nothing."""
+    number = np.arange(cameras + 1, dtype=np.int64)
+    return Pattern(cameras, parameters, number, number[:-1].astype(np.int32))

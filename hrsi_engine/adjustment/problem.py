@@ -1,0 +1,339 @@
+"""A block made ready for adjustment: who takes part, what is known beforehand, and what is not determined.
+
+Cameras that share points belong together. Each such *part* of a block is held by its GCPs or, without any, by the
+priors of its images' RPCs; a part has its own priors accordingly, and is named where the user should know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from ..block import Block
+from ..dem import surface_heights
+from ..errors import InputError, SolveError
+from ..refinement import MODELS, RefinementModel
+from .compiled import equations_of
+from .equations import Equations, PointPriors, State
+from .gauss_newton import GaussNewton, Weighting
+from .intersection import start_positions
+from .observations import Observations, select
+from .options import AdjustOptions
+from .pattern import Pattern, find_pattern
+from .weights import WEIGHTS
+
+Entry = TypeVar("Entry")
+WEAK_ANGLE_DEG = 3.0  # rays that converge by less leave the height open to a hundred times the image error
+NAMED = 8  # most ids in a message
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Cameras connected by common points: their images, and numbers of GCPs and tie points."""
+
+    images: np.ndarray
+    gcps: int
+    ties: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything that stays the same while a block is adjusted."""
+
+    block: Block
+    observations: Observations
+    model: RefinementModel
+    options: AdjustOptions
+    pattern: Pattern
+    equations: Equations
+    prior_weight: np.ndarray
+    parts: tuple[Part, ...]
+    start: State
+    weighting: Weighting
+    warnings: tuple[str, ...]
+
+    def loop(self) -> GaussNewton:
+        """Return a Gauss-Newton loop over the problem."""
+        rows = np.diff(self.observations.first)
+        return GaussNewton(
+            self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self._dem_heights()
+        )
+
+    def _dem_heights(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        dem = self.options.dem
+        if dem is None:
+            return None
+        by_dem = self.weighting.points.observed[:, 2] & (self.observations.survey_weight[:, 2] == 0.0)
+        target = self.weighting.points.target[:, 2]
+
+        def heights(ground: np.ndarray) -> np.ndarray:
+            found = np.where(by_dem, np.nan, target)
+            found[by_dem] = surface_heights(dem, ground[by_dem, :2])
+            return np.where(np.isfinite(found), found, target)
+
+        return heights
+
+    def survey_weighting(self, image: np.ndarray, survey: np.ndarray) -> Weighting:
+        """Return a weighting with other weights of image points ``(n,)`` and of surveys ``(m, 3)``.
+
+        Points that are left with fewer than two measurements and no survey lose their say.
+        """
+        points = self.weighting.points
+        surveyed = self.observations.survey_weight > 0.0
+        fresh = PointPriors.of(self.observations, self.start.ground, survey)
+        priors = PointPriors(
+            np.where(surveyed, fresh.target, points.target),
+            np.where(surveyed, fresh.weight, points.weight),
+            np.where(surveyed, fresh.observed, points.observed),
+        )
+        return Weighting(
+            image, priors, self.observations.contributing_points & determined(self.observations, image, survey)
+        )
+
+
+def determined(observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray) -> np.ndarray:
+    """Return which points have a survey or at least two measurements of any weight, ``(m,)``."""
+    rays = np.add.reduceat(image_weight > 0.0, observations.first[:-1], dtype=np.int64)
+    return (rays >= 2) | ((survey_weight > 0.0).any(axis=1) & (rays >= 1))
+
+
+def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
+    """Return the problem; ``values (images, p)`` is a warm start.
+
+    Raises
+    ------
+    InputError
+        unknown model, weight function or image id
+    SolveError
+        nothing to adjust, or fewer observations than unknowns (the images are named)
+    """
+    model = choose(MODELS, options.model, "model")
+    choose(WEIGHTS, options.robust, "robust weight function")
+    observations = select(block, options.check_as_ties)
+    camera_of_image = _cameras(block, options.shared_images)
+    observations = replace(observations, camera_of_image=camera_of_image)
+    if not observations.count:
+        raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
+    parts = _parts(observations)
+    start = _start_values(observations, model, values)
+    observations, ground, lost = _starting_points(block, observations, model, start, options.threads)
+    pattern = find_pattern(observations, len(model.parameters))
+    equations = equations_of(observations, model, pattern, options.threads)
+    prior_weight = _prior_weight(observations, model, parts, options)
+    _require_solvable(observations, model, prior_weight)
+    priors, weak = _point_priors(observations, ground, options)
+    image_weight = 1.0 / observations.sigma_px**2
+    contributes = observations.contributing_points & determined(observations, image_weight, observations.survey_weight)
+    return Problem(
+        block, observations, model, options, pattern, equations, prior_weight, parts, State(start, ground),
+        Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)),
+    )  # fmt: skip
+
+
+def choose(table: Mapping[str, Entry], name: str, what: str) -> Entry:
+    """Return an entry by name; raises `InputError` that lists the names."""
+    if name not in table:
+        raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
+    return table[name]
+
+
+def named(ids: Iterable[object]) -> str:
+    """Return ids for a message, a long list shortened."""
+    listed = [str(item) for item in ids]
+    return ", ".join(listed[:NAMED]) + (f" … ({len(listed)} in all)" if len(listed) > NAMED else "")
+
+
+def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
+    place = {image.id: index for index, image in enumerate(block.images)}
+    unknown = [name for name in ids if name not in place]
+    if unknown:
+        raise InputError(f"{what} names image {named(unknown)}, not in the block (images: {named(place)})")
+    return [place[name] for name in ids]
+
+
+def _cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
+    """Return the set of parameters of each image; the images of a group have one."""
+    representative = np.arange(len(block.images))
+    for group in shared:
+        members = _image_indices(block, group, "a group of images with shared parameters")
+        representative[members] = min(members)
+    return np.unique(representative, return_inverse=True)[1].astype(np.int32)
+
+
+def _parts(observations: Observations) -> tuple[Part, ...]:
+    """Return the connected parts, those with most images first; every image belongs to one."""
+    rows = np.flatnonzero(observations.contributes)
+    shape = (len(observations.points), observations.cameras)
+    incidence = sparse.csr_matrix(
+        (np.ones(len(rows), dtype=np.float32), (observations.point[rows], observations.camera[rows])), shape=shape
+    )
+    count, label = csgraph.connected_components(incidence.T @ incidence, directed=False)
+    heads = np.flatnonzero(observations.contributing_points)
+    of_point = label[observations.camera[observations.first[heads]]]
+    surveyed = observations.surveyed[heads]
+    gcps = np.bincount(of_point[surveyed], minlength=count)
+    ties = np.bincount(of_point[~surveyed], minlength=count)
+    of_image = label[observations.camera_of_image]
+    order = np.argsort(of_image, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(of_image, minlength=count))[:-1])
+    parts = [Part(images, int(g), int(t)) for images, g, t in zip(groups, gcps, ties, strict=True)]
+    return tuple(sorted(parts, key=lambda part: -len(part.images)))
+
+
+def _part_warnings(observations: Observations, parts: Sequence[Part]) -> list[str]:
+    """Name the images that hang together with no others, and those that nothing holds but their RPC."""
+    names = [image.id for image in observations.images]
+    warnings = []
+    alone = [names[part.images[0]] for part in parts if len(part.images) == 1 and not part.gcps and not part.ties]
+    if alone:
+        warnings.append(f"no GCP and no tie point on image {named(alone)}: its RPC stays as it is")
+    rest = [part for part in parts if part.gcps or part.ties]
+    if len(rest) > 1:
+        listed = "; ".join(f"{named(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:NAMED])
+        warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
+    free = [part for part in rest if not part.gcps]
+    if free:
+        listed = "; ".join(named(names[i] for i in part.images) for part in free[:NAMED])
+        warnings.append(f"no GCP holds {listed}: its position follows from the RPCs' own accuracy (priors)")
+    return warnings
+
+
+def _start_values(observations: Observations, model: RefinementModel, values: np.ndarray | None) -> np.ndarray:
+    if values is None:
+        return np.zeros((observations.cameras, len(model.parameters)))
+    start = np.zeros((observations.cameras, len(model.parameters)))
+    start[observations.camera_of_image] = values
+    return start
+
+
+def _starting_points(
+    block: Block, observations: Observations, model: RefinementModel, values: np.ndarray, threads: int
+) -> tuple[Observations, np.ndarray, list[str]]:
+    """Intersect all points with the cameras of the start; points that cannot be computed leave the adjustment."""
+    from .pattern import trivial_pattern
+
+    pattern = trivial_pattern(observations.cameras, len(model.parameters))
+    state = State(values, start_positions(observations))
+    equations = equations_of(observations, model, pattern, threads)
+    ground = equations.intersect(state, 1.0 / observations.sigma_px**2, PointPriors.of(observations, state.ground))
+    lost = ~np.isfinite(ground).all(axis=1)
+    if not lost.any():
+        return observations, ground, []
+    ids = named(block.points.ids[observations.points[lost]])
+    message = f"{lost.sum()} points could not be intersected and are left out: {ids}"
+    return observations.without(lost), ground[~lost], [message]
+
+
+def _prior_weight(
+    observations: Observations, model: RefinementModel, parts: Sequence[Part], options: AdjustOptions
+) -> np.ndarray:
+    """Return the weights ``(cameras, p)`` of the parameters' priors, infinite for fixed images."""
+    weight = np.empty((observations.cameras, len(model.parameters)))
+    for part in parts:
+        for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
+            image = observations.images[index]
+            sigma = model.prior_sigmas(image, options.priors(image, part.gcps > 0))
+            weight[observations.camera_of_image[index]] = 1.0 / np.asarray(sigma) ** 2
+    place = {image.id: index for index, image in enumerate(observations.images)}
+    unknown = [name for name in options.fixed_images if name not in place]
+    if unknown:
+        raise InputError(f"fixed image {named(unknown)} is not in the block (images: {named(place)})")
+    weight[[observations.camera_of_image[place[name]] for name in options.fixed_images]] = np.inf
+    return weight
+
+
+def _require_solvable(observations: Observations, model: RefinementModel, prior_weight: np.ndarray) -> None:
+    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values."""
+    p = len(model.parameters)
+    per_camera = np.bincount(observations.camera[observations.contributes], minlength=observations.cameras)
+    free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0)
+    observed, unknowns = count(observations, observations.contributing_points, p * int(free.sum()))
+    if not observations.surveyed.any() or not free.all():
+        observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
+    if observed >= unknowns:
+        return
+    poor = np.flatnonzero(free & (2 * per_camera < p))
+    if len(poor):
+        image = observations.images[int(np.flatnonzero(observations.camera_of_image == poor[0])[0])]
+        raise SolveError(
+            f"image {image.id}: {2 * per_camera[poor[0]]} observations for the {p} parameters of model {model.name}: "
+            "choose a simpler --model or measure more points on it"
+        )
+    raise SolveError(
+        f"{observed} observations for {unknowns} unknowns: choose a simpler --model, or add GCPs or tie points"
+    )
+
+
+def count(observations: Observations, contributes: np.ndarray, parameters: int) -> tuple[int, int]:
+    """Return the numbers of observations and of unknowns of the points that have a say in the cameras."""
+    rows = np.diff(observations.first)
+    surveyed = (observations.survey_weight > 0.0).sum(axis=1)
+    observed = 2 * int(rows @ contributes) + int(surveyed @ contributes)
+    return observed, 3 * int(contributes.sum()) + parameters
+
+
+# ---- weak geometry -------------------------------------------------------------------------------------------------
+
+
+def _point_priors(
+    observations: Observations, ground: np.ndarray, options: AdjustOptions
+) -> tuple[PointPriors, list[str]]:
+    """Return the points' priors: surveys; heights of a DEM; heights of the RPCs where rays hardly converge."""
+    priors = PointPriors.of(observations, ground)
+    open_height = observations.survey_weight[:, 2] == 0.0
+    if options.dem is not None:
+        heights = np.full(len(ground), np.nan)
+        heights[open_height] = surface_heights(options.dem, ground[open_height, :2])
+        found = np.isfinite(heights)
+        priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / options.sigma_dem_m**2
+        priors.observed[found, 2] = True
+        open_height &= ~found
+    weak = open_height & (convergence_deg(observations, ground) < WEAK_ANGLE_DEG) & (np.diff(observations.first) > 1)
+    if not weak.any():
+        return priors, []
+    middle = np.array([image.rpc.height_off for image in observations.images])
+    reach = np.array([abs(image.rpc.height_scale) for image in observations.images])
+    image = observations.image[observations.first[:-1][weak]]
+    known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+    priors.target[weak, 2] = np.median(known) if len(known) else middle[image]
+    priors.weight[weak, 2] = 1.0 / reach[image] ** 2
+    images = _weak_images(observations, weak)
+    if not images:
+        return priors, []
+    return priors, [
+        f"most rays of image {named(images)} converge by less than {WEAK_ANGLE_DEG:g} degrees: the heights of these "
+        "points are held by the RPCs' height range only; give a DEM to hold them better"
+    ]
+
+
+def _weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
+    """Return the images most of whose points are weak."""
+    count = len(observations.images)
+    all_points = np.bincount(observations.image, minlength=count)
+    share = np.bincount(observations.image[weak[observations.point]], minlength=count) / np.maximum(all_points, 1)
+    return [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
+
+
+def convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarray:
+    """Return the largest angle between rays of each point, twice the largest from their mean, ``(m,)``.
+
+    The direction of an image's rays is taken at its centre; it changes by a degree across a scene at most.
+    """
+    direction = np.zeros((len(observations.images), 3))
+    for index, image in enumerate(observations.images):
+        rpc = image.rpc
+        middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+        at = rpc.project_with_metric_jacobian(middle)[1][0]
+        ray = np.cross(at[0], at[1])
+        direction[index] = ray * np.sign(ray[2]) / np.linalg.norm(ray)
+    first = observations.first[:-1]
+    seen = direction[observations.image]
+    mean = np.add.reduceat(seen, first, axis=0)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    cosine = np.einsum("ni,ni->n", seen, mean[observations.point])
+    return 2.0 * np.degrees(np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0)))

@@ -1,0 +1,164 @@
+"""`localize`: image points to the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .coordinate_lines import format_lines, parse_lines, standard_input
+from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
+from .terrain import TERRAIN_PARAMS, open_terrain
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..hrsi_engine.block import Image
+    from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.io.layers import Layer
+    from ..hrsi_engine.io.position_tables import ImagePositions
+
+LAYERS_FILE = "points.gpkg"
+LINE = "sample line height"
+
+
+def run(options: Mapping[str, Any], context: Context) -> Report:
+    """Read image points from a file or standard input and follow their rays to the ground."""
+    from ..hrsi_engine.io.position_tables import read_image_positions
+    from ..hrsi_engine.io.rasters import open_image
+
+    check_folder(options)
+    images = [open_image(path) for path in options["images"]]
+    surface = open_terrain(options)
+    ids = [image.id for image in images]
+    points = read_image_positions(options["points"], ids) if options["points"] else _from_lines(images)
+    columns, warnings = _localized(images, points, surface)
+    tell(warnings, context)
+    report: Report = {
+        "schema": 1, "algorithm": "localize", "images": ids, "from_file": bool(options["points"]),
+        "count": len(columns["id"]), "warnings": warnings,
+    }  # fmt: skip
+    if not options["output_dir"]:
+        report["points"] = _rows(columns)
+    inputs = [*(image.path for image in images), options["points"] or ""]
+    write_folder(options, report, LAYERS_FILE, _layers(columns), inputs, context)
+    return report
+
+
+def _from_lines(images: list[Image]) -> ImagePositions:
+    """Return the lines of standard input, the text behind the coordinates as ids."""
+    import numpy as np
+
+    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.io.position_tables import ImagePositions
+
+    if len(images) > 1:
+        raise InputError("lines on standard input do not say which image they belong to: give one image")
+    numbers, rest = parse_lines(standard_input(LINE), LINE.split())
+    return ImagePositions(np.array(rest, dtype=str), np.full(len(rest), images[0].id), numbers[:, :2], numbers[:, 2])
+
+
+def _localized(
+    images: list[Image], points: ImagePositions, surface: HeightSurface | None
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return one row for each point, and warnings on points without ground position."""
+    import numpy as np
+
+    from ..hrsi_engine.dem import Status
+    from ..hrsi_engine.errors import InputError
+
+    unknown = sorted(set(points.image_ids.tolist()) - {image.id for image in images})
+    if unknown:
+        raise InputError(f"the points name the image {unknown[0]!r}, which is not given: add it, or remove its points")
+    ground, status = np.full((len(points.ids), 3), np.nan), np.full(len(points.ids), int(Status.NO_RAY))
+    for image in images:
+        rows = np.flatnonzero(points.image_ids == image.id)
+        ground[rows], status[rows] = _on_ground(image, points, rows, surface)
+    lost = {kind: np.count_nonzero(status == kind) for kind in Status if kind != Status.FOUND}
+    warnings = [f"{count} points have no ground position: {kind.label}" for kind, count in lost.items() if count]
+    columns = {
+        "id": points.ids, "image": points.image_ids, "sample": points.image[:, 0], "line": points.image[:, 1],
+        "lon": ground[:, 0], "lat": ground[:, 1], "height": ground[:, 2],
+        "status": np.array([Status(code).label for code in status], dtype=str),
+    }  # fmt: skip
+    return columns, warnings
+
+
+def _on_ground(
+    image: Image, points: ImagePositions, rows: np.ndarray, surface: HeightSurface | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ground points and statuses of one image's rows: at their own height, else on the surface."""
+    import numpy as np
+
+    from ..hrsi_engine.dem import Status, intersect
+    from ..hrsi_engine.errors import InputError
+
+    ground, converged = image.rpc.localize(points.image[rows], points.height_m[rows])
+    status = np.where(converged, int(Status.FOUND), int(Status.NO_RAY))
+    without = np.isnan(points.height_m[rows])
+    if without.any():
+        if surface is None:
+            row = rows[without][0]
+            name = f" ({points.ids[row]})" if points.ids[row] else ""
+            raise InputError(f"point {row + 1}{name} has no height: add it to the point, or give --dem or --height")
+        ground[without], status[without] = intersect(image.rpc, points.image[rows[without]], surface)
+    return ground, status
+
+
+def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    import numpy as np
+
+    names = ("id", "image", "lon", "lat", "height", "status")
+    values = zip(*(columns[name].tolist() for name in names), strict=True)
+    table = [dict(zip(names, row, strict=True)) for row in values]
+    for row in np.flatnonzero(np.isnan(columns["lon"])):
+        table[row] |= {"lon": None, "lat": None, "height": None}
+    return table
+
+
+def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
+    import numpy as np
+
+    from ..hrsi_engine.io.layers import Layer
+
+    ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
+    return [Layer("ground_points", "PointZ", 4326, ground, dict(columns))]
+
+
+def summarise(report: Report) -> str:
+    """Return the ground points as lines; with their ids and images where they come from a file."""
+    if "points" not in report:
+        return f"{report['count']} ground points"
+    if report["from_file"]:
+        header = [("id", "image", "lon", "lat", "height", "status")]
+        return format_lines([*header, *(tuple(row.values()) for row in report["points"])], ",")
+    return format_lines((row["lon"], row["lat"], row["height"], row["id"]) for row in report["points"])
+
+
+ALGORITHM = Algorithm(
+    name="localize",
+    title="Localize image points",
+    group="RPC",
+    summary="Image points to the ground, at a height or on a DEM, for a point file or as a filter",
+    help=(
+        "Follows the rays of image points to the ground. Points come from a vector layer or CSV with the fields sample "
+        "and line (and image, where several are given), or as lines 'sample line [height]' on standard input; then "
+        "lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) are printed, with what follows the coordinates, "
+        "and 'nan' where there is no ground position. A point's own ellipsoidal height counts before the DEM and "
+        "--height. On a DEM the first hit of the ray from above counts. Sample 0, line 0 is the CENTRE of the first "
+        "pixel (GDAL's pixel and line are 0.5 larger)."
+    ),
+    params=(
+        Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
+        Param(
+            "points", Kind.POINTS, "Image points: a vector layer or CSV; by default lines on standard input",
+            metavar="FILE[|layername=L]",
+        ),
+        *TERRAIN_PARAMS,
+        *OPTIONAL_OUTPUT_PARAMS,
+        *COMMON_PARAMS,
+    ),
+    run=run,
+    summarise=summarise,
+    layers=(f"{LAYERS_FILE}|layername=ground_points",),
+)  # fmt: skip

@@ -1,0 +1,155 @@
+"""`project`: ground points into images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .coordinate_lines import format_lines, parse_lines, standard_input
+from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
+from .terrain import GROUND_CRS, TERRAIN_PARAMS, open_terrain
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..hrsi_engine.block import Image
+    from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.io.layers import Layer
+
+LAYERS_FILE = "points.gpkg"
+LINE = "lon lat height"
+
+
+def run(options: Mapping[str, Any], context: Context) -> Report:
+    """Read ground points from a file or standard input and project them into every image."""
+    from ..hrsi_engine.io.rasters import open_image
+
+    check_folder(options)
+    images = [open_image(path) for path in options["images"]]
+    surface = open_terrain(options)
+    ids, ground, warnings = _from_file(options, surface) if options["points"] else _from_lines(surface)
+    columns = _projected(images, ids, ground)
+    tell(warnings, context)
+    report: Report = {
+        "schema": 1, "algorithm": "project", "images": [image.id for image in images],
+        "from_file": bool(options["points"]), "count": len(columns["id"]), "warnings": warnings,
+    }  # fmt: skip
+    if not options["output_dir"]:
+        report["points"] = _rows(columns)
+    inputs = [*(image.path for image in images), options["points"] or ""]
+    write_folder(options, report, LAYERS_FILE, _layers(columns), inputs, context)
+    return report
+
+
+def _from_file(options: Mapping[str, Any], surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    from ..hrsi_engine.dem import surface_heights
+    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.io.point_files import read_points
+
+    heights = None if surface is None else lambda lonlat: surface_heights(surface, lonlat)
+    tables = read_points(
+        options["points"], ground_crs=options["ground_crs"], height_datum=options["height_datum"], surface=heights
+    )
+    if tables.ground is None:
+        raise InputError(f"{options['points']}: has no ground positions (geometry, lon and lat, x and y): add them")
+    return tables.ground.ids, tables.ground.ground, list(tables.warnings)
+
+
+def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return the text behind the coordinates as ids."""
+    import numpy as np
+
+    from ..hrsi_engine.dem import surface_heights
+    from ..hrsi_engine.errors import InputError
+
+    ground, rest = parse_lines(standard_input(LINE), LINE.split())
+    missing = np.flatnonzero(np.isnan(ground[:, 2]))
+    if missing.size and surface is None:
+        raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give --dem or --height")
+    if missing.size and surface is not None:
+        ground[missing, 2] = surface_heights(surface, ground[missing, :2])
+    lost = np.count_nonzero(np.isnan(ground[:, 2]))
+    return np.array(rest, dtype=str), ground, [f"the DEM has no height for {lost} points"] if lost else []
+
+
+def _projected(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
+    """Return one row for each point and image."""
+    import numpy as np
+
+    parts = [image.rpc.project(ground) for image in images]
+    xy = np.concatenate(parts)
+    inside = np.concatenate([_inside(image, part) for image, part in zip(images, parts, strict=True)])
+    repeated = np.tile(ground, (len(images), 1))
+    return {
+        "id": np.tile(ids, len(images)), "image": np.repeat([image.id for image in images], len(ids)),
+        "sample": xy[:, 0], "line": xy[:, 1], "inside": inside,
+        "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
+    }  # fmt: skip
+
+
+def _inside(image: Image, xy: np.ndarray) -> np.ndarray:
+    import numpy as np
+
+    first_sample, last_sample, first_line, last_line = image.domain_px
+    low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
+    return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
+
+
+def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    import numpy as np
+
+    names = ("id", "image", "sample", "line")
+    found = np.isfinite(columns["sample"]) & np.isfinite(columns["line"])
+    values = zip(*(columns[name].tolist() for name in names), found.tolist(), strict=True)
+    return [
+        {"id": name, "image": image, "sample": sample if good else None, "line": line if good else None}
+        for name, image, sample, line, good in values
+    ]
+
+
+def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
+    import numpy as np
+
+    from ..hrsi_engine.io.layers import Layer
+
+    ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
+    return [Layer("image_points", "PointZ", 4326, ground, dict(columns))]
+
+
+def summarise(report: Report) -> str:
+    """Return the image points as lines; with their ids and images where they come from a file."""
+    if "points" not in report:
+        return f"{report['count']} image points"
+    if report["from_file"]:
+        header = [("id", "image", "sample", "line")]
+        return format_lines([*header, *(tuple(row.values()) for row in report["points"])], ",")
+    return format_lines((row["sample"], row["line"], row["id"]) for row in report["points"])
+
+
+ALGORITHM = Algorithm(
+    name="project",
+    title="Project ground points",
+    group="RPC",
+    summary="Ground points to image coordinates, for a point file or as a filter",
+    help=(
+        "Computes where ground points lie in one or more images. Points come from a vector layer or CSV, or as lines "
+        "'lon lat height' (WGS84 degrees, ellipsoidal metres) on standard input; then lines 'sample line' are printed, "
+        "with what follows the coordinates. Sample 0, line 0 is the CENTRE of the first pixel (GDAL's pixel and line "
+        "are 0.5 larger). Points without a height take it from the DEM or from --height."
+    ),
+    params=(
+        Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
+        Param(
+            "points", Kind.POINTS, "Ground points: a vector layer or CSV; by default lines on standard input",
+            metavar="FILE[|layername=L]",
+        ),
+        GROUND_CRS,
+        *TERRAIN_PARAMS,
+        *OPTIONAL_OUTPUT_PARAMS,
+        *COMMON_PARAMS,
+    ),
+    run=run,
+    summarise=summarise,
+    layers=(f"{LAYERS_FILE}|layername=image_points",),
+)  # fmt: skip

@@ -1,0 +1,193 @@
+"""`rpc-info`: how images see the ground and each other, and whether their RPCs are sound."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
+from .terrain import TERRAIN_PARAMS, open_terrain
+
+if TYPE_CHECKING:
+    from ..hrsi_engine.block import Image
+    from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.imaging_geometry import PairGeometry, View, ViewGeometry
+    from ..hrsi_engine.io.layers import Layer
+
+LAYERS_FILE = "rpc_info.gpkg"
+
+
+def run(options: Mapping[str, Any], context: Context) -> Report:
+    """Open the images, look at each and at every pair."""
+    from ..hrsi_engine.imaging_geometry import View, all_pairs, sanity_warnings
+    from ..hrsi_engine.progress import advance
+
+    check_folder(options)
+    images = _open_images(options["images"])
+    surface, warnings = _surface(options, images)
+    tell(warnings, context)
+    views = [View(image, surface) for image in images]
+    geometries: list[ViewGeometry] = []
+    for number, view in enumerate(views):
+        advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")
+        doubts = sanity_warnings(view.image, _terrain_range(view, options))
+        tell(doubts, context)  # now: an RPC that is damaged may have no geometry
+        warnings += doubts
+        geometries.append(view.geometry())
+    advance(context.progress, 0.5, "pairs")
+    pairs = all_pairs(views)
+    report: Report = {
+        "schema": 1,
+        "algorithm": "rpc-info",
+        "images": {
+            view.image.id: _image_entry(view, geometry) for view, geometry in zip(views, geometries, strict=True)
+        },
+        "pairs": [_pair_entry(pair) for pair in pairs],
+        "warnings": warnings,
+    }
+    inputs = [image.path for image in images]
+    write_folder(options, report, LAYERS_FILE, _layers(report, geometries), inputs, context)
+    return report
+
+
+def _open_images(paths: Sequence[str]) -> list[Image]:
+    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.io.rasters import open_image
+
+    images = [open_image(path) for path in paths]
+    seen: dict[str, str] = {}
+    for image in images:
+        if image.id in seen:
+            raise InputError(f"{seen[image.id]} and {image.path} have the same id {image.id!r}: rename one")
+        seen[image.id] = image.path
+    return images
+
+
+def _surface(options: Mapping[str, Any], images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
+    """Return the ground; without DEM and height, one at the mean of the RPCs' heights, with a warning."""
+    from ..hrsi_engine.dem import ConstantHeight
+
+    surface = open_terrain(options)
+    if surface is not None:
+        return surface, []
+    height = sum(image.rpc.height_off for image in images) / len(images)
+    warning = (
+        f"the height of the ground is not known; {height:.0f} m is the middle of the RPCs' height range. "
+        "Footprints and overlaps depend on it: give --dem or --height"
+    )
+    return ConstantHeight(height), [warning]
+
+
+def _terrain_range(view: View, options: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the lowest and highest ground of an image where the user says how high it is."""
+    if options["dem"] is None and options["height"] is None:
+        return None
+    heights = view.cells[:, 2]
+    return (float(heights.min()), float(heights.max())) if heights.size else None
+
+
+def _image_entry(view: View, geometry: ViewGeometry) -> dict[str, Any]:
+    from ..hrsi_engine.io.rpc_files import read_rpc
+
+    found, rpc = read_rpc(view.image.path), view.image.rpc
+    lon, lat, height = geometry.centre.tolist()
+    return {
+        "path": view.image.path,
+        "rpc_source": found.source,
+        "rpc_ignored": list(found.ignored),
+        "samples": view.image.size[0] if view.image.size else None,
+        "lines": view.image.size[1] if view.image.size else None,
+        "lon": lon, "lat": lat, "height_m": height,
+        "gsd_sample_m": geometry.gsd_sample_m, "gsd_line_m": geometry.gsd_line_m,
+        "incidence_deg": geometry.incidence_deg, "azimuth_deg": geometry.azimuth_deg,
+        "rpc_height_min_m": rpc.height_range[0], "rpc_height_max_m": rpc.height_range[1],
+        "err_bias_m": rpc.err_bias, "err_rand_m": rpc.err_rand,
+        "footprint": geometry.footprint.tolist(),
+    }  # fmt: skip
+
+
+def _pair_entry(pair: PairGeometry) -> dict[str, Any]:
+    return {
+        "first": pair.first,
+        "second": pair.second,
+        "overlap_first": pair.overlap[0],
+        "overlap_second": pair.overlap[1],
+        "convergence_deg": pair.convergence_deg,
+        "base_to_height": pair.base_to_height,
+    }
+
+
+def _layers(report: Report, geometries: Sequence[ViewGeometry]) -> list[Layer]:
+    from ..hrsi_engine.io.layers import Layer
+
+    left_out = ("footprint", "rpc_ignored")
+    rows = [
+        {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
+        for key, entry in report["images"].items()
+    ]
+    footprints = Layer("images", "Polygon", 4326, [geometry.footprint for geometry in geometries], _columns(rows))
+    return [footprints, *([Layer("pairs", "None", 4326, [], _columns(report["pairs"]))] if report["pairs"] else [])]
+
+
+def _columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return rows as columns: text, or floats with NaN for None."""
+    import numpy as np
+
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    return {
+        name: np.array(values, dtype=str if any(isinstance(value, str) for value in values) else np.float64)
+        for name, values in columns.items()
+    }
+
+
+def summarise(report: Report) -> str:
+    """Return a table of the images and one of the pairs."""
+    width = max(len(name) for name in ("image", *report["images"]))
+    lines = [f"{'image':{width}}   GSD sample  line   incidence  azimuth        lon        lat   height"]
+    lines += [
+        f"{name:{width}}   {image['gsd_sample_m']:8.2f} m {image['gsd_line_m']:5.2f} m "
+        f"{image['incidence_deg']:7.1f} deg {image['azimuth_deg']:6.0f} deg "
+        f"{image['lon']:10.5f} {image['lat']:10.5f} {image['height_m']:6.0f} m"
+        for name, image in report["images"].items()
+    ]
+    if report["pairs"]:
+        lines += ["", f"{'pair':{2 * width + 3}}   overlap        convergence    B/H"]
+        lines += [_pair_line(pair, width) for pair in report["pairs"]]
+    return "\n".join(lines)
+
+
+def _pair_line(pair: Mapping[str, Any], width: int) -> str:
+    name = f"{pair['first']:{width}} - {pair['second']:{width}}"
+    overlap = f"{pair['overlap_first']:4.0%} / {pair['overlap_second']:4.0%}"
+    if pair["convergence_deg"] is None:
+        return f"{name}   {overlap}"
+    return f"{name}   {overlap}   {pair['convergence_deg']:7.1f} deg   {pair['base_to_height']:6.3f}"
+
+
+ALGORITHM = Algorithm(
+    name="rpc-info",
+    title="RPC information",
+    group="RPC",
+    summary="Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity",
+    help=(
+        "Says for each image where it lies, the ground size of a pixel along line and sample, the incidence angle (at "
+        "the ground, between the ray to the satellite and the vertical) and the azimuth (from the target to the "
+        "satellite, clockwise from north); and for each pair the convergence angle, B/H (distance of the two rays at "
+        "unit height above the ground) and which share of each image the other one sees on the terrain. Overlap "
+        "depends on the terrain's height: give a DEM or a height. Warns of RPCs that are damaged, swapped, used "
+        "beyond their heights, or of another image."
+    ),
+    params=(
+        Param(
+            "images", Kind.IMAGES, "Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom)", required=True,
+            metavar="IMAGE",
+        ),
+        *TERRAIN_PARAMS,
+        *OPTIONAL_OUTPUT_PARAMS,
+        *COMMON_PARAMS,
+    ),
+    run=run,
+    summarise=summarise,
+    layers=(f"{LAYERS_FILE}|layername=images",),
+)  # fmt: skip

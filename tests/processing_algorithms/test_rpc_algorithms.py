@@ -1,0 +1,252 @@
+"""`rpc-info`, `project`, `localize` and `fit-rpc`: files, filters, faults; positions against GDAL."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from osgeo import gdal, ogr
+
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.rpc import RPC
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.cli import main
+from hrsi.tests.test_rpc import synthetic_rpc
+from hrsi.tests.test_rpc_fit import pushbroom_points
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> tuple[str, RPC]:
+    """An RPC file alone."""
+    path = str(tmp_path / "scene_RPC.TXT")
+    write_rpc_text(path, synthetic_rpc(12.0, 48.0))
+    return path, read_rpc(path).rpc
+
+
+def pipe_in(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(text))
+
+
+def write_rows(path: Path, header: str, rows: np.ndarray, ids: bool = True) -> str:
+    lines = [f"{f'p{number},' if ids else ''}{','.join(map(repr, row))}" for number, row in enumerate(rows.tolist())]
+    path.write_text("\n".join([f"{'id,' if ids else ''}{header}", *lines]) + "\n")
+    return str(path)
+
+
+# ---- filters ---------------------------------------------------------------------------------------------------
+
+
+def test_localize_then_project_as_filters(
+    scene: tuple[str, RPC], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, rpc = scene
+    pipe_in(monkeypatch, "100 200 first point\n\n5000.5, 6000.25, 650.0\n")
+    assert main(["localize", path, "--height", "300"]) == 0
+    printed = capsys.readouterr().out
+    ground = [line.split() for line in printed.splitlines()]
+    assert ground[0][3:] == ["first", "point"]
+    expected, _ = rpc.localize(np.array([[100.0, 200.0], [5000.5, 6000.25]]), np.array([300.0, 650.0]))
+    np.testing.assert_allclose(np.array([row[:3] for row in ground], dtype=float), expected, rtol=1e-14)
+    pipe_in(monkeypatch, printed)
+    assert main(["project", path]) == 0
+    image = [line.split() for line in capsys.readouterr().out.splitlines()]
+    # 15 digits of a longitude are 1e-13 degree
+    np.testing.assert_allclose(np.array([r[:2] for r in image], float), [[100, 200], [5000.5, 6000.25]], atol=1e-7)
+
+
+def test_project_agrees_with_gdaltransform(
+    real_data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(real_data / "s2p_triplet_phr" / "img_01.tif")
+    ground = np.array([[5.4431, 43.2621, 200.0], [5.4440, 43.2611, 250.0]])
+    pipe_in(monkeypatch, "\n".join(" ".join(map(repr, row)) for row in ground.tolist()))
+    assert main(["project", path, "--quiet"]) == 0
+    image = np.array([line.split() for line in capsys.readouterr().out.splitlines()], dtype=float)
+    transformer = gdal.Transformer(gdal.Open(path), None, ["METHOD=RPC"])
+    by_gdal = np.array(transformer.TransformPoints(True, ground.tolist())[0])[:, :2]
+    np.testing.assert_allclose(image + 0.5, by_gdal, atol=1e-6)
+
+
+def test_json_holds_the_points(
+    scene: tuple[str, RPC], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe_in(monkeypatch, "1 2 300\n1e12 1e12 300\n")
+    assert main(["localize", scene[0], "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert [point["status"] for point in report["points"]] == ["found", "no ray"]
+    assert report["points"][1]["lon"] is None
+    assert report["warnings"] == ["1 points have no ground position: no ray"]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "text", "options", "message"),
+    [
+        ("localize", "5 x\n", ["--height", "3"], "line 1: '5 x'"),
+        ("localize", "1 2 3\n\n5\n", ["--height", "3"], "line 3: '5'"),
+        ("localize", "5 6\n", [], "point 1 has no height"),
+        ("project", "12 48\n", [], "point 1 has no height"),
+        ("project", "12 48\n", ["--height", "3", "--dem", "x.tif"], "--dem and --height"),
+        ("project", "12 48\n", ["--dem", "x.tif"], "x.tif"),
+    ],
+)
+def test_wrong_lines_are_named(
+    scene: tuple[str, RPC],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    algorithm: str,
+    text: str,
+    options: list[str],
+    message: str,
+) -> None:
+    pipe_in(monkeypatch, text)
+    assert main([algorithm, scene[0], *options]) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+def test_nobody_waits_for_a_person(scene: tuple[str, RPC], monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True  # type: ignore[method-assign]
+    for stdin in (terminal, None):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with pytest.raises(InputError, match="--points"):
+            run("project", images=[scene[0]])
+
+
+# ---- point files -----------------------------------------------------------------------------------------------
+
+
+def test_point_files_through_both_ways(scene: tuple[str, RPC], tmp_path: Path) -> None:
+    path, rpc = scene
+    ground = np.random.default_rng(51).uniform((11.97, 47.97, 0), (12.03, 48.03, 600), (30, 3))
+    points = write_rows(tmp_path / "ground.csv", "lon,lat,height", ground)
+    report = run("project", images=[path], points=points, height_datum="ellipsoidal")
+    image = np.array([[row["sample"], row["line"]] for row in report["points"]])
+    np.testing.assert_allclose(image, rpc.project(ground), atol=1e-9)
+    assert report["points"][3]["id"] == "p3"
+
+    measured = write_rows(tmp_path / "image.csv", "sample,line,height", np.column_stack([image, ground[:, 2]]))
+    out = tmp_path / "out"
+    report = run("localize", images=[path], points=measured, output_dir=str(out))
+    assert report["count"] == 30
+    assert "points" not in report
+    dataset = ogr.Open(str(out / "points.gpkg"))  # kept: a layer does not outlive its dataset
+    found = np.array([[*feature.geometry().GetPoint()] for feature in dataset.GetLayerByName("ground_points")])
+    np.testing.assert_allclose(found, ground, rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="overwrite"):
+        run("localize", images=[path], points=measured, output_dir=str(out))
+
+
+def test_points_without_height_take_the_dem(real_data: Path, tmp_path: Path) -> None:
+    folder = real_data / "ventoux_phr_pair"
+    dem = {"dem": str(folder / "dem" / "N44E005.hgt"), "dem_datum": str(folder / "dem" / "egm96_15.gtx")}
+    images = [str(folder / "left_image.tif"), str(folder / "right_image.tif")]
+    rows = tmp_path / "image.csv"
+    rows.write_text("image,sample,line\nleft_image,250,250\nright_image.tif,100,100\n")
+    ground = run("localize", images=images, points=str(rows), **dem)["points"]
+    assert all(450.0 < point["height"] < 650.0 for point in ground)
+    flat = tmp_path / "ground.csv"
+    flat.write_text("id,lon,lat\n" + "".join(f"{k},{p['lon']!r},{p['lat']!r}\n" for k, p in enumerate(ground)))
+    back = run("project", images=images, points=str(flat), **dem)["points"]
+    same = [back[0], back[3]]  # rows are all points in the first image, then all in the second
+    np.testing.assert_allclose(
+        [[p["sample"], p["line"]] for p in same], [[250, 250], [100, 100]], atol=5e-3
+    )  # a millimetre of height
+
+
+def test_points_of_another_image_are_refused(scene: tuple[str, RPC], tmp_path: Path) -> None:
+    rows = tmp_path / "image.csv"
+    rows.write_text("image,sample,line\nother,1,2\n")
+    with pytest.raises(InputError, match="'other'"):
+        run("localize", images=[scene[0]], points=str(rows), height=3.0)
+
+
+# ---- rpc-info --------------------------------------------------------------------------------------------------
+
+
+def test_rpc_info_writes_footprints(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    images = [str(real_data / "s2p_triplet_phr" / f"img_0{number}.tif") for number in (1, 2, 3)]
+    assert main(["rpc-info", *images, "--height", "206", "--output-dir", str(tmp_path / "out"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report == json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [pair["convergence_deg"] for pair in report["pairs"]] == pytest.approx([6.5, 12.8, 6.4], abs=0.06)
+    dataset = ogr.Open(str(tmp_path / "out" / "rpc_info.gpkg"))
+    footprints = {feature["id"]: feature.geometry().Clone() for feature in dataset.GetLayerByName("images")}
+    assert footprints.keys() == report["images"].keys()
+    shared = footprints["img_01"].Intersection(footprints["img_02"]).Area() / footprints["img_01"].Area()
+    assert shared == pytest.approx(report["pairs"][0]["overlap_first"], abs=0.005)  # OGR against counted cells
+    assert dataset.GetLayerByName("pairs").GetFeatureCount() == 3
+
+
+def test_rpc_info_says_that_overlap_depends_on_height(real_data: Path) -> None:
+    images = [str(real_data / "ventoux_phr_pair" / name) for name in ("left_image.tif", "right_image.tif")]
+    report = run("rpc-info", images=images)
+    assert report["pairs"][0]["convergence_deg"] is None
+    assert "--dem or --height" in report["warnings"][0]
+    with pytest.raises(InputError, match="same id"):
+        run("rpc-info", images=[images[0], images[0]])
+
+
+# ---- fit-rpc ---------------------------------------------------------------------------------------------------
+
+
+def test_fit_rpc_of_a_pushbrooms_grid(tmp_path: Path) -> None:
+    ground, image = pushbroom_points((15, 15, 6))
+    table = write_rows(tmp_path / "grid.csv", "lon,lat,height,sample,line", np.hstack([ground, image]), ids=False)
+    out = tmp_path / "out"
+    report = run("fit-rpc", points=table, height_datum="ellipsoidal", output_dir=str(out), max_height=2500.0)
+    assert report["check"]["points"] == 270
+    assert report["max_px"] < 1e-4
+    assert report["check"]["max_px"] < 1e-4
+    assert "extrapolates" in report["warnings"][-1]
+    fitted = read_rpc(str(out / "grid_RPC.TXT")).rpc
+    check, expected = pushbroom_points((16, 16, 7))
+    np.testing.assert_allclose(fitted.project(check), expected, atol=1e-4)
+    assert report["read_back_px"] < 1e-6
+
+
+def test_fit_rpc_of_noisy_points_is_damped(tmp_path: Path) -> None:
+    rng = np.random.default_rng(52)
+    ground, image = pushbroom_points((8, 8, 3))
+    table = write_rows(
+        tmp_path / "noisy.csv", "lon,lat,height,sample,line",
+        np.hstack([ground, image + rng.normal(0, 0.5, image.shape)]),
+    )  # fmt: skip
+    report = run("fit-rpc", points=table, height_datum="ellipsoidal", output_dir=str(tmp_path), id="scene")
+    check, expected = pushbroom_points((16, 16, 7))
+    residual = read_rpc(str(tmp_path / "scene_RPC.TXT")).rpc.project(check) - expected
+    assert np.sqrt(np.mean(residual**2)) < 1.0  # 192 points of 0.5 px, 78 unknowns
+    assert 0.3 < report["check"]["rms_px"] < 3.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("lon,lat,height,sample\n1,2,3,4\n", "'line'"),
+        ("sample,line\n1,2\n", "no ground positions"),
+        ("lon,lat,height,sample,line\n12,48,3,,5\n", "sample or line is empty"),
+        ("lon,lat,height,sample,line\n12,48,,4,5\n", "height"),
+    ],
+)
+def test_fit_rpc_names_what_is_missing(tmp_path: Path, text: str, message: str) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(text)
+    with pytest.raises(InputError, match=message):
+        run("fit-rpc", points=str(table), output_dir=str(tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_printed_tables_are_csv(scene: tuple[str, RPC], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points = write_rows(tmp_path / "ground.csv", "lon,lat,height", np.array([[12.0, 48.0, 100.0]]))
+    assert main(["project", scene[0], "--points", points, "--height-datum", "ellipsoidal"]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert rows[0]["id"] == "p0"
+    assert float(rows[0]["sample"]) == pytest.approx(scene[1].project(np.array([[12.0, 48.0, 100.0]]))[0, 0])

@@ -1,0 +1,108 @@
+"""`simulate`: what it writes is a block that the other algorithms take, and its truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from osgeo import ogr
+
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.simulation import SENSORS
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.simulate import SENSOR_CHOICES
+
+SMALL: dict[str, Any] = dict(size=300, gcps=4, checks=6, ties=30)
+
+
+def test_choices_are_the_engines():
+    assert tuple(SENSORS) == SENSOR_CHOICES
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("block")
+    run("simulate", output_dir=str(path), blunders=0.1, wrong_heights=0.5, ms=True, ortho=True, **SMALL)
+    return path
+
+
+def test_files(folder: Path):
+    assert {file.name for file in folder.iterdir()} == {
+        "image_1.tif", "image_1_ms.tif", "image_2.tif", "image_2_ms.tif", "orthophoto.tif", "dem.tif",
+        "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg", "report.json",
+    }  # fmt: skip
+
+
+def test_truth_agrees_with_the_files(folder: Path):
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    assert len(truth["ground_points"]) == 40
+    assert len(truth["wrong_heights"]) == 2
+    assert truth["blunders"]
+    rpc = open_image(str(folder / "image_1.tif")).rpc
+    np.testing.assert_array_equal(rpc.samp_num, truth["images"]["image_1"]["vendor_rpc"]["rpc"]["samp_num"])
+    layers = ogr.Open(str(folder / "truth.gpkg"))
+    counts = {layers.GetLayer(i).GetName(): layers.GetLayer(i).GetFeatureCount() for i in range(layers.GetLayerCount())}
+    assert counts["true_ground_points"] == 40
+    assert counts["true_image_points"] == len(truth["image_points"]) == 80
+    assert counts["objects"] >= 20
+
+
+def test_report(folder: Path):
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    assert report["points"] == {"gcp": 4, "check": 6, "tie": 30}
+    assert report["images"]["image_2"]["rpc_fit_max_px"] < 1e-6
+
+
+def test_the_adjustment_finds_the_vendors_error(tmp_path: Path):
+    """Shifts of RPCs with an attitude error, from a block without pixels: check points close to the noise."""
+    points = dict(gcps=8, checks=40, ties=100)
+    run("simulate", output_dir=str(tmp_path / "in"), pixels=False, noise_image=0.1, size=2000, **points)
+    images = [str(tmp_path / "in" / f"image_{number}_RPC.TXT") for number in (1, 2)]
+    report = run(
+        "adjust", images=images, gcps=str(tmp_path / "in" / "ground_points.csv"), report=False,
+        image_points=str(tmp_path / "in" / "image_points.csv"), output_dir=str(tmp_path / "out"),
+    )  # fmt: skip
+    check = report["check"]
+    print({key: round(check[key], 3) for key in ("points", "rmse_east_m", "rmse_north_m", "rmse_height_m")})
+    assert report["images"]["image_1"]["before_rmse_line_px"] > 1.0
+    assert check["points"] == 40
+    assert check["rmse_east_m"] < 0.25  # survey 0.1 m, image 0.1 px of 0.7 m, drifts that a shift cannot follow
+    assert check["rmse_north_m"] < 0.25
+    assert check["rmse_height_m"] < 0.5
+
+
+def test_options_reach_the_block(tmp_path: Path):
+    run(
+        "simulate", output_dir=str(tmp_path), sensor="spot5", images=3, along="20,0,-20", vendor_attitude="1e-5,0,0",
+        jitter=0.5, pixels=False, lines=200, **SMALL,
+    )  # fmt: skip
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    image = truth["images"]["image_3"]
+    assert image["size"] == [300, 200]
+    assert image["along_deg"] == -20.0
+    assert image["vendor_error"]["attitude_rad"] == [1e-5, 0.0, 0.0]
+    assert image["jitter"]["jitter_rad"][0] == pytest.approx(0.5 * 2.5 / 832e3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (dict(along="1,2,3"), "--along is 1,2,3: give 2 numbers"),
+        (dict(vendor_attitude="a,b,c"), "--vendor-attitude is a,b,c"),
+        (dict(lat=89.0), "is not a place"),
+        (dict(sensor="landsat"), "not one of"),
+    ],
+)
+def test_bad_input(tmp_path: Path, options: dict[str, Any], words: str):
+    with pytest.raises(InputError, match=words):
+        run("simulate", output_dir=str(tmp_path / "out"), **(SMALL | options))
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_earlier_result_is_kept(folder: Path):
+    with pytest.raises(InputError, match="--overwrite"):
+        run("simulate", output_dir=str(folder), **SMALL)

@@ -1,0 +1,93 @@
+"""The styles stored in a GeoPackage are what QGIS loads, and its pictures show the arrows where they belong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from qgis.core import QgsMapRendererSequentialJob, QgsMapSettings, QgsRectangle, QgsVectorLayer
+from qgis.PyQt.QtCore import QSize
+from qgis.PyQt.QtGui import QColor
+
+from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
+
+SIZE, DPI = 400, 127.0  # 127 dpi: 5 pixels a millimetre
+GROUND_PX, IMAGE_PX = 40, 20  # 8 mm and 4 mm
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory: pytest.TempPathFactory, qgis_app: object) -> Path:
+    """One check point in the middle with a residual to the north; one measurement with a residual down the image."""
+    path = tmp_path_factory.mktemp("styles") / "block.gpkg"
+    level = np.array(["ground", "image"])
+    fields = {
+        "id": np.array(["", ""]), "role": np.array(["check", "check"]), "image": np.array(["", "img"]), "level": level,
+        "flag": np.array(["ok", "ok"]), "residual_sample_px": np.array([np.nan, 0.0]),
+        "residual_line_px": np.array([np.nan, 0.3]), "residual_east_m": np.array([0.0, np.nan]),
+        "residual_north_m": np.array([0.25, np.nan]),
+    }  # fmt: skip
+    place = np.array([[5.0, 44.0, 0.0], [5.0, 44.0, 0.0]])
+    ring = np.array([[4.95, 43.95], [5.05, 43.95], [5.05, 44.05], [4.95, 44.05]])
+    write_geopackage(str(path), [
+        Layer("images", "Polygon", 4326, [ring], {"id": np.array(["img"])}),
+        Layer("ground_points", "PointZ", 4326, place[:1], {"id": np.array(["A"]), "role": np.array(["gcp"])}),
+        Layer("residuals_wgs84", "PointZ", 4326, place, fields),
+        Layer("image_points", "PointZ", 4326, place[1:], {name: column[1:] for name, column in fields.items()}),
+    ])  # fmt: skip
+    return path
+
+
+def loaded(block: Path, name: str) -> QgsVectorLayer:
+    layer = QgsVectorLayer(f"{block}|layername={name}", name, "ogr")
+    assert layer.isValid()
+    _, found = layer.loadDefaultStyle()
+    assert found
+    return layer
+
+
+def picture(layer: QgsVectorLayer) -> tuple[np.ndarray, int]:
+    """Return the grey values (rows, columns) of a map around the point, and the number of labels."""
+    settings = QgsMapSettings()
+    settings.setLayers([layer])
+    settings.setDestinationCrs(layer.crs())
+    settings.setOutputSize(QSize(SIZE, SIZE))
+    settings.setOutputDpi(DPI)
+    settings.setExtent(QgsRectangle(4.9, 43.9, 5.1, 44.1))
+    settings.setBackgroundColor(QColor("white"))
+    job = QgsMapRendererSequentialJob(settings)
+    job.start()
+    job.waitForFinished()
+    image = job.renderedImage()
+    grey = np.array([[QColor(image.pixel(x, y)).lightness() for x in range(SIZE)] for y in range(SIZE)])
+    return grey, len(job.takeLabelingResults().labelsWithinRect(settings.visibleExtent()))
+
+
+def test_ground_residual_is_an_arrow_of_8_mm_to_the_north(block: Path) -> None:
+    grey, _ = picture(loaded(block, "residuals_wgs84"))
+    rows, columns = np.nonzero(grey < 200)
+    assert rows.min() == pytest.approx(SIZE // 2 - GROUND_PX, abs=3)  # antialiasing and the head's width
+    assert abs(rows.max() - SIZE // 2) <= 8  # the point's own symbol, 2 mm wide
+    assert np.abs(columns - SIZE // 2).max() <= 8
+
+
+def test_image_residual_points_down_where_the_line_grows(block: Path) -> None:
+    grey, _ = picture(loaded(block, "image_points"))
+    rows, columns = np.nonzero(grey < 200)
+    assert rows.max() == pytest.approx(SIZE // 2 + IMAGE_PX, abs=3)
+    assert rows.min() >= SIZE // 2 - 4
+    assert np.abs(columns - SIZE // 2).max() <= 5
+
+
+def test_image_rows_are_off_while_there_are_ground_rows(block: Path) -> None:
+    layer = loaded(block, "residuals_wgs84")  # the rules live as long as the layer
+    shown = {rule.label().split(",")[0]: rule.active() for rule in layer.renderer().rootRule().children()}
+    assert shown["Check point"]
+    assert not shown["Image measurement"]
+
+
+@pytest.mark.parametrize(("name", "renderer"), [("images", "singleSymbol"), ("ground_points", "RuleRenderer")])
+def test_names_are_drawn(block: Path, name: str, renderer: str) -> None:
+    layer = loaded(block, name)
+    assert layer.renderer().type() == renderer
+    assert picture(layer)[1] == 1
