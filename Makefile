@@ -21,7 +21,7 @@ set-up-test:  ## install what the tests need, QGIS included
 .PHONY: demo
 demo: set-up  ## triangulate the Hobart block and print its check points
 	$(BIN)/hrsi triangulate $(foreach n,1 2 3,$(HOBART)/hobart_ikonos_$(n)_RPC.TXT) \
-	  --gcps $(HOBART)/hobart_ground_points.csv --image-points $(HOBART)/hobart_image_points.csv --tie-points none \
+	  --gcps $(HOBART)/hobart_ground_points.csv --image-points $(HOBART)/hobart_image_points.csv --height-datum ellipsoidal --tie-points none \
 	  --gcp-ids H003,H022,H024,H035,H048,H058,H077,H098,H103,H105 --model shift \
 	  --output-dir $(BUILD)/demo --overwrite
 
