@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from .adjustment import Adjustment
+from .adjustment import Adjustment, Verdict
+from .adjustment.precision import predicted_accuracy
+from .adjustment.result import DatumPart
 from .block import Role
 from .refinement import RefinedRPC
 from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, radial_rmse, rmse
@@ -32,11 +35,65 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
             image.id: _image_entry(result, left, index, refined[index])
             for index, image in enumerate(result.block.images)
         },
-        "control": _known_entry(result, left, Role.GCP),
-        "check": _check_entry(result, left),
+        **control_and_check(result, left),
         "ties": _tie_entry(result, left),
         "outliers": outliers(result, left),
+        "solves": result.solves,
+        "rejected": _rejected(result),
+        "findings": [asdict(finding) for finding in result.findings],
+        "variance_components": [asdict(part) for part in result.variance_components],
+        "parts": [_part_entry(part) for part in result.parts],
+        "cross_validation": _cross_validation(result),
     }
+
+
+def _rejected(result: Adjustment) -> dict[str, Any]:
+    """Return how many measurements were left out, as blunders or as doubtful, and the first of them."""
+    rows = result.block.measurements
+    out = np.flatnonzero(result.verdict != int(Verdict.KEPT))
+    return {
+        "blunders": int((result.verdict == int(Verdict.BLUNDER)).sum()),
+        "doubtful": int((result.verdict == int(Verdict.DOUBTFUL)).sum()),
+        "measurements": [
+            {
+                "id": str(result.block.points.ids[rows.point[row]]),
+                "image": result.block.images[rows.image[row]].id,
+                "verdict": Verdict(result.verdict[row]).name.lower(),
+            }
+            for row in out[:MOST_OUTLIERS].tolist()
+        ],
+    }
+
+
+def _part_entry(part: DatumPart) -> dict[str, Any]:
+    """Return what holds images that hang together; ``by_priors`` counts parameters that come from priors."""
+    entry = asdict(part)
+    entry["images"] = list(part.images[:MOST_OUTLIERS])
+    entry["image_count"] = len(part.images)
+    sigma = entry.pop("sigma_m")
+    return entry | {
+        f"sigma_{axis}_m": value if np.isfinite(value) else None
+        for axis, value in zip(("east", "north", "height"), sigma, strict=True)
+    }
+
+
+def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
+    found = result.cross_validation
+    if found is None:
+        return None
+    east, north, height = (rmse(found.error_m[:, axis]) for axis in range(3))
+    return {
+        "points": len(found.ids), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
+        "errors_m": {
+            name: [None if np.isnan(value) else float(value) for value in error]
+            for name, error in zip(found.ids, found.error_m, strict=True)
+        },
+    }  # fmt: skip
+
+
+def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Return the figures of the known points, by their role."""
+    return {"control": _known_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
 
 
 def _image_entry(result: Adjustment, left: Residuals, index: int, refined: RefinedRPC) -> dict[str, Any]:
@@ -73,6 +130,7 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     radial, height = radial_rmse(left.ground_m[points, :2]), entry["rmse_height_m"]
     entry["ce90_m"] = None if radial is None else CE90_OF_RADIAL_RMSE * radial
     entry["le90_m"] = None if height is None else LE90_OF_RMSE * height
+    entry["predicted"] = predicted_accuracy(result.ground_covariance_m2[points], result.block.points.sigma_m[points])
     return entry
 
 

@@ -9,7 +9,20 @@ from __future__ import annotations
 from typing import Any
 
 from ..hrsi_engine.progress import Progress, silent
-from . import adjust, fit_rpc, localize, project, rpc_info, simulate, triangulate, write_rpc
+from . import (
+    adjust,
+    fit_rpc,
+    interest_points,
+    localize,
+    measure_targets,
+    project,
+    refine_rpc,
+    register,
+    rpc_info,
+    simulate,
+    triangulate,
+    write_rpc,
+)
 from .declare import Algorithm, Context, Log, Report
 from .options import checked_options, find_algorithm
 
@@ -18,12 +31,16 @@ REGISTRY: dict[str, Algorithm] = {
     for module in (
         triangulate,
         adjust,
+        refine_rpc,
         simulate,
         write_rpc,
         rpc_info,
         project,
         localize,
         fit_rpc,
+        interest_points,
+        measure_targets,
+        register,
     )
 }
 

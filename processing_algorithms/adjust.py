@@ -8,6 +8,7 @@ from typing import Any
 from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
 from .block_summary import summarise
 from .declare import Algorithm, Context, Kind, Param, Report
+from .image_files import open_images
 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
@@ -15,17 +16,20 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.adjustment import adjust
     from ..hrsi_engine.io.output_dir import check_output_dir
     from ..hrsi_engine.progress import stage
-    from . import block_inputs, block_outputs
+    from . import block_inputs, block_outputs, model_choice
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()
-    images = block_inputs.open_images(options)
+    images = open_images(options["images"], context.log)
     block, warnings = block_inputs.read_block(images, dict(options) | {"tie_points_file": options["tie_points"]})
     clock.lap("read")
-    result = adjust(block, block_inputs.adjust_options(options), stage(context.progress, 0.1, 0.6))
+    chosen = model_choice.choose(block, options)
+    result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.6, 1.0), context.log)
-    return block_outputs.write_results("adjust", options, result, warnings, clock, rest)
+    return block_outputs.write_results(
+        "adjust", options, result, [*warnings, *chosen.warnings], clock, rest, chosen.entries
+    )
 
 
 ALGORITHM = Algorithm(

@@ -14,15 +14,9 @@ from ..hrsi_engine.dem import surface_heights
 from ..hrsi_engine.errors import InputError
 from ..hrsi_engine.io.dems import open_dem
 from ..hrsi_engine.io.point_files import read_points
-from ..hrsi_engine.io.rasters import open_image
 from .terrain import dem_datum
 
 DEM_MARGIN_M = 50.0  # buildings, trees, and the DEM's own errors
-
-
-def open_images(options: Mapping[str, Any]) -> list[Image]:
-    """Return the images of a block."""
-    return [open_image(path) for path in options["images"]]
 
 
 def read_block(
@@ -80,6 +74,9 @@ def terrain_heights(images: Sequence[Image], options: Mapping[str, Any]) -> tupl
 
 def adjust_options(options: Mapping[str, Any]) -> AdjustOptions:
     """Return the engine's options of an adjustment."""
+    holds = options.get("sigma_dem") is not None
+    if holds and not options.get("dem"):
+        raise InputError("--sigma-dem needs a DEM: name it with --dem")
     return AdjustOptions(
         model=options["model"],
         robust=options["robust"],
@@ -87,4 +84,11 @@ def adjust_options(options: Mapping[str, Any]) -> AdjustOptions:
         sigma_drift=options["sigma_drift"],
         check_as_ties=options["check_as_ties"],
         reject_sigma=options["reject"],
+        variance_components=options["variance_components"],
+        cross_validate=options["cross_validate"],
+        fixed_images=tuple(options["fixed_images"] or ()),
+        shared_images=tuple(tuple(group.split("+")) for group in options["shared_images"] or ()),
+        dem=open_dem(options["dem"], dem_datum(options)) if holds else None,
+        sigma_dem_m=options["sigma_dem"] if holds else AdjustOptions.sigma_dem_m,
+        threads=options["threads"],
     )

@@ -53,8 +53,9 @@ def write_results(
     warnings: Sequence[str],
     clock: Clock,
     context: Context,
+    more: Mapping[str, Any] | None = None,
 ) -> Report:
-    """Write everything that the options ask for; return the report."""
+    """Write everything that the options ask for; return the report. ``more`` are entries that it has besides."""
     images = result.block.images
     left = residuals(result)
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
@@ -64,6 +65,7 @@ def write_results(
         "warnings": [*warnings, *result.warnings, *_fit_warnings(images, refined)],
         "versions": versions(),
         "settings": {key: value for key, value in options.items() if value is not None},
+        **(more or {}),
     }  # fmt: skip
     with staged(options["output_dir"], [image.path for image in images]) as folder:
         names = write_new_files(folder, images, refined, options["write"], stage(context.progress, 0.0, 0.5))

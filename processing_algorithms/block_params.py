@@ -5,8 +5,17 @@ from __future__ import annotations
 from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Kind, Param
 from .terrain import GROUND_CRS, HEIGHT_DATUM
 
-#: Models that `adjust` knows; the engine's `MODELS` holds them (a test compares the two).
-MODEL_CHOICES = ("none", "shift", "shift-drift", "conformal", "affine", "quadratic")
+#: Rules that choose a model from the GCPs; the engine's `RULES` holds them (a test compares the two).
+RULE_CHOICES = ("auto", "generic")
+#: Models for blocks; the engine's `BLOCK_MODELS` holds them (a test compares the two).
+BLOCK_MODEL_CHOICES = (
+    "none", "shift", "shift-drift", "conformal", "affine", "quadratic", "ground-linear", "ground-quadratic",
+    "object-shift", "object-scale-shift", "object-affine", "generic-position", "generic-shift", "generic-12",
+    "generic-affine", "generic-full",
+)  # fmt: skip
+#: Models for single images with GCPs: new coefficients.
+DIRECT_MODEL_CHOICES = ("direct", "bils", "idkf", "pg", "upoe", "slss")
+MODEL_CHOICES = (*RULE_CHOICES, *BLOCK_MODEL_CHOICES)
 ROBUST_CHOICES = ("none", "huber", "cauchy", "tukey")
 WRITE_CHOICES = ("copy", "in-place", "vrt", "sidecar", "none")
 RESIDUAL_CRS_CHOICES = ("both", "wgs84", "utm")
@@ -30,17 +39,7 @@ POINT_PARAMS = (
     HEIGHT_DATUM,
 )  # fmt: skip
 
-ADJUST_PARAMS = (
-    Param("model", Kind.CHOICE, "Correction of each image's RPC", default="shift", choices=MODEL_CHOICES),
-    Param("robust", Kind.CHOICE, "Weight function against blunders", default="none", choices=ROBUST_CHOICES),
-    Param(
-        "reject", Kind.NUMBER, "Leave out tie measurements beyond this many sigmas and adjust again; 0 keeps all",
-        default=4.0, minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
-    ),
-    Param(
-        "check-as-ties", Kind.FLAG, "Image points of check points take part like tie points (never their survey)",
-        default=False, advanced=True,
-    ),
+SIGMA_PARAMS = (
     Param(
         "sigma-image", Kind.NUMBER, "Standard deviation of image points whose file gives none", default=0.5,
         minimum=1e-6, unit="px", metavar="PX",
@@ -52,6 +51,41 @@ ADJUST_PARAMS = (
     Param(
         "sigma-gcp-h", Kind.NUMBER, "Standard deviation of GCP heights whose file gives none", default=0.3,
         minimum=1e-6, unit="m", metavar="M",
+    ),
+)  # fmt: skip
+
+ADJUST_PARAMS = (
+    Param("model", Kind.CHOICE, "Correction of each image's RPC", default="shift", choices=MODEL_CHOICES),
+    Param("robust", Kind.CHOICE, "Weight function against blunders", default="none", choices=ROBUST_CHOICES),
+    Param(
+        "reject", Kind.NUMBER,
+        "Leave out tie measurements and GCPs that fail their test at this many sigmas (data snooping); 0 keeps all",
+        default=4.0, minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
+    ),
+    Param(
+        "check-as-ties", Kind.FLAG, "Image points of check points take part like tie points (never their survey)",
+        default=False, advanced=True,
+    ),
+    *SIGMA_PARAMS,
+    Param(
+        "variance-components", Kind.FLAG,
+        "Estimate the sigmas of image points by kind and of GCPs from the residuals, and adjust with them",
+        default=False, advanced=True,
+    ),
+    Param(
+        "cross-validate", Kind.FLAG, "Predict each GCP by an adjustment without it", default=False, advanced=True,
+    ),
+    Param(
+        "fixed-images", Kind.IDS, "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…",
+    ),
+    Param(
+        "shared-images", Kind.IDS, "Images of one strip or orbit that get the same correction; groups joined by +",
+        advanced=True, metavar="A+B,C+D,…",
+    ),
+    Param(
+        "sigma-dem", Kind.NUMBER,
+        "Standard deviation of the heights of --dem, which then hold the tie points; by default they hold none",
+        minimum=1e-6, unit="m", advanced=True, metavar="M",
     ),
     Param(
         "sigma-shift", Kind.NUMBER,

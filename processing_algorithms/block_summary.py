@@ -19,11 +19,11 @@ def summarise(report: Report) -> str:
     ]
     check, ties, outliers = report["check"], report["ties"], report["outliers"]
     if check["ce90_m"] is not None:
-        lines.append(f"check: CE90 {_number(check['ce90_m'])} m, LE90 {_number(check['le90_m'])} m")
+        lines.append(f"check: CE90 {number(check['ce90_m'])} m, LE90 {number(check['le90_m'])} m")
     if ties["points"]:
         lines.append(
             f"ties: {ties['points']} points, {ties['observations']} observations, "
-            f"RMSE {_number(ties['before_rmse_px'])} px before, {_number(ties['rmse_px'])} px after"
+            f"RMSE {number(ties['before_rmse_px'])} px before, {number(ties['rmse_px'])} px after"
         )
     lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:MOST_OUTLIERS]
@@ -35,9 +35,10 @@ def summarise(report: Report) -> str:
 
 
 def _known_points(role: str, entry: Report) -> str:
-    numbers = "".join(f"{_number(entry[f'rmse_{axis}']):>{width}}" for axis, width in AXES.items())
+    numbers = "".join(f"{number(entry[f'rmse_{axis}']):>{width}}" for axis, width in AXES.items())
     return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """Return a figure with three digits, a dash where there is none."""
     return "-" if value is None else f"{value:.3f}"

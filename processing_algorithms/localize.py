@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .coordinate_lines import format_lines, parse_lines, standard_input
 from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .image_files import open_images
 from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
 from .terrain import TERRAIN_PARAMS, open_terrain
 
@@ -25,10 +26,9 @@ LINE = "sample line height"
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Read image points from a file or standard input and follow their rays to the ground."""
     from ..hrsi_engine.io.position_tables import read_image_positions
-    from ..hrsi_engine.io.rasters import open_image
 
     check_folder(options)
-    images = [open_image(path) for path in options["images"]]
+    images = open_images(options["images"], context.log, always=False)
     surface = open_terrain(options)
     ids = [image.id for image in images]
     points = read_image_positions(options["points"], ids) if options["points"] else _from_lines(images)

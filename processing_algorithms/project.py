@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .coordinate_lines import format_lines, parse_lines, standard_input
 from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .image_files import open_images
 from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
 from .terrain import GROUND_CRS, TERRAIN_PARAMS, open_terrain
 
@@ -23,10 +24,9 @@ LINE = "lon lat height"
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Read ground points from a file or standard input and project them into every image."""
-    from ..hrsi_engine.io.rasters import open_image
 
     check_folder(options)
-    images = [open_image(path) for path in options["images"]]
+    images = open_images(options["images"], context.log, always=False)
     surface = open_terrain(options)
     ids, ground, warnings = _from_file(options, surface) if options["points"] else _from_lines(surface)
     columns = _projected(images, ids, ground)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .image_files import open_images
 from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
 from .terrain import TERRAIN_PARAMS, open_terrain
 
@@ -24,7 +25,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.progress import advance
 
     check_folder(options)
-    images = _open_images(options["images"])
+    images = _open_images(options["images"], context)
     surface, warnings = _surface(options, images)
     tell(warnings, context)
     views = [View(image, surface) for image in images]
@@ -51,11 +52,10 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     return report
 
 
-def _open_images(paths: Sequence[str]) -> list[Image]:
+def _open_images(paths: Sequence[str], context: Context) -> list[Image]:
     from ..hrsi_engine.errors import InputError
-    from ..hrsi_engine.io.rasters import open_image
 
-    images = [open_image(path) for path in paths]
+    images = open_images(paths, context.log)
     seen: dict[str, str] = {}
     for image in images:
         if image.id in seen:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .adjust import ALGORITHM as ADJUST
 from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
 from .declare import Context, Kind, Param, Report
+from .image_files import open_images
 from .terrain import DEM, DEM_DATUM
 
 if TYPE_CHECKING:
@@ -22,20 +23,23 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.adjustment import adjust
     from ..hrsi_engine.io.output_dir import check_output_dir
     from ..hrsi_engine.progress import stage
-    from . import block_inputs, block_outputs
+    from . import block_inputs, block_outputs, model_choice
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()
-    images = block_inputs.open_images(options)
+    images = open_images(options["images"], context.log)
     clock.lap("read")
     found, warnings = _automatic_ties(images, options, Context(stage(context.progress, 0.0, 0.5), context.log))
     clock.lap("tie_points")
     file = None if options["tie_points"] in (NO_TIE_POINTS, AUTOMATIC) else options["tie_points"]
     block, more = block_inputs.read_block(images, dict(options) | {"tie_points_file": file}, found)
-    result = adjust(block, block_inputs.adjust_options(options), stage(context.progress, 0.5, 0.7))
+    chosen = model_choice.choose(block, options)
+    result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.7, 1.0), context.log)
-    return block_outputs.write_results("triangulate", options, result, [*warnings, *more], clock, rest)
+    return block_outputs.write_results(
+        "triangulate", options, result, [*warnings, *more, *chosen.warnings], clock, rest, chosen.entries
+    )
 
 
 def _automatic_ties(

@@ -40,6 +40,7 @@ ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.ortho": BLOCK,
     "hrsi_engine.adjustment": ADJUSTMENT,
     "hrsi_engine.residuals": ADJUSTMENT,
+    "hrsi_engine.separate_images": ADJUSTMENT,
     "hrsi_engine.block_report": ADJUSTMENT | {"hrsi_engine.residuals"},
     "hrsi_engine.result_tables": ADJUSTMENT | {"hrsi_engine.residuals", "hrsi_engine.block_report"},
     "hrsi_engine.io": BLOCK,

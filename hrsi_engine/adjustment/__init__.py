@@ -7,7 +7,7 @@
 | pattern             | which cameras share points                                                  |
 | equations           | normal equations with the points eliminated: what the solver asks of them   |
 | array_equations     | … with NumPy, for every model                                               |
-| compiled_equations  | … compiled (kernels), for image-space models                                |
+| compiled_equations  | … compiled (kernels, camera_kernels), for image-space models                |
 | nested_dissection   | sparse Cholesky factors and inverse on the pattern                          |
 | camera_system       | solution of the reduced system, direct or iterative                         |
 | gauss_newton        | the damped, reweighted loop                                                 |
@@ -18,6 +18,7 @@
 | variance_components | sigmas of groups of observations                                            |
 | precision           | cofactors, error ellipses, reliability                                      |
 | cross_validation    | each GCP as a check point in turn                                           |
+| outcome             | the last solution as an `Adjustment`                                        |
 | solver              | `adjust`: the rounds of an adjustment                                       |
 """
 

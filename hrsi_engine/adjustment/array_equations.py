@@ -84,11 +84,11 @@ class ArrayEquations:
         used = weight * contributes[observations.point]
         for index, rows in enumerate(observations.by_image):
             camera = observations.camera_of_image[index]
-            a = linear.by_values[rows].reshape(-1, p)
+            a = linear.by_values[rows].reshape(2 * len(rows), p)
             weighted = a * np.repeat(used[rows], 2)[:, None]
             blocks[pattern.diagonal[camera]] += weighted.T @ a
             right[camera] += weighted.T @ linear.residual[rows].ravel()
-        for chunk in self._chunks:
+        for chunk in self._chunks if p else ():
             self._subtract(chunk, linear, used, inverse, point_right, blocks, right)
         return Normals(linear.residual, blocks, right, inverse, point_right)
 

@@ -67,7 +67,7 @@ class Factored(_Scaled):
 
     def __init__(self, pattern: Pattern) -> None:
         super().__init__(pattern)
-        self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters)
+        self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters, pattern.position)
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
         """See `CameraSystem`."""

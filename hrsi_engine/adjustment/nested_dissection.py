@@ -39,39 +39,46 @@ class Front:
     coupling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def dissect(graph: sparse.csr_matrix, leaf: int) -> list[Front]:
+def dissect(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[Front]:
     """Return the fronts of a symmetric graph in the order of elimination: children before parents.
 
-    ``leaf`` is the number of cameras up to which a part is not cut further.
+    ``leaf`` is the number of cameras up to which a part is not cut further; ``position (n, 2)`` says where they lie:
+    a straight cut across a block leaves the shortest separator.
     """
     fronts: list[Front] = []
-    roots: list[Front] = []
     pending: list[tuple[np.ndarray, Front | None]] = [(np.arange(graph.shape[0]), None)]
     while pending:
         part, parent = pending.pop()
-        separator, halves = (part, []) if len(part) <= leaf else _cut(graph, part)
+        separator, halves = (part, []) if len(part) <= leaf else _cut(graph, part, position)
         front = Front(np.sort(separator))
         fronts.append(front)
-        (roots if parent is None else parent.children).append(front)
+        if parent is not None:
+            parent.children.append(front)
         pending += [(half, front) for half in halves]
     fronts.reverse()
     return fronts
 
 
-def _cut(graph: sparse.csr_matrix, part: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def _cut(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return a separator of a part and the pieces that it leaves."""
     inside = graph[part][:, part]
     count, label = csgraph.connected_components(inside, directed=False)
     if count > 1:
         return part[:0], _two_heaps(part, label, count)
-    level = _levels(inside)
-    middle = int(np.searchsorted(np.cumsum(np.bincount(level)), len(part) // 2))
-    if middle in (0, level.max()):
+    cuts = [_straight_cut(inside, position[part, axis]) for axis in (0, 1)]
+    near, far = min(cuts, key=lambda cut: cut[0].sum())
+    if near.sum() > 0.5 * len(part):
         return part, []
-    near, far = level <= middle, level > middle
-    touches_far = np.asarray(inside[:, far].sum(axis=1)).ravel() > 0
-    separator = near & touches_far
-    return part[separator], [piece for piece in (part[near & ~separator], part[far]) if len(piece)]
+    rest = ~near & ~far
+    return part[near], [piece for piece in (part[rest], part[far]) if len(piece)]
+
+
+def _straight_cut(graph: sparse.csr_matrix, coordinate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks of the separator of a cut through the median, on its lower side, and of all on the upper side."""
+    far = np.zeros(len(coordinate), dtype=bool)
+    far[np.argsort(coordinate, kind="stable")[len(coordinate) // 2 :]] = True
+    touches_far = graph @ far.astype(np.int32) > 0
+    return ~far & touches_far, far
 
 
 def _two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarray]:
@@ -83,16 +90,6 @@ def _two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarr
         heap[component] = lighter
         weight[lighter] += int(size[component])
     return [part[heap[label] == side] for side in (0, 1)]
-
-
-def _levels(graph: sparse.csr_matrix) -> np.ndarray:
-    """Return each vertex's distance from a vertex at the rim (two sweeps find one)."""
-    start = 0
-    for _ in range(2):
-        distance = csgraph.shortest_path(graph, method="D", unweighted=True, indices=start, directed=False)
-        start = int(np.argmax(distance))
-    distance = csgraph.shortest_path(graph, method="D", unweighted=True, indices=start, directed=False)
-    return distance.astype(np.int64)
 
 
 def _cholesky(matrix: np.ndarray) -> np.ndarray:
@@ -123,12 +120,15 @@ class SparseFactor:
     graph : symmetric adjacency of the n cameras
     start, columns : compressed rows of the upper blocks
     size : p, unknowns of a camera
+    position : (n, 2) where the cameras lie, any unit
     """
 
-    def __init__(self, graph: sparse.csr_matrix, start: np.ndarray, columns: np.ndarray, size: int) -> None:
+    def __init__(
+        self, graph: sparse.csr_matrix, start: np.ndarray, columns: np.ndarray, size: int, position: np.ndarray
+    ) -> None:
         self.cameras, self.size = graph.shape[0], size
         self._start, self._columns = start, columns
-        self.fronts = dissect(graph, max(1, LEAF_UNKNOWNS // max(size, 1)))
+        self.fronts = dissect(graph, max(1, LEAF_UNKNOWNS // max(size, 1)), position)
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number

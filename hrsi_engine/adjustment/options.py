@@ -18,6 +18,7 @@ class AdjustOptions:
     check_as_ties : the check points' image measurements take part like those of tie points (never their survey)
     reject_sigma : measurements and GCPs that fail their test at this many sigmas are left out; 0 keeps all
     variance_components : estimate the sigmas of the groups of observations
+    cross_validate : predict each GCP by an adjustment without it
     fixed_images : ids of reference images, whose RPCs stay as they are
     shared_images : groups of ids that have one set of parameters together (one strip or orbit)
     dem, sigma_dem_m : a surface that holds the heights of tie points, and its standard deviation
@@ -31,6 +32,7 @@ class AdjustOptions:
     check_as_ties: bool = False
     reject_sigma: float = 0.0
     variance_components: bool = False
+    cross_validate: bool = False
     fixed_images: tuple[str, ...] = ()
     shared_images: tuple[tuple[str, ...], ...] = ()
     dem: HeightSurface | None = None
@@ -42,6 +44,8 @@ class AdjustOptions:
     def priors(self, image: Image, controlled: bool) -> Priors:
         """Return the priors of an image's corrections."""
         chosen = priors_of(image, controlled)
+        if self.sigma_shift_px is None and self.sigma_drift is None:
+            return chosen
         return Priors(
             chosen.shift_px if self.sigma_shift_px is None else self.sigma_shift_px,
             chosen.drift if self.sigma_drift is None else self.sigma_drift,

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from ..geodesy import wrap_degrees
 from .observations import Observations
 
 
@@ -19,13 +20,15 @@ from .observations import Observations
 class Pattern:
     """Upper block pattern in compressed rows: row i has the columns ``columns[start[i]:start[i + 1]]``.
 
-    The first column of a row is its diagonal. ``parameters`` is the size p of a block.
+    The first column of a row is its diagonal. ``parameters`` is the size p of a block, ``position (cameras, 2)`` says
+    about where the cameras' scenes lie (the factors' order follows from it).
     """
 
     cameras: int
     parameters: int
     start: np.ndarray
     columns: np.ndarray
+    position: np.ndarray
 
     @property
     def blocks(self) -> int:
@@ -63,10 +66,22 @@ def find_pattern(observations: Observations, parameters: int) -> Pattern:
     )
     shared = sparse.triu(incidence.T @ incidence + sparse.identity(count, dtype=np.float32), format="csr")
     shared.sort_indices()
-    return Pattern(count, parameters, shared.indptr.astype(np.int64), shared.indices.astype(np.int32))
+    return Pattern(
+        count, parameters, shared.indptr.astype(np.int64), shared.indices.astype(np.int32), _positions(observations)
+    )
+
+
+def _positions(observations: Observations) -> np.ndarray:
+    """Return east and north of each camera's scene from the first one's, in degrees of latitude."""
+    middle = np.array([[image.rpc.long_off, image.rpc.lat_off] for image in observations.images])
+    place = np.zeros((observations.cameras, 2))
+    place[observations.camera_of_image[::-1], 0] = wrap_degrees(middle[::-1, 0] - middle[0, 0])
+    place[observations.camera_of_image[::-1], 1] = middle[::-1, 1]
+    place[:, 0] *= np.cos(np.radians(place[:, 1]))
+    return place
 
 
 def trivial_pattern(cameras: int, parameters: int) -> Pattern:
     """Return the pattern of cameras that share nothing."""
     number = np.arange(cameras + 1, dtype=np.int64)
-    return Pattern(cameras, parameters, number, number[:-1].astype(np.int32))
+    return Pattern(cameras, parameters, number, number[:-1].astype(np.int32), np.zeros((cameras, 2)))

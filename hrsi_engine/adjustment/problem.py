@@ -249,7 +249,7 @@ def _prior_weight(
 
 def _require_solvable(observations: Observations, model: RefinementModel, prior_weight: np.ndarray) -> None:
     """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values."""
-    p = len(model.parameters)
+    p = min(len(model.parameters), 2 * model.least_points)  # what the priors of a model are not made to give
     per_camera = np.bincount(observations.camera[observations.contributes], minlength=observations.cameras)
     free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0)
     observed, unknowns = count(observations, observations.contributing_points, p * int(free.sum()))

@@ -71,6 +71,14 @@ class DatumPart:
 
 
 @dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """Survey - prediction ``error_m (g, 3)`` of each GCP by the adjustment without it; NaN where there is none."""
+
+    ids: tuple[str, ...]
+    error_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """Result of `adjust`; arrays are in the order of the block's images, points and measurements.
 
@@ -110,4 +118,5 @@ class Adjustment:
     findings: tuple[Finding, ...]
     variance_components: tuple[VarianceComponent, ...]
     parts: tuple[DatumPart, ...]
+    cross_validation: CrossValidation | None
     warnings: tuple[str, ...]

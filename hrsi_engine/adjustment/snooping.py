@@ -29,9 +29,12 @@ MOST_LOG = 5e3  # of a probability; caps what cannot be represented
 FEWEST_GCPS = 3  # two that disagree do not say which is wrong
 
 
-def critical_value(sigmas: float, dimensions: int) -> float:
-    """Return the limit of a chi² test with the error probability of ``sigmas`` for an image point (two dimensions)."""
-    return float(special.chdtri(dimensions, np.exp(-0.5 * sigmas**2)))
+def critical_value(sigmas: float, dimensions: int, candidates: int = 1) -> float:
+    """Return the limit of a chi² test with the error probability of ``sigmas`` for an image point (two dimensions).
+
+    Several ``candidates`` share the probability (Bonferroni), so that points with many rays raise no more false alarms.
+    """
+    return float(special.chdtri(dimensions, np.exp(-0.5 * sigmas**2) / candidates))
 
 
 def tie_variance(observations: Observations, squares: np.ndarray, rays: np.ndarray, ties: np.ndarray) -> float:
@@ -97,12 +100,12 @@ class _Group:
 
     def judge(self, sigmas: float) -> np.ndarray:
         """Leave out the worst measurement of each point until the rest agree; return the verdicts ``(m, k)``."""
-        limit = critical_value(sigmas, 2)
+        limits = np.array([critical_value(sigmas, 2, max(k, 1)) for k in range(self.weight.shape[1] + 1)])
         pending = np.arange(len(self.weight))
         while len(pending):
             tests, squares = self._tests(pending)
             rays = (self.weight[pending] > 0.0).sum(axis=1)
-            bad = (tests.max(axis=1) > limit) & (rays >= 2)
+            bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
             pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
             self._leave_out(pending, tests, squares, rays, sigmas)
         return self.verdict

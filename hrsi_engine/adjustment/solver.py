@@ -8,17 +8,18 @@ import numpy as np
 
 from ..block import Block
 from ..progress import Progress, silent, stage
+from .cross_validation import cross_validate
 from .gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
 from .options import AdjustOptions
-from .precision import Precision, deletion_tests, precision
+from .outcome import Found, outcome
+from .precision import Precision, precision
 from .problem import Problem, named, prepare
-from .result import Adjustment, DatumPart, Finding, VarianceComponent, Verdict
+from .result import Adjustment, Finding, Verdict
 from .snooping import Suspect, control_suspect, point_squares, tie_variance, tie_verdicts
 from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary
 
 SNOOPING_ROUNDS = 6
 RARE = 2e-4  # share of the measurements whose change of verdict is not worth another round
-HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
 
 
 def adjust(
@@ -47,12 +48,8 @@ class Adjuster:
         observations = problem.observations
         self.image_weight = problem.weighting.image
         self.survey_weight = observations.survey_weight.copy()
-        self.verdict = np.full(observations.count, int(Verdict.KEPT), dtype=np.int8)
         self.ties = observations.contributing_points & ~problem.weighting.points.held
-        self.tie_variance = 1.0
-        self.findings: list[Finding] = []
-        self.warnings: list[str] = []
-        self.components: tuple[VarianceComponent, ...] = ()
+        self.found = Found(np.full(observations.count, int(Verdict.KEPT), dtype=np.int8))
 
     def run(self, progress: Progress) -> Adjustment:
         """Return the result of all rounds."""
@@ -65,13 +62,18 @@ class Adjuster:
         precise = precision(self.problem.equations, self.loop, solution)
         if options.reject_sigma > 0.0:
             solution, precise = self.without_bad_control(solution, precise, stage(progress, 0.9, 1.0))
-        return self.result(solution, precise)
+        if options.cross_validate:
+            # a loop of its own: the history and the factors of the adjustment stay as they are
+            self.found.cross_validation = cross_validate(
+                self.problem, self.problem.loop(), solution, self.survey_weight, progress
+            )
+        return outcome(self.problem, self.loop, self.found, solution, precise)
 
     # ---- rounds ----------------------------------------------------------------------------------------------------
 
     def weighting(self) -> Weighting:
         """Return the weights without what was left out."""
-        image = np.where(self.verdict == int(Verdict.KEPT), self.image_weight, 0.0)
+        image = np.where(self.found.verdict == int(Verdict.KEPT), self.image_weight, 0.0)
         return self.problem.survey_weighting(image, self.survey_weight)
 
     def solve(self, last: Solution | None, progress: Progress, loosely: bool = False) -> Solution:
@@ -89,8 +91,8 @@ class Adjuster:
             return self.solve(solution, progress)
         for number in range(SNOOPING_ROUNDS):
             verdict = self._judge(solution)
-            changed = int((verdict != self.verdict).sum())
-            self.verdict = verdict
+            changed = int((verdict != self.found.verdict).sum())
+            self.found.verdict = verdict
             settled = changed <= RARE * len(verdict)
             solution = self.solve(solution, progress, loosely=not settled and number < SNOOPING_ROUNDS - 1)
             if settled:
@@ -103,11 +105,11 @@ class Adjuster:
         present = self.weighting()
         squares = point_squares(equations, solution, present, observations)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
-        self.tie_variance = tie_variance(observations, squares, rays, self.ties)
+        self.found.tie_variance = tie_variance(observations, squares, rays, self.ties)
         everything = replace(present, image=self.image_weight)
         return tie_verdicts(
             equations, observations, solution, everything, self.ties, self.problem.options.reject_sigma,
-            self.tie_variance,
+            self.found.tie_variance,
         )  # fmt: skip
 
     def without_bad_control(
@@ -121,7 +123,7 @@ class Adjuster:
             if suspect is None or not self._accuse(suspect):
                 break
             if self.ties.any():
-                self.verdict = np.where(self._control_rows(), self.verdict, self._judge(solution))
+                self.found.verdict = np.where(self._control_rows(), self.found.verdict, self._judge(solution))
             solution = self.solve(solution, progress)
             precise = precision(self.problem.equations, self.loop, solution)
         return solution, precise
@@ -141,12 +143,12 @@ class Adjuster:
         if clear and suspect.row is None:
             self.survey_weight[suspect.point] = 0.0
         elif clear:
-            self.verdict[suspect.row] = int(Verdict.BLUNDER)
+            self.found.verdict[suspect.row] = int(Verdict.BLUNDER)
         rivals = named(points.ids[observations.points[list(suspect.rivals)]])
         consequence = "it is left out" if clear else f"but {rivals} may be the wrong one instead: all are kept"
         message = f"GCP {name}: {what} disagrees with the rest by {suspect.statistic:.1f} sigma; {consequence}"
-        self.findings.append(Finding(name, image or "ground", suspect.statistic, clear, message))
-        self.warnings.append(message)
+        self.found.findings.append(Finding(name, image or "ground", suspect.statistic, clear, message))
+        self.found.warnings.append(message)
         return clear
 
     def with_estimated_sigmas(self, solution: Solution, progress: Progress) -> Solution:
@@ -164,136 +166,11 @@ class Adjuster:
             solution = self.solve(solution, progress)
             if change < SETTLED:
                 break
-        self.components = summary(groups, observations, sigmas, sums)
-        self.warnings += [
+        self.found.components = summary(groups, observations, sigmas, sums)
+        self.found.warnings += [
             f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
             f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
-            for part in self.components
+            for part in self.found.components
             if part.estimated and not 0.67 < part.factor < 1.5
         ]
         return solution
-
-    # ---- result ----------------------------------------------------------------------------------------------------
-
-    def result(self, solution: Solution, precise: Precision) -> Adjustment:
-        """Return the last solution in the order of the block."""
-        problem, observations, block = self.problem, self.problem.observations, self.problem.block
-        contributes = solution.weighting.contributes
-        prior_share = np.where(
-            np.isinf(self.loop.prior_weight), 1.0, problem.prior_weight * precise.parameters
-        )  # fmt: skip
-        observed, unknowns = self._counts(solution)
-        redundancy = observed - unknowns + float(np.nan_to_num(prior_share).sum())
-        squares = self.loop.sum_of_squares(solution)
-        sigma0 = float(np.sqrt(squares / redundancy)) if redundancy > 0.5 else 1.0
-        rows, points = observations.rows, observations.points
-        placed = contributes | (observations.surveyed & (np.diff(observations.first) > 0))
-        placed |= ~observations.contributing_points
-        camera = observations.camera_of_image
-        covariance = sigma0**2 * precise.points
-        covariance[~placed] = np.nan
-        kept = (solution.weight > 0.0) & placed[observations.point]
-        ground = _spread(len(block.points), points, np.where(placed[:, None], solution.state.ground, np.nan))
-        full_covariance = _spread(len(block.points), points, covariance)
-        with np.errstate(invalid="ignore"):
-            ground_sigma = np.sqrt(full_covariance.diagonal(axis1=1, axis2=2))
-        residual = np.where(kept[:, None], solution.normals.residual, np.nan)
-        status = "converged" if solution.converged else "stopped at the iteration limit"
-        return Adjustment(
-            block=block,
-            model=problem.model,
-            values=solution.state.values[camera],
-            values_sigma=sigma0 * np.sqrt(precise.parameters[camera]),
-            ground=ground,
-            ground_sigma_m=ground_sigma,
-            ground_covariance_m2=full_covariance,
-            residual_px=_spread(len(block.measurements), rows, residual),
-            weight=_spread(len(block.measurements), rows, np.where(kept, solution.factor, 0.0), 0.0),
-            redundancy_numbers=_spread(len(block.measurements), rows, self._redundancy(solution, precise)),
-            statistic=_spread(len(block.measurements), rows, self._statistic(solution, precise)),
-            verdict=_spread(len(block.measurements), rows, self.verdict, int(Verdict.KEPT)),
-            prior_share=prior_share[camera],
-            sigma0=sigma0,
-            observations=observed,
-            unknowns=unknowns,
-            redundancy=redundancy,
-            converged=solution.converged,
-            status=status,
-            history=tuple(self.loop.history),
-            solves=self.loop.solves,
-            findings=tuple(self.findings),
-            variance_components=self.components,
-            parts=self._parts(ground_sigma, prior_share),
-            warnings=(*problem.warnings, *self.warnings, *self._undetermined(prior_share)),
-        )
-
-    def _counts(self, solution: Solution) -> tuple[int, int]:
-        """Return the numbers of observations and unknowns, those left out not counted."""
-        observations, weighting = self.problem.observations, solution.weighting
-        contributes = weighting.contributes
-        rows = int(((weighting.image > 0.0) & contributes[observations.point]).sum())
-        observed = 2 * rows + int(weighting.points.observed[contributes].sum())
-        return observed, 3 * int(contributes.sum()) + self.loop.prior_weight.size
-
-    def _redundancy(self, solution: Solution, precise: Precision) -> np.ndarray:
-        """Return redundancy numbers ``(n, 2)``; NaN where a measurement has no say."""
-        share = solution.weight[:, None] * precise.residuals[:, [0, 1], [0, 1]]
-        judged = (solution.weight > 0.0) & solution.weighting.contributes[self.problem.observations.point]
-        return np.where(judged[:, None], np.clip(share, 0.0, 1.0), np.nan).astype(np.float32)
-
-    def _statistic(self, solution: Solution, precise: Precision) -> np.ndarray:
-        """Return each measurement's test value in standard deviations, with the tie points' own variance factor."""
-        judged = (solution.weight > 0.0) & solution.weighting.contributes[self.problem.observations.point]
-        result = np.full(len(judged), np.nan, dtype=np.float32)
-        if precise.cameras is not None:
-            tests = deletion_tests(
-                solution.normals.residual[judged], precise.residuals[judged], solution.weight[judged]
-            )
-            result[judged] = np.sqrt(tests / self.tie_variance)
-        return result
-
-    def _parts(self, ground_sigma: np.ndarray, prior_share: np.ndarray) -> tuple[DatumPart, ...]:
-        """Return what holds each part of the block, and the mean sigmas of its points."""
-        observations = self.problem.observations
-        head = observations.image[observations.first[:-1]]
-        sigma = ground_sigma[observations.points]
-        part_of_image = np.empty(len(observations.images), dtype=np.int64)
-        for number, part in enumerate(self.problem.parts):
-            part_of_image[part.images] = number
-        result = []
-        for number, part in enumerate(self.problem.parts):
-            here = sigma[(part_of_image[head] == number) & np.isfinite(sigma).all(axis=1)]
-            east, north, height = np.sqrt(np.mean(here**2, axis=0)).tolist() if len(here) else (np.nan,) * 3
-            share = prior_share[np.unique(observations.camera_of_image[part.images])]
-            result.append(
-                DatumPart(
-                    tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
-                    float(np.nan_to_num(share).sum()), (east, north, height),
-                )
-            )  # fmt: skip
-        return tuple(result)
-
-    def _undetermined(self, prior_share: np.ndarray) -> list[str]:
-        """Name parameters of images with control that nevertheless come from their priors."""
-        names, observations = self.problem.model.parameters, self.problem.observations
-        fixed = np.isinf(self.loop.prior_weight)
-        poor = (prior_share > HELD_BY_PRIOR) & ~fixed
-        by_set: dict[tuple[str, ...], list[str]] = {}
-        for part in self.problem.parts:
-            for index in part.images if part.gcps else ():
-                which = poor[observations.camera_of_image[index]]
-                if which.any():
-                    key = tuple(name for name, bad in zip(names, which, strict=True) if bad)
-                    by_set.setdefault(key, []).append(observations.images[index].id)
-        return [
-            f"{', '.join(key)} of image {named(ids)} follow from their priors: the GCPs and tie points do not "
-            "determine them"
-            for key, ids in by_set.items()
-        ]
-
-
-def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
-    """Return an array of ``length`` rows with ``values`` at ``where``."""
-    result = np.full((length, *values.shape[1:]), empty, dtype=values.dtype)
-    result[where] = values
-    return result

@@ -17,8 +17,9 @@ import numpy as np
 
 from ..block import Image
 from ..rpc import RPC
-from ..rpc_fit import fold_affine, refit_rpc
+from ..rpc_fit import fold_affine
 from .model import Equations, Linearise, Priors, RefinedRPC
+from .refit import refit
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,11 @@ class ImagePolynomial:
     parameters: tuple[str, ...]
     powers: np.ndarray
     mixing: np.ndarray
+
+    @property
+    def least_points(self) -> int:
+        """GCPs from which the parameters follow."""
+        return (len(self.parameters) + 1) // 2
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return shift, drift (px/px) or, for higher degrees, drift per half image size."""
@@ -70,13 +76,7 @@ class ImagePolynomial:
         folded = self._folded(image, values)
         if folded is not None:
             return RefinedRPC(folded, 0.0)
-        fit = refit_rpc(
-            image.rpc,
-            lambda projected, ground: self._corrected(image, values, projected),
-            image.domain_px,
-            image.rpc.height_range,
-        )
-        return RefinedRPC(fit.rpc, fit.max_px)
+        return refit(image, lambda ground: self.project(image, values, ground))
 
     def _corrected(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
         return projected + self._terms(projected - image.centre_px) @ (self.mixing @ values).T

@@ -40,18 +40,38 @@ class RefinedRPC(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Orientation:
+    """Standard deviations of a sensor's position and attitude.
+
+    Drifts are the change over ``reach_m`` on the ground, from the middle of an image to its edge; smaller images get
+    their share.
+    """
+
+    position_m: float
+    attitude_rad: float
+    position_drift_m: float
+    attitude_drift_rad: float
+    reach_m: float = 30e3
+
+
+@dataclass(frozen=True)
 class Priors:
     """Standard deviations of the corrections before any observation (diagonal of C_A, thesis eq. 5.46).
 
-    ``shift_px`` is the constant part, ``drift`` its change across the image in px per px.
+    ``shift_px`` is the constant part, ``drift`` its change across the image in px per px; ``orientation`` are those of
+    a pseudo sensor, None derives them from the other two.
     """
 
     shift_px: float
     drift: float
+    orientation: Orientation | None = None
 
 
+#: Loose for constant errors of any satellite, while the drift across an image is held to what sensors do: so it is
+#: right for errors from 0 to 1 km and 0.1 rad at once (docs/accuracy_thesis.md).
+LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 #: With GCPs the priors only keep the equations regular: far above any vendor's error.
-CONTROLLED = Priors(shift_px=100.0, drift=1e-3)
+CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=LOOSE_ORIENTATION)
 #: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err.
 UNCONTROLLED = Priors(shift_px=5.0, drift=1e-4)
 
@@ -85,6 +105,10 @@ class RefinementModel(Protocol):
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters of one image."""
+
+    @property
+    def least_points(self) -> int:
+        """GCPs on one image from which the parameters follow, priors helping only where the model is made for it."""
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the standard deviation of each parameter before any observation, ``(p,)``."""

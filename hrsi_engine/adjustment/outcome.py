@@ -1,0 +1,171 @@
+"""From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and what is to be said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .gauss_newton import GaussNewton, Solution
+from .precision import Precision, deletion_tests
+from .problem import Problem, named
+from .result import Adjustment, CrossValidation, DatumPart, Finding, VarianceComponent, Verdict
+
+ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
+HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
+
+
+@dataclass(eq=False)
+class Found:
+    """What the rounds of an adjustment found: verdicts (n,), the tie points' variance factor, findings and more."""
+
+    verdict: np.ndarray
+    tie_variance: float = 1.0
+    findings: list[Finding] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    components: tuple[VarianceComponent, ...] = ()
+    cross_validation: CrossValidation | None = None
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Numbers of observations and unknowns, redundancy, and the standard deviation of unit weight."""
+
+    observations: int
+    unknowns: int
+    redundancy: float
+    sigma0: float
+
+
+def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solution, precise: Precision) -> Adjustment:
+    """Return the result of an adjustment."""
+    observations, block = problem.observations, problem.block
+    prior_share = _prior_share(loop, precise)
+    sums = _sums(problem, loop, solution, prior_share)
+    rows, points, camera = observations.rows, observations.points, observations.camera_of_image
+    # check points ride along; a point that lost its measurements has no position
+    placed = solution.weighting.contributes | observations.surveyed | ~observations.contributing_points
+    kept = (solution.weight > 0.0) & placed[observations.point]
+    covariance = sums.sigma0**2 * precise.points
+    covariance[~placed] = np.nan
+    covariance = _spread(len(block.points), points, covariance)
+    with np.errstate(invalid="ignore"):
+        ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+    redundancy_numbers, statistic = _reliability(problem, solution, precise, found.tie_variance)
+    measurements = len(block.measurements)
+    return Adjustment(
+        block=block,
+        model=problem.model,
+        values=solution.state.values[camera],
+        values_sigma=sums.sigma0 * np.sqrt(precise.parameters[camera]),
+        ground=_spread(len(block.points), points, np.where(placed[:, None], solution.state.ground, np.nan)),
+        ground_sigma_m=ground_sigma,
+        ground_covariance_m2=covariance,
+        residual_px=_spread(measurements, rows, np.where(kept[:, None], solution.normals.residual, np.nan)),
+        weight=_spread(measurements, rows, np.where(kept, solution.factor, 0.0), 0.0),
+        redundancy_numbers=_spread(measurements, rows, redundancy_numbers),
+        statistic=_spread(measurements, rows, statistic),
+        verdict=_spread(measurements, rows, found.verdict, int(Verdict.KEPT)),
+        prior_share=prior_share[camera],
+        sigma0=sums.sigma0,
+        observations=sums.observations,
+        unknowns=sums.unknowns,
+        redundancy=sums.redundancy,
+        converged=solution.converged,
+        status="converged" if solution.converged else "stopped at the iteration limit",
+        history=tuple(loop.history),
+        solves=loop.solves,
+        findings=tuple(found.findings),
+        variance_components=found.components,
+        parts=_parts(problem, ground_sigma, prior_share),
+        cross_validation=found.cross_validation,
+        warnings=(*problem.warnings, *found.warnings, *_undetermined(problem, prior_share)),
+    )
+
+
+def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
+    """Return an array of ``length`` rows with ``values`` at ``where``; the values themselves where that is all."""
+    if len(values) == length:
+        return values
+    result = np.full((length, *values.shape[1:]), empty, dtype=values.dtype)
+    result[where] = values
+    return result
+
+
+def _prior_share(loop: GaussNewton, precise: Precision) -> np.ndarray:
+    """Return how much of each parameter comes from its prior ``(cameras, p)``; all of it where it is fixed."""
+    fixed = np.isinf(loop.prior_weight)
+    return np.where(fixed, 1.0, np.where(fixed, 0.0, loop.prior_weight) * precise.parameters)
+
+
+def _sums(problem: Problem, loop: GaussNewton, solution: Solution, prior_share: np.ndarray) -> _Sums:
+    """Count what was not left out. Priors count as far as the unknowns follow from them."""
+    weighting, contributes = solution.weighting, solution.weighting.contributes
+    rows = int(((weighting.image > 0.0) & contributes[problem.observations.point]).sum())
+    observed = 2 * rows + int(weighting.points.observed[contributes].sum())
+    unknowns = 3 * int(contributes.sum()) + loop.prior_weight.size
+    redundancy = observed - unknowns + float(np.nan_to_num(prior_share).sum())
+    sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
+    return _Sums(observed, unknowns, redundancy, sigma0)
+
+
+def _reliability(
+    problem: Problem, solution: Solution, precise: Precision, tie_variance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return redundancy numbers ``(n, 2)`` and test values ``(n,)`` in standard deviations.
+
+    The tests use the tie points' own variance factor. NaN where a measurement has no say.
+    """
+    judged = (solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point]
+    redundancy = np.full((len(judged), 2), np.nan, dtype=np.float32)
+    statistic = np.full(len(judged), np.nan, dtype=np.float32)
+    if precise.cameras is None:
+        return redundancy, statistic
+    rows = np.flatnonzero(judged)
+    for part in np.array_split(rows, 1 + len(rows) // ROWS_AT_ONCE):
+        weight, cofactors = solution.weight[part], precise.residuals[part]
+        redundancy[part] = np.clip(weight[:, None] * cofactors[:, [0, 1], [0, 1]], 0.0, 1.0)
+        tests = deletion_tests(solution.normals.residual[part], cofactors, weight)
+        statistic[part] = np.sqrt(tests / tie_variance)
+    return redundancy, statistic
+
+
+def _parts(problem: Problem, ground_sigma: np.ndarray, prior_share: np.ndarray) -> tuple[DatumPart, ...]:
+    """Return what holds each part of the block, and the mean sigmas of its points."""
+    observations = problem.observations
+    sigma = ground_sigma[observations.points]
+    part_of_image = np.empty(len(observations.images), dtype=np.int64)
+    for number, part in enumerate(problem.parts):
+        part_of_image[part.images] = number
+    known = np.flatnonzero(np.isfinite(sigma).all(axis=1))
+    of_point = part_of_image[observations.image[observations.first[:-1][known]]]
+    counts = np.maximum(np.bincount(of_point, minlength=len(problem.parts)), 1)
+    sums = [np.bincount(of_point, sigma[known, axis] ** 2, minlength=len(problem.parts)) for axis in range(3)]
+    mean = np.sqrt(np.array(sums).T / counts[:, None])
+    mean[np.bincount(of_point, minlength=len(problem.parts)) == 0] = np.nan
+    return tuple(
+        DatumPart(
+            tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
+            float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
+            (float(east), float(north), float(height)),
+        )
+        for part, (east, north, height) in zip(problem.parts, mean, strict=True)
+    )  # fmt: skip
+
+
+def _undetermined(problem: Problem, prior_share: np.ndarray) -> list[str]:
+    """Name parameters of images with control that nevertheless come from their priors."""
+    names, observations = problem.model.parameters, problem.observations
+    poor = (prior_share > HELD_BY_PRIOR) & ~np.isinf(problem.prior_weight)
+    by_set: dict[tuple[str, ...], list[str]] = {}
+    for part in problem.parts:
+        for index in part.images if part.gcps else ():
+            which = poor[observations.camera_of_image[index]]
+            if which.any():
+                key = tuple(name for name, bad in zip(names, which, strict=True) if bad)
+                by_set.setdefault(key, []).append(observations.images[index].id)
+    return [
+        f"{', '.join(key)} of image {named(ids)} follow from their priors: the GCPs and tie points do not "
+        "determine them"
+        for key, ids in by_set.items()
+    ]

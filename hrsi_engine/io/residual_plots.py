@@ -1,0 +1,64 @@
+"""Plots of a registration as SVG: residual vectors over the image, and bars that compare kinds of points."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+WIDTH, MARGIN = 560.0, 34.0
+TYPICAL_ARROW = 32.0  # drawing units of the 90th percentile
+COLORS = {"center": "#1a7f4b", "corner": "#1565a8"}
+OTHER_COLOR = "#65707a"
+
+
+def residual_vectors_svg(xy: np.ndarray, residual: np.ndarray, groups: np.ndarray, unit: str) -> str:
+    """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
+
+    ``xy`` and ``residual`` are (n, 2) with lines downwards, ``groups`` (n,) names the colour.
+    """
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    scale = (WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
+    height = float((high - low)[1]) * scale + 2.0 * MARGIN + 24.0
+    typical = float(np.percentile(np.hypot(*residual.T), 90.0))
+    per_unit = TYPICAL_ARROW / typical if typical > 0.0 else 0.0
+    parts = [f'<svg class="map" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
+    for (x, y), (dx, dy), group in zip((xy - low) * scale + MARGIN, residual * per_unit, groups, strict=True):
+        parts.append(_arrow(x, y, dx, dy, COLORS.get(str(group), OTHER_COLOR)))
+    if typical > 0.0:
+        length = 10.0 ** math.floor(math.log10(1.5 * typical))
+        length = next(step * length for step in (10.0, 5.0, 2.0, 1.0) if step * length <= 1.5 * typical)
+        parts.append(_arrow(MARGIN, height - 14.0, length * per_unit, 0.0, "#1c2329"))
+        x = MARGIN + length * per_unit + 8.0
+        parts.append(f'<text x="{x:.1f}" y="{height - 10.0:.1f}">{length:g} {html.escape(unit)}</text>')
+    return "".join([*parts, "</svg>"])
+
+
+def _arrow(x: float, y: float, dx: float, dy: float, color: str) -> str:
+    head, angle = 5.0, math.atan2(dy, dx)
+    tips = "".join(
+        f"M{x + dx:.1f},{y + dy:.1f}"
+        f"L{x + dx - head * math.cos(angle + a):.1f},{y + dy - head * math.sin(angle + a):.1f}"
+        for a in (0.45, -0.45)
+    )
+    path = f'<path d="M{x:.1f},{y:.1f}L{x + dx:.1f},{y + dy:.1f}{tips}" stroke="{color}" fill="none"/>'
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" fill="{color}"/>{path}'
+
+
+def bars_svg(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
+    """Return bars by case, one for each group (thesis figures 2.7 and 2.21); ``values[case][group]``."""
+    rows = [(case, group, value) for case, groups in values.items() for group, value in groups.items()]
+    largest = max((value for _, _, value in rows if math.isfinite(value)), default=1.0) or 1.0
+    height = 26.0 * len(rows) + 10.0
+    parts = [f'<svg class="map" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" aria-label="Comparison">']
+    for number, (case, group, value) in enumerate(rows):
+        y = 26.0 * number + 6.0
+        length = 0.0 if not math.isfinite(value) else (WIDTH - 320.0) * value / largest
+        color = COLORS.get(group, OTHER_COLOR)
+        label = html.escape(f"{case}, {group}")
+        parts.append(f'<text x="4" y="{y + 14.0:.1f}">{label}</text>')
+        parts.append(f'<rect x="230" y="{y:.1f}" width="{length:.1f}" height="18" fill="{color}"/>')
+        parts.append(f'<text x="{236.0 + length:.1f}" y="{y + 14.0:.1f}">{value:.2f} {html.escape(unit)}</text>')
+    return "".join([*parts, "</svg>"])

@@ -1,0 +1,70 @@
+"""Small image chips with the fitted curve and the edge points drawn over the pixels, as SVG."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+SIDE_PX = 220.0  # of a chip on the page
+STRETCH_PERCENT = (0.5, 99.5)
+
+
+@dataclass(frozen=True, eq=False)
+class TargetChip:
+    """What a chip shows, in image coordinates.
+
+    grey : (lines, samples) around the target, None without pixels; origin : sample and line of its first pixel
+    edges : (k, 2) edge points, used : (k,) mask; curves : polylines (m, 2); position : (2,), NaN where refused
+    """
+
+    grey: np.ndarray | None
+    origin: np.ndarray
+    edges: np.ndarray
+    used: np.ndarray
+    curves: tuple[np.ndarray, ...]
+    position: np.ndarray
+
+
+def chip_svg(chip: TargetChip) -> str:
+    """Return the chip as an SVG element."""
+    origin, size = _extent(chip)
+    scale = SIDE_PX / float(max(size))
+    width, height = size * scale
+    parts = [f'<svg class="chip" width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}">']
+    if chip.grey is not None:
+        parts.append(
+            f'<image width="{width:.1f}" height="{height:.1f}" image-rendering="pixelated" '
+            f'preserveAspectRatio="none" href="data:image/png;base64,{_png(chip.grey)}"/>'
+        )
+
+    def place(xy: np.ndarray) -> np.ndarray:
+        return (xy - origin + 0.5) * scale
+
+    for curve in chip.curves:
+        path = " ".join(f"{x:.2f},{y:.2f}" for x, y in place(curve))
+        parts.append(f'<polyline points="{path}" fill="none" stroke="#ffb000" stroke-width="1.5"/>')
+    for (x, y), used in zip(place(chip.edges), chip.used, strict=True):
+        parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="1.8" fill="{"#21c17a" if used else "#e03131"}"/>')
+    if np.isfinite(chip.position).all():
+        x, y = place(chip.position)
+        parts.append(f'<path d="M{x - 6:.2f},{y:.2f}h12M{x:.2f},{y - 6:.2f}v12" stroke="#e03131" stroke-width="1.2"/>')
+    return "".join([*parts, "</svg>"])
+
+
+def _extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
+    """Return first pixel and size (samples, lines) of what is shown."""
+    if chip.grey is not None:
+        return chip.origin, np.array([chip.grey.shape[1], chip.grey.shape[0]], dtype=np.float64)
+    shown = np.vstack([chip.edges, *chip.curves]) if len(chip.edges) else np.zeros((1, 2))
+    low, high = shown.min(axis=0) - 3.0, shown.max(axis=0) + 3.0
+    return low, high - low
+
+
+def _png(grey: np.ndarray) -> str:
+    low, high = np.percentile(grey, STRETCH_PERCENT)
+    stretched = np.clip((grey.astype(np.float64) - low) * (255.0 / max(float(high - low), 1e-9)), 0.0, 255.0)
+    _, encoded = cv2.imencode(".png", stretched.astype(np.uint8))
+    return base64.b64encode(encoded.tobytes()).decode("ascii")

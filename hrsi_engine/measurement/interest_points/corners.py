@@ -1,0 +1,157 @@
+"""Corner detectors on the structure tensor: Harris and Stephens (1988) and Förstner and Gülch (1987).
+
+The tensor ``A`` of thesis eq. 3.1 averages products of the derivatives over a patch. Harris takes its strength
+``det A - kappa (trace A)²`` (eq. 3.2), Förstner ``w = det A / trace A`` and the roundness ``q = 4 det A / (trace A)²``.
+Interest points are local maxima of the strength above the threshold TB, super points those above TA > TB.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from .statistics import HALO_PX as STATISTICS_HALO_PX
+from .statistics import ImageStatistics, normalised
+from .windows import Window
+
+DERIVATIVE_PX, PATCH_PX = 1.0, 2.0  # standard deviations of the Gaussians of derivative and patch
+SUPPORT_PX = 12  # what the strength at a pixel depends on
+ROUNDNESS = 0.5  # Förstner's q: 1 where the gradients have no direction, 0 on an edge
+
+
+@dataclass(frozen=True)
+class CornerOptions:
+    """How corners are found.
+
+    kappa : weight of the trace in Harris's strength, 0.04 … 0.06; radius_px : of the local maximum
+    interest_threshold, super_threshold : TB and TA on the strength of the normalised image; None takes them from the
+    image: TB is exceeded by ``interest_share`` of all local maxima, TA by ``super_share``
+    """
+
+    kappa: float = 0.04
+    radius_px: float = 4.0
+    interest_threshold: float | None = None
+    super_threshold: float | None = None
+    interest_share: float = 0.5
+    super_share: float = 0.07
+
+
+class Tensor(NamedTuple):
+    """Patch means of the products of the derivatives by sample (x) and line (y), each ``(lines, samples)``."""
+
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+
+
+class Peaks(NamedTuple):
+    """Local maxima: sub-pixel positions (n, 2) in the image, strengths (n,), sigma (n,) px."""
+
+    xy: np.ndarray
+    strength: np.ndarray
+    sigma_px: np.ndarray
+
+
+def structure_tensor(grey: np.ndarray) -> Tensor:
+    """Return the structure tensor of an image (thesis eq. 3.1), float32."""
+    smooth, slope = gaussian_kernels(DERIVATIVE_PX)
+    by_x = cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
+    by_y = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+    patch, _ = gaussian_kernels(PATCH_PX)
+
+    def mean(product: np.ndarray) -> np.ndarray:
+        return cv2.sepFilter2D(product, cv2.CV_32F, patch, patch, borderType=cv2.BORDER_REFLECT)
+
+    return Tensor(mean(by_x * by_x), mean(by_x * by_y), mean(by_y * by_y))
+
+
+def gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a Gaussian of unit sum and its derivative, float32; correlation with the latter gives the slope."""
+    reach = int(np.ceil(3.5 * sigma_px))
+    x = np.arange(-reach, reach + 1)
+    smooth = np.exp(-0.5 * (x / sigma_px) ** 2)
+    smooth /= smooth.sum()
+    slope = x * smooth
+    return smooth.astype(np.float32), (slope / np.sum(x * slope)).astype(np.float32)
+
+
+def harris_strength(tensor: Tensor, options: CornerOptions) -> np.ndarray:
+    """Return thesis eq. 3.2, positive at corners."""
+    trace = tensor.xx + tensor.yy
+    return tensor.xx * tensor.yy - tensor.xy**2 - np.float32(options.kappa) * trace**2
+
+
+def foerstner_strength(tensor: Tensor, options: CornerOptions) -> np.ndarray:
+    """Return Förstner's w where the gradients are round enough, else 0."""
+    trace = np.maximum(tensor.xx + tensor.yy, np.float32(1e-12))
+    determinant = tensor.xx * tensor.yy - tensor.xy**2
+    return np.where(4.0 * determinant > ROUNDNESS * trace**2, determinant / trace, np.float32(0.0))
+
+
+Strength = Callable[[Tensor, CornerOptions], np.ndarray]
+
+
+def halo_px(options: CornerOptions) -> int:
+    """Return how far a window must reach beyond its core."""
+    return STATISTICS_HALO_PX + SUPPORT_PX + int(np.ceil(options.radius_px)) + 1
+
+
+def corner_peaks(window: Window, statistics: ImageStatistics, options: CornerOptions, strength_of: Strength) -> Peaks:
+    """Return the local maxima of a window's core with positive strength, all above 0; thresholds come later."""
+    tensor = structure_tensor(normalised(window, statistics))
+    strength = strength_of(tensor, options)
+    strength[~far_from_unusable(window.usable, SUPPORT_PX)] = 0.0
+    inner = strength[SUPPORT_PX:-SUPPORT_PX, SUPPORT_PX:-SUPPORT_PX].copy()
+    strength[:] = 0.0  # at the edges of the image the filters saw its mirror image
+    strength[SUPPORT_PX:-SUPPORT_PX, SUPPORT_PX:-SUPPORT_PX] = inner
+    rows, columns = np.nonzero(local_maxima(strength, options.radius_px))
+    offset = peak_offsets(strength, rows, columns)
+    xy = np.column_stack([columns, rows]) + offset + window.origin
+    here = window.core.contains(xy)
+    rows, columns, xy = rows[here], columns[here], xy[here]
+    noise = statistics.noise / statistics.deviation_floor
+    return Peaks(xy, strength[rows, columns], _sigmas(tensor, rows, columns, noise))
+
+
+def local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
+    """Return the mask of pixels that are positive and the largest within a radius."""
+    reach = int(np.floor(radius_px))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = (np.hypot(x, y) <= radius_px).astype(np.uint8)
+    return (strength > 0.0) & (strength >= cv2.dilate(strength, disc))
+
+
+def far_from_unusable(usable: np.ndarray, distance_px: int) -> np.ndarray:
+    """Return the mask of pixels whose surroundings are usable as far as the window goes."""
+    if usable.all():
+        return usable
+    square = np.ones((2 * distance_px + 1, 2 * distance_px + 1), np.uint8)
+    return cv2.erode(usable.astype(np.uint8), square).astype(bool)
+
+
+def peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return sub-pixel offsets ``(n, 2)`` (sample, line) of maxima: the peak of the paraboloid through 3 x 3 pixels."""
+    n = {(j, i): strength[rows + j, columns + i].astype(np.float64) for j in (-1, 0, 1) for i in (-1, 0, 1)}
+    by_x, by_y = (n[0, 1] - n[0, -1]) / 2.0, (n[1, 0] - n[-1, 0]) / 2.0
+    by_xx, by_yy = n[0, 1] - 2.0 * n[0, 0] + n[0, -1], n[1, 0] - 2.0 * n[0, 0] + n[-1, 0]
+    by_xy = (n[1, 1] - n[1, -1] - n[-1, 1] + n[-1, -1]) / 4.0
+    determinant = by_xx * by_yy - by_xy**2
+    sharp = determinant > 1e-12 * np.maximum(n[0, 0] ** 2, 1e-30)
+    safe = np.where(sharp, determinant, 1.0)
+    offset = np.column_stack([by_xy * by_y - by_yy * by_x, by_xy * by_x - by_xx * by_y]) / safe[:, None]
+    return np.where(sharp[:, None], np.clip(offset, -1.0, 1.0), 0.0)
+
+
+def _sigmas(tensor: Tensor, rows: np.ndarray, columns: np.ndarray, noise: float) -> np.ndarray:
+    """Return the standard deviation of a coordinate: what noise moves the point by, and what the model leaves."""
+    xx, xy, yy = (layer[rows, columns].astype(np.float64) for layer in tensor)
+    effective = 4.0 * np.pi * PATCH_PX**2  # pixels in the patch
+    by_noise = noise**2 / effective * (xx + yy) / np.maximum(xx * yy - xy**2, 1e-12) / 2.0
+    return np.sqrt(by_noise + MODEL_SIGMA_PX**2)
+
+
+MODEL_SIGMA_PX = 0.25  # how well the strongest response repeats between views, measured on simulated scenes

@@ -1,0 +1,205 @@
+"""Detectors by name, and running one over an image of any size.
+
+A detector is prepared once for an image (thresholds from the image's own statistics) and then called for window after
+window; only the points it returns stay in memory. To add one, write its `Detector` and enter it in `DETECTORS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
+from typing import Protocol
+
+import numpy as np
+
+from ...block import Raster
+from ...errors import InputError
+from ...progress import Progress, advance, silent
+from .corners import CornerOptions, Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
+from .corners import halo_px as corner_halo_px
+from .gravity_centres import Centre, CentreOptions, gravity_centres
+from .gravity_centres import halo_px as centre_halo_px
+from .points import CORNER, SUPER, InterestPoints, joined, no_points, spread_over_grid
+from .statistics import ImageStatistics, image_statistics, sample_areas
+from .windows import Area, Window, cores, read_window
+
+SMALLEST_IMAGE_PX = 32
+
+
+@dataclass(frozen=True)
+class DetectionOptions:
+    """What to look for, and how much of it.
+
+    per_cell : most points of each kind of detector in a cell of ``cell_px``, None for all; mask_saturated : leave out
+    saturated areas; threads : windows worked on at the same time
+    """
+
+    corners: CornerOptions = field(default_factory=CornerOptions)
+    centres: CentreOptions = field(default_factory=CentreOptions)
+    per_cell: int | None = None
+    cell_px: float = 256.0
+    mask_saturated: bool = True
+    threads: int = 1
+
+
+class Detector(Protocol):
+    """Finds points in a window's core; the image's statistics come first."""
+
+    def halo_px(self, options: DetectionOptions) -> int:
+        """Return how far windows must reach beyond their cores."""
+
+    def prepared(
+        self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
+    ) -> Callable[[Window], InterestPoints]:
+        """Return the function that finds the points of a window."""
+
+
+@dataclass(frozen=True)
+class CornerDetector:
+    """Corners by a strength of the structure tensor; super points are those above TA."""
+
+    strength: Strength
+
+    def halo_px(self, options: DetectionOptions) -> int:
+        return corner_halo_px(options.corners)
+
+    def prepared(
+        self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
+    ) -> Callable[[Window], InterestPoints]:
+        thresholds = self._thresholds(raster, region, statistics, options.corners)
+        return partial(self._find, statistics=statistics, options=thresholds)
+
+    def _thresholds(
+        self, raster: Raster, region: Area, statistics: ImageStatistics, options: CornerOptions
+    ) -> CornerOptions:
+        """Return the options with TA and TB set from the strengths of the local maxima in the sample windows."""
+        if options.interest_threshold is not None and options.super_threshold is not None:
+            return options
+        strengths = [
+            corner_peaks(
+                read_window(raster, area, corner_halo_px(options), statistics.saturation), statistics, options,
+                self.strength,
+            ).strength
+            for area in sample_areas(region)
+        ]  # fmt: skip
+        every = np.concatenate(strengths)
+        if not len(every):
+            return replace(options, interest_threshold=0.0, super_threshold=0.0)
+        low, high = np.quantile(every, [1.0 - options.interest_share, 1.0 - options.super_share])
+        return replace(
+            options,
+            interest_threshold=low if options.interest_threshold is None else options.interest_threshold,
+            super_threshold=high if options.super_threshold is None else options.super_threshold,
+        )
+
+    def _find(self, window: Window, statistics: ImageStatistics, options: CornerOptions) -> InterestPoints:
+        peaks = corner_peaks(window, statistics, options, self.strength)
+        strong = peaks.strength > (options.interest_threshold or 0.0)
+        return _corner_table(Peaks(*(column[strong] for column in peaks)), options.super_threshold or 0.0)
+
+
+def _corner_table(peaks: Peaks, super_threshold: float) -> InterestPoints:
+    count = len(peaks.xy)
+    unknown = np.full(count, np.nan)
+    quality = peaks.strength / (peaks.strength + max(super_threshold, 1e-30))  # 0.5 at TA
+    return InterestPoints(
+        peaks.xy, np.where(peaks.strength > super_threshold, SUPER, CORNER).astype("U9"),
+        peaks.sigma_px[:, None, None] ** 2 * np.eye(2), peaks.strength.astype(np.float64), quality.astype(np.float64),
+        np.full((count, 2), np.nan), unknown, unknown, unknown,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CentreDetector:
+    """Gravity centres of closed regions."""
+
+    def halo_px(self, options: DetectionOptions) -> int:
+        return centre_halo_px(options.centres)
+
+    def prepared(
+        self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
+    ) -> Callable[[Window], InterestPoints]:
+        return lambda window: _centre_table(gravity_centres(window, statistics, options.centres))
+
+
+def _centre_table(centres: list[Centre]) -> InterestPoints:
+    if not centres:
+        return no_points()
+    return InterestPoints(
+        np.array([c.xy for c in centres]), np.array([c.kind for c in centres], dtype="U9"),
+        np.array([c.covariance_px2 for c in centres]), np.array([abs(c.contrast) for c in centres]),
+        np.array([c.quality for c in centres]), np.array([c.size_px for c in centres]),
+        np.array([c.azimuth_rad for c in centres]), np.array([c.contrast for c in centres]),
+        np.array([c.rmse_px for c in centres]),
+    )  # fmt: skip
+
+
+#: Detectors by the name that `interest-points` and matching know them by.
+DETECTORS: dict[str, Detector] = {
+    "harris": CornerDetector(harris_strength),
+    "foerstner": CornerDetector(foerstner_strength),
+    "centres": CentreDetector(),
+}
+
+
+def detect_interest_points(
+    raster: Raster,
+    detector: str = "harris",
+    options: DetectionOptions | None = None,
+    region: Area | None = None,
+    progress: Progress = silent,
+) -> InterestPoints:
+    """Return the interest points of an image, or of a region of it, in a fixed order.
+
+    ``detector`` is one of `DETECTORS`. The result does not depend on the windows the image is read in; memory is that
+    of ``threads`` windows of 2048 x 2048 pixels and of the points. Raises `InputError` for an unknown detector or a
+    region without pixels, `Cancelled` where ``progress`` asks to stop.
+    """
+    options = options or DetectionOptions()
+    if detector not in DETECTORS:
+        raise InputError(f"no interest point detector {detector!r}: choose one of {', '.join(DETECTORS)}")
+    region = _inside(region, raster)
+    statistics = image_statistics(raster, region, options.mask_saturated)
+    find = DETECTORS[detector].prepared(raster, region, statistics, options)
+    halo = DETECTORS[detector].halo_px(options)
+
+    def of_core(core: Area) -> InterestPoints:
+        return find(read_window(raster, core, halo, statistics.saturation))
+
+    parts, areas = [], cores(region)
+    for number, found in enumerate(_in_order(of_core, areas, options.threads)):
+        parts.append(found)
+        advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")
+    points = joined(parts)
+    if options.per_cell is not None:
+        points = points.select(spread_over_grid(points, options.cell_px, options.per_cell))
+    return points
+
+
+def _in_order(work: Callable[[Area], InterestPoints], areas: list[Area], threads: int) -> Iterator[InterestPoints]:
+    """Yield results in the areas' order; at most ``threads`` windows are in memory."""
+    if threads <= 1:
+        yield from map(work, areas)
+        return
+    waiting = iter(areas)
+    with ThreadPoolExecutor(threads) as pool:
+        running = [pool.submit(work, area) for area in islice(waiting, threads)]
+        while running:
+            yield running.pop(0).result()
+            running += [pool.submit(work, area) for area in islice(waiting, 1)]
+
+
+def _inside(region: Area | None, raster: Raster) -> Area:
+    """Return the part of a region that lies inside the image."""
+    width, height = raster.size
+    wanted = region or Area(0, 0, width, height)
+    cut = Area(max(wanted.left, 0), max(wanted.top, 0), min(wanted.right, width), min(wanted.bottom, height))
+    if cut.right - cut.left < SMALLEST_IMAGE_PX or cut.bottom - cut.top < SMALLEST_IMAGE_PX:
+        raise InputError(
+            f"the window {wanted.left},{wanted.top} to {wanted.right},{wanted.bottom} has less than "
+            f"{SMALLEST_IMAGE_PX} x {SMALLEST_IMAGE_PX} pixels in the image of {width} x {height}: choose a larger one"
+        )
+    return cut

@@ -1,0 +1,86 @@
+"""The table of interest points, and spreading them over an image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ...block import ImagePoints
+
+CORNER, SUPER = "corner", "super"
+
+
+@dataclass(frozen=True, eq=False)
+class InterestPoints:
+    """Interest points of one image, columns of length n.
+
+    xy : (n, 2) sample, line; kind : ``super``, ``corner``, ``ellipse``, ``rectangle`` or ``region``
+    covariance_px2 : (n, 2, 2); strength : of the detector, larger is better; quality : 0 … 1
+    size_px : (n, 2) longer and shorter diameter or side, NaN for corners; azimuth_rad : of the longer one
+    contrast : grey values inside - outside, NaN for corners; rmse_px : of the outline about the shape, NaN for corners
+    """
+
+    xy: np.ndarray
+    kind: np.ndarray
+    covariance_px2: np.ndarray
+    strength: np.ndarray
+    quality: np.ndarray
+    size_px: np.ndarray
+    azimuth_rad: np.ndarray
+    contrast: np.ndarray
+    rmse_px: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    @property
+    def sigma_px(self) -> np.ndarray:
+        """Standard deviation of a coordinate, ``(n,)`` (mean of the two axes)."""
+        return np.sqrt(np.trace(self.covariance_px2, axis1=1, axis2=2) / 2.0)
+
+    @property
+    def is_centre(self) -> np.ndarray:
+        """Mask of gravity centres, ``(n,)``."""
+        return ~np.isin(self.kind, (CORNER, SUPER))
+
+    def select(self, keep: np.ndarray) -> InterestPoints:
+        """Return the chosen rows (mask or indices)."""
+        return InterestPoints(*(getattr(self, field.name)[keep] for field in fields(self)))
+
+    def to_image_points(self, image_id: str, prefix: str = "P") -> ImagePoints:
+        """Return the points as image points with ids ``P1 …``."""
+        width = len(str(max(len(self), 1)))
+        ids = [f"{prefix}{number + 1:0{width}d}" for number in range(len(self))]
+        return ImagePoints.create(
+            ids, [image_id] * len(self), self.xy, self.sigma_px, self.kind, self.quality, "interest points"
+        )
+
+
+def joined(tables: Sequence[InterestPoints]) -> InterestPoints:
+    """Return tables under each other; an empty one for none."""
+    if not tables:
+        return no_points()
+    return InterestPoints(
+        *(np.concatenate([getattr(table, field.name) for table in tables]) for field in fields(InterestPoints))
+    )
+
+
+def no_points() -> InterestPoints:
+    """Return a table without rows."""
+    nothing = np.empty(0)
+    return InterestPoints(
+        np.empty((0, 2)), np.empty(0, dtype="U9"), np.empty((0, 2, 2)), nothing, nothing, np.empty((0, 2)), nothing,
+        nothing, nothing,
+    )  # fmt: skip
+
+
+def spread_over_grid(points: InterestPoints, cell_px: float, per_cell: int) -> np.ndarray:
+    """Return indices, ascending, of the ``per_cell`` best points in every cell of a grid; best by quality, strength."""
+    cell = np.floor((points.xy + 0.5) / cell_px).astype(np.int64)
+    order = np.lexsort((-points.strength, -points.quality, cell[:, 0], cell[:, 1]))
+    here = cell[order]
+    first = np.flatnonzero(np.r_[True, np.any(here[1:] != here[:-1], axis=1)]) if len(order) else np.empty(0, int)
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    return np.sort(order[rank < per_cell])

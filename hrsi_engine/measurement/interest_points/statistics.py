@@ -1,0 +1,127 @@
+"""What an image is like, measured on windows spread over it, and grey values relative to their surroundings.
+
+Detectors work on ``(grey - local mean) / local standard deviation``, so that one set of thresholds suits forest, field
+and city. Local means and deviations come from cells on a fixed grid, averaged over 5 x 5 cells and interpolated
+between their middles; the deviation has a floor, so that noise on water does not become structure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...block import Raster
+from .windows import GRID_PX, SATURATED_SHARE, Area, Window, read_window
+
+CELL_PX = GRID_PX
+CELLS_AVERAGED = 5
+HALO_PX = CELL_PX * (CELLS_AVERAGED // 2 + 1)  # what the local mean of a pixel depends on
+SAMPLE_PX, SAMPLES_PER_SIDE = 512, 4
+NOISE_FLOOR = 4.0  # local deviations below so many times the noise are noise
+CONTRAST_FLOOR = 0.15  # or below this share of the image's median deviation
+_MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
+_LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
+
+
+@dataclass(frozen=True)
+class ImageStatistics:
+    """Grey value from which pixels are saturated (None: never), noise, and the floor of local deviations."""
+
+    saturation: float | None
+    noise: float
+    deviation_floor: float
+
+
+def image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) -> ImageStatistics:
+    """Return the statistics of a region, from up to 4 x 4 windows of 512 x 512 pixels spread over it."""
+    samples = [read_window(raster, core, 0, None) for core in sample_areas(region)]
+    saturation = _saturation(samples) if mask_saturated else None
+    noises = [_noise(window) for window in samples if window.usable.any()]
+    noise = float(np.median(noises)) if noises else 0.0
+    deviations = [_cell_moments(window)[1] for window in samples]
+    known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
+    typical = float(np.median(known)) if len(known) else 0.0
+    return ImageStatistics(saturation, noise, max(NOISE_FLOOR * noise, CONTRAST_FLOOR * typical, 1e-6))
+
+
+def sample_areas(region: Area) -> list[Area]:
+    """Return the areas that stand for a region: all of it where it is small."""
+    lefts = _starts(region.left, region.right)
+    tops = _starts(region.top, region.bottom)
+    return [
+        Area(x, y, min(x + SAMPLE_PX, region.right), min(y + SAMPLE_PX, region.bottom)) for y in tops for x in lefts
+    ]
+
+
+def _starts(first: int, end: int) -> list[int]:
+    count = min(SAMPLES_PER_SIDE, -(-(end - first) // SAMPLE_PX))
+    last = max(first, end - SAMPLE_PX)
+    return sorted({int(start) // GRID_PX * GRID_PX for start in np.linspace(first, last, count)} | {first})[:count]
+
+
+def _saturation(samples: list[Window]) -> float | None:
+    """Return the largest grey value where suspiciously many pixels share it."""
+    greys = [window.grey[window.usable] for window in samples if window.usable.any()]
+    if not greys:
+        return None
+    largest = max(float(grey.max()) for grey in greys)
+    share = sum(int(np.sum(grey == largest)) for grey in greys) / sum(grey.size for grey in greys)
+    return largest if share > SATURATED_SHARE else None
+
+
+def _noise(window: Window) -> float:
+    """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
+    curved = np.abs(cv2.filter2D(window.grey, cv2.CV_32F, _LAPLACIAN)) / 6.0
+    lines, samples = (length // CELL_PX * CELL_PX for length in curved.shape)
+    cells = curved[:lines, :samples].reshape(lines // CELL_PX, CELL_PX, samples // CELL_PX, CELL_PX)
+    usable = window.usable[:lines, :samples].reshape(cells.shape).all(axis=(1, 3))
+    if not usable.any():
+        return 0.0
+    return float(_MAD * np.percentile(np.median(cells, axis=(1, 3))[usable], 25.0))
+
+
+def normalised(window: Window, statistics: ImageStatistics) -> np.ndarray:
+    """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
+    mean, deviation = (_interpolated(values) for values in _local_moments(window))
+    relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)
+    return np.where(np.isfinite(relative), relative, 0.0).astype(np.float32)
+
+
+def _cell_sums(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return number of usable pixels, sum and sum of squares of each cell, float64."""
+    lines, samples = (length // CELL_PX for length in window.grey.shape)
+    shape = lines, CELL_PX, samples, CELL_PX
+    area = np.s_[: lines * CELL_PX, : samples * CELL_PX]
+    weight = window.usable[area].astype(np.float64)
+    grey = window.grey[area] * weight
+    return tuple(layer.reshape(shape).sum(axis=(1, 3)) for layer in (weight, grey, grey * grey))
+
+
+def _cell_moments(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    return _moments(*_cell_sums(window))
+
+
+def _local_moments(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and deviation of the usable pixels in the cells around each cell."""
+    kernel = np.ones(CELLS_AVERAGED)
+    sums = [
+        cv2.sepFilter2D(layer, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+        for layer in _cell_sums(window)
+    ]
+    return _moments(*sums)
+
+
+def _moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count
+        variance = np.maximum(squares / count - mean**2, 0.0)
+    return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)
+
+
+def _interpolated(cells: np.ndarray) -> np.ndarray:
+    """Return cell values at every pixel, bilinear between the cells' middles."""
+    known = np.isfinite(cells)
+    filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
+    return cv2.resize(filled, None, fx=CELL_PX, fy=CELL_PX, interpolation=cv2.INTER_LINEAR)

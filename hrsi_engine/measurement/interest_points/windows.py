@@ -1,0 +1,120 @@
+"""Images of any size in overlapping windows: each point belongs to the core of exactly one of them.
+
+Cores tile the image on a grid that starts at (0, 0) and whose step is a multiple of all cell sizes and pyramid factors,
+so that what is computed for a pixel does not depend on the window it is computed in. Windows reach beyond their cores
+by the support of the detector; only points inside the core are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...block import Raster
+
+CORE_PX = 1536  # with a halo of 256: windows of 2048 x 2048
+GRID_PX = 32  # windows begin at multiples of this: cells of the statistics, pyramid factors
+SATURATED_SHARE = 1e-4  # of the pixels at the largest grey value, above which that value is saturation
+SATURATED_AREA_PX = 3  # side of the smallest saturated area: single glints stay
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """A rectangle of an image: first sample and line, and where it ends (not included)."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def contains(self, xy: np.ndarray) -> np.ndarray:
+        """Return the mask of the points ``(n, 2)`` whose pixel is inside."""
+        pixel = np.floor(xy + 0.5)
+        return (
+            (pixel[:, 0] >= self.left) & (pixel[:, 0] < self.right) & (pixel[:, 1] >= self.top)
+            & (pixel[:, 1] < self.bottom)
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Pixels around a core: ``grey`` float32 and ``usable`` bool ``(lines, samples)``, beginning at ``area``.
+
+    Not usable are invalid pixels, saturated areas and everything outside the image.
+    """
+
+    area: Area
+    core: Area
+    grey: np.ndarray
+    usable: np.ndarray
+
+    @property
+    def origin(self) -> np.ndarray:
+        """Sample and line of the window's first pixel, ``(2,)``."""
+        return np.array([self.area.left, self.area.top], dtype=np.float64)
+
+
+def cores(region: Area, step: int = CORE_PX) -> list[Area]:
+    """Return the cores that tile a region of an image, row by row."""
+    lefts = range(region.left // step * step, region.right, step)
+    tops = range(region.top // step * step, region.bottom, step)
+    return [
+        Area(max(x, region.left), max(y, region.top), min(x + step, region.right), min(y + step, region.bottom))
+        for y in tops
+        for x in lefts
+    ]
+
+
+def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | None) -> Window:
+    """Return the window of a core; ``saturation`` is the grey value from which pixels are saturated."""
+    left, top = (max(start - halo_px, 0) // GRID_PX * GRID_PX for start in (core.left, core.top))
+    right, bottom = (
+        -(-min(end + halo_px, size) // GRID_PX) * GRID_PX
+        for end, size in zip((core.right, core.bottom), raster.size, strict=True)
+    )
+    pixels, valid = _read_padded(raster, left, top, right - left, bottom - top)
+    grey = pixels.astype(np.float32)
+    usable = valid & ~saturated_areas(grey, saturation)
+    if not usable.all():
+        grey = _filled(grey, valid)
+    return Window(Area(left, top, right, bottom), core, grey, usable)
+
+
+def windows(raster: Raster, region: Area, halo_px: int, saturation: float | None) -> Iterator[Window]:
+    """Yield the windows of all cores of a region, one in memory at a time."""
+    for core in cores(region):
+        yield read_window(raster, core, halo_px, saturation)
+
+
+def _read_padded(raster: Raster, left: int, top: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read a window that may reach over the image's edges, where the mask is False."""
+    s0, l0 = max(left, 0), max(top, 0)
+    s1, l1 = min(left + samples, raster.size[0]), min(top + lines, raster.size[1])
+    grey, valid = raster.read(s0, l0, s1 - s0, l1 - l0)
+    if (s1 - s0, l1 - l0) == (samples, lines):
+        return grey, valid
+    edges = ((l0 - top, top + lines - l1), (s0 - left, left + samples - s1))
+    return np.pad(grey, edges), np.pad(valid, edges)
+
+
+def saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:
+    """Return the mask of areas of saturated pixels, with the pixels beside them."""
+    if saturation is None:
+        return np.zeros(grey.shape, dtype=bool)
+    full = (grey >= saturation).astype(np.uint8)
+    square = np.ones((SATURATED_AREA_PX, SATURATED_AREA_PX), np.uint8)
+    return cv2.dilate(cv2.morphologyEx(full, cv2.MORPH_OPEN, square), square).astype(bool)
+
+
+def _filled(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return the pixels with the invalid ones replaced by nearby valid ones, so that filters make no false edges."""
+    if valid.all() or not valid.any():
+        return grey
+    grey = np.where(valid, grey, np.float32(0.0))
+    weight = valid.astype(np.float32)
+    blurred = [cv2.boxFilter(layer, cv2.CV_64F, (31, 31), normalize=False) for layer in (grey, weight)]
+    near = blurred[0] / np.maximum(blurred[1], 1.0)
+    return np.where(valid, grey, near.astype(np.float32))

@@ -1,0 +1,269 @@
+"""Registration of two images from matched points, of the same or of different resolution (thesis chapter 2).
+
+The points of the first image are carried to the second by a transformation whose parameters the points determine:
+directly in image space, or after both RPCs have carried them over the ground. What is left over, by kind of point,
+tells how well corners and centres can be measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError, SolveError
+from ..rpc import RPC
+
+_MAD = 1.4826
+_ITERATIONS = 20
+
+
+class Form(NamedTuple):
+    """A family of transformations: number of parameters, start by linear equations, application to points."""
+
+    unknowns: int
+    start: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    apply: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A transformation of the first image's points into the second image, and what it leaves over.
+
+    matrix : (3, 3) homogeneous, on ``start_px`` (the points, or where the RPCs carry them)
+    residual_px : (n, 2) second - transformed first, also of points left out; used : (n,) mask
+    unknowns : number of parameters
+    """
+
+    model: str
+    matrix: np.ndarray
+    residual_px: np.ndarray
+    used: np.ndarray
+    unknowns: int
+
+
+@dataclass(frozen=True)
+class ResidualSummary:
+    """Residuals of one kind of points, as the thesis prints them.
+
+    mean_abs, std : sample and line; distance : sqrt(std² + std²); all times the ``unit`` they were asked in
+    """
+
+    count: int
+    mean_abs: tuple[float, float]
+    std: tuple[float, float]
+    distance: float
+    largest: float
+
+
+def _linear(columns: Callable[[np.ndarray], np.ndarray], to_matrix: Callable[[np.ndarray], np.ndarray]) -> Callable:
+    def start(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        design = columns(first)
+        root = np.sqrt(np.repeat(weight, 2))
+        values, _, rank, _ = np.linalg.lstsq(design * root[:, None], second.ravel() * root, rcond=1e-12)
+        if rank < design.shape[1]:
+            raise SolveError("the points do not determine the transformation: they lie on a line; add points")
+        return to_matrix(values)
+
+    return start
+
+
+def _shift(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    offset = np.average(second - first, axis=0, weights=weight)
+    return np.array([[1.0, 0.0, offset[0]], [0.0, 1.0, offset[1]], [0.0, 0.0, 1.0]])
+
+
+def _affine_columns(xy: np.ndarray) -> np.ndarray:
+    design = np.zeros((2 * len(xy), 6))
+    design[0::2, :2], design[1::2, 3:5] = xy, xy
+    design[0::2, 2] = design[1::2, 5] = 1.0
+    return design
+
+
+def _affine_matrix(values: np.ndarray) -> np.ndarray:
+    return np.vstack([values.reshape(2, 3), [0.0, 0.0, 1.0]])
+
+
+def _conformal_columns(xy: np.ndarray) -> np.ndarray:
+    design = np.zeros((2 * len(xy), 4))
+    design[0::2, 0], design[0::2, 1], design[0::2, 2] = xy[:, 0], -xy[:, 1], 1.0
+    design[1::2, 0], design[1::2, 1], design[1::2, 3] = xy[:, 1], xy[:, 0], 1.0
+    return design
+
+
+def _conformal_matrix(values: np.ndarray) -> np.ndarray:
+    a, b, c, d = values
+    return np.array([[a, -b, c], [b, a, d], [0.0, 0.0, 1.0]])
+
+
+def _projective(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the homography with least residuals in the second image, by Gauss-Newton from the affine solution."""
+    H = FORMS["affine"].start(first, second, weight)
+    root = np.sqrt(np.repeat(weight, 2))
+    for _ in range(_ITERATIONS):
+        xyw = np.column_stack([first, np.ones(len(first))])
+        computed = apply_matrix(H, first)
+        w = (xyw @ H[2])[:, None]
+        design = np.zeros((2 * len(first), 8))
+        design[0::2, :3] = design[1::2, 3:6] = xyw / w
+        design[:, 6:] = -(computed.reshape(-1, 1)) * np.repeat(first / w, 2, axis=0)
+        miss = (second - computed).ravel()
+        step, _, rank, _ = np.linalg.lstsq(design * root[:, None], miss * root, rcond=1e-14)
+        if rank < 8:
+            raise SolveError("the points do not determine a projective transformation: add points away from one line")
+        H = H + np.append(step, 0.0).reshape(3, 3)
+        if np.abs(step[[2, 5]]).max() < 1e-9:
+            break
+    return H
+
+
+def apply_matrix(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Return points ``(n, 2)`` transformed by a homogeneous matrix."""
+    moved = np.column_stack([xy, np.ones(len(xy))]) @ H.T
+    return moved[:, :2] / moved[:, 2:]
+
+
+FORMS: dict[str, Form] = {
+    "shift": Form(2, _shift, apply_matrix),
+    "conformal": Form(4, _linear(_conformal_columns, _conformal_matrix), apply_matrix),
+    "affine": Form(6, _linear(_affine_columns, _affine_matrix), apply_matrix),
+    "projective": Form(8, _projective, apply_matrix),
+}
+
+
+def register_points(
+    first_px: np.ndarray,
+    second_px: np.ndarray,
+    model: str = "affine",
+    sigma_px: np.ndarray | float = 1.0,
+    reject_sigma: float = 0.0,
+    taking_part: np.ndarray | None = None,
+) -> Registration:
+    """Return the transformation of one of `FORMS` that carries points ``(n, 2)`` of the first image to the second.
+
+    ``reject_sigma`` leaves out points whose residual is that many robust standard deviations, 0 keeps all;
+    ``taking_part`` masks the points that determine it, the others only get residuals. Raises `InputError` for an
+    unknown model, `SolveError` for too few points or points that do not determine it.
+    """
+    if model not in FORMS:
+        raise InputError(f"registration model {model!r} is not one of {', '.join(FORMS)}: choose one")
+    form = FORMS[model]
+    sigma = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (len(first_px),))
+    used = np.ones(len(first_px), dtype=bool) if taking_part is None else taking_part.copy()
+    allowed = used.copy()
+    while True:
+        matrix, residual = _solve(form, first_px, second_px, sigma, used)
+        keep = allowed & _within(residual, sigma, used, reject_sigma)
+        if np.array_equal(keep, used) or keep.sum() >= used.sum():
+            return Registration(model, matrix, residual, used, form.unknowns)
+        used = keep
+
+
+def _solve(
+    form: Form, first: np.ndarray, second: np.ndarray, sigma: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    if 2 * used.sum() < form.unknowns:
+        raise SolveError(f"{used.sum()} points are too few for {form.unknowns} parameters: add points")
+    origins, scale = (first[used].mean(axis=0), second[used].mean(axis=0)), max(float(np.ptp(first[used])), 1.0)
+    a, b = (first - origins[0]) / scale, (second - origins[1]) / scale
+    inner = form.start(a[used], b[used], 1.0 / sigma[used] ** 2) if form.unknowns > 2 else None
+    if inner is None:
+        matrix = form.start(first[used], second[used], 1.0 / sigma[used] ** 2)
+    else:
+        matrix = _similarity(scale, origins[1]) @ inner @ np.linalg.inv(_similarity(scale, origins[0]))
+    matrix = matrix / matrix[2, 2]
+    return matrix, second - form.apply(matrix, first)
+
+
+def _similarity(scale: float, origin: np.ndarray) -> np.ndarray:
+    return np.array([[scale, 0.0, origin[0]], [0.0, scale, origin[1]], [0.0, 0.0, 1.0]])
+
+
+def _within(residual: np.ndarray, sigma: np.ndarray, used: np.ndarray, reject_sigma: float) -> np.ndarray:
+    if reject_sigma <= 0.0:
+        return np.ones(len(residual), dtype=bool)
+    relative = np.hypot(*residual.T) / sigma
+    typical = float(np.median(relative[used])) / 1.1774  # median of a Rayleigh distribution
+    return relative <= reject_sigma * max(typical, 1e-9)
+
+
+def carried_by_rpcs(first: RPC, second: RPC, first_px: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
+    """Return where points ``(n, 2)`` of the first image, at ellipsoidal heights, appear in the second, ``(n, 2)``."""
+    ground, _ = first.localize(first_px, height_m)
+    return second.project(ground)
+
+
+def summarise_residuals(residual: np.ndarray, unit: float = 1.0) -> ResidualSummary | None:
+    """Return the summary of residuals ``(n, 2)`` times ``unit`` (metres per pixel); None without any."""
+    values = residual[np.isfinite(residual).all(axis=1)] * unit
+    if not len(values):
+        return None
+    mean_abs, std = np.abs(values).mean(axis=0), values.std(axis=0, ddof=1 if len(values) > 1 else 0)
+    return ResidualSummary(
+        len(values), (float(mean_abs[0]), float(mean_abs[1])), (float(std[0]), float(std[1])),
+        float(np.hypot(*std)), float(np.hypot(*values.T).max()),
+    )  # fmt: skip
+
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "center": ("center", "centre", "ellipse", "rectangle", "region"),
+    "corner": ("corner", "super"),
+}
+
+
+def group_of(kind: str) -> str:
+    """Return ``center`` or ``corner`` for a kind of point, the kind itself (or ``point``) for others."""
+    return next((group for group, kinds in GROUPS.items() if kind.lower() in kinds), kind or "point")
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Registrations with each kind alone and with all points together (thesis experiments 1 to 3).
+
+    alone, together : summaries by group, in pixels of the second image times the unit
+    """
+
+    alone: Mapping[str, ResidualSummary]
+    together: Mapping[str, ResidualSummary]
+    registrations: Mapping[str, Registration] = field(default_factory=dict)
+
+    def ratio(self, table: str = "alone") -> float | None:
+        """Return centre error over corner error, None where one is missing."""
+        rows = getattr(self, table)
+        if not {"center", "corner"} <= rows.keys() or rows["corner"].distance == 0.0:
+            return None
+        return float(rows["center"].distance / rows["corner"].distance)
+
+
+def compare_kinds(
+    first_px: np.ndarray,
+    second_px: np.ndarray,
+    kinds: np.ndarray,
+    model: str = "affine",
+    sigma_px: np.ndarray | float = 1.0,
+    reject_sigma: float = 0.0,
+    unit: float = 1.0,
+) -> Comparison:
+    """Return how well each group of points registers two images, alone and together with the others.
+
+    Groups with too few points are left out. Raises `SolveError` where even all points together are too few.
+    """
+    groups = np.array([group_of(str(kind)) for kind in kinds])
+    everything = register_points(first_px, second_px, model, sigma_px, reject_sigma)
+    registrations = {"all": everything}
+    alone, together = {}, {}
+    for group in sorted(set(groups.tolist())):
+        here = groups == group
+        summary = summarise_residuals(everything.residual_px[here & everything.used], unit)
+        if summary is not None:
+            together[group] = summary
+        if 2 * here.sum() <= FORMS[model].unknowns:
+            continue
+        own = register_points(first_px, second_px, model, sigma_px, reject_sigma, here)
+        registrations[group] = own
+        summary = summarise_residuals(own.residual_px[own.used], unit)
+        if summary is not None:
+            alone[group] = summary
+    return Comparison(alone, together, registrations)

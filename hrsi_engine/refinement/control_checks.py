@@ -1,0 +1,165 @@
+"""Ground control that cannot be right, or cannot do what is asked of it: errors and warnings that name the points.
+
+An error where nothing sensible can follow (no point, no number, longitude and latitude swapped, another part of the
+world), a warning where the user should look: points outside the image or the RPC's heights, on a line, at one place,
+heights that fit better in feet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from ..block import Image
+from ..errors import InputError
+from ..geodesy import ground_difference_m
+from .estimate import Control
+from .ground_area import ground_area
+
+FARTHEST_M = 300e3  # ground points farther from an image: no attitude error (0.1 rad from 800 km: 120 km) explains it
+SAME_PLACE_M = 0.05
+OUTSIDE_SHARE = 0.1  # of the height range beyond which a height is worth a warning
+OUTSIDE_M = 50.0
+NARROW = 0.03  # spread across the line over spread along it
+FOOT_M = 0.3048
+BETTER_IN_FEET = 5.0  # times smaller scatter of the residuals
+LARGE_SCATTER_PX = 3.0
+
+
+def check_control(image: Image, control: Control) -> list[str]:
+    """Return warnings about the control of an image.
+
+    Raises `InputError` that names the points.
+    """
+    if not len(control):
+        raise InputError(f"{image.id}: no GCP is measured on it: measure one, name its image file, or leave it out")
+    _require_numbers(image, control)
+    _require_near(image, control)
+    return [warning for check in WARNINGS for warning in check(image, control)]
+
+
+def named(ids: Iterable[str], most: int = 8) -> str:
+    """Return ids for a message, a long list shortened."""
+    listed = [str(name) for name in ids]
+    return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
+
+
+def _require_numbers(image: Image, control: Control) -> None:
+    finite = np.isfinite(control.ground).all(axis=1) & np.isfinite(control.xy).all(axis=1)
+    sigmas = (control.sigma_px > 0.0) & (control.sigma_m > 0.0).all(axis=1)
+    if not finite.all():
+        raise InputError(f"{image.id}: GCP {named(control.ids[~finite])} has no number as coordinate: complete it")
+    if not sigmas.all():
+        raise InputError(f"{image.id}: GCP {named(control.ids[~sigmas])} has a sigma that is not above 0: correct it")
+    ids, count = np.unique(control.ids, return_counts=True)
+    if (count > 1).any():
+        raise InputError(f"{image.id}: GCP {named(ids[count > 1])} is given more than once: keep one measurement of it")
+    wild = (np.abs(control.ground[:, 0]) > 540.0) | (np.abs(control.ground[:, 1]) > 90.0)
+    if wild.any() and not _swapped(image, control.ground)[wild].all():
+        raise InputError(
+            f"{image.id}: GCP {named(control.ids[wild])} is at no longitude and latitude "
+            f"({control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
+        )
+
+
+def _require_near(image: Image, control: Control) -> None:
+    swapped = _swapped(image, control.ground)
+    if swapped.any():
+        raise InputError(
+            f"{image.id}: longitude and latitude of GCP {named(control.ids[swapped])} are swapped: exchange them"
+        )
+    distance = _distance_m(image, control.ground)
+    far = distance > FARTHEST_M
+    if far.any():
+        raise InputError(
+            f"{image.id}: GCP {named(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: check "
+            "its coordinates and the CRS"
+        )
+
+
+def _distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
+    middle = np.broadcast_to(ground_area(image).middle, ground.shape)
+    return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
+
+
+def _swapped(image: Image, ground: np.ndarray) -> np.ndarray:
+    """Return which points come to the image when longitude and latitude are exchanged, and are far off without."""
+    return (_distance_m(image, ground) > FARTHEST_M) & (_distance_m(image, ground[:, [1, 0, 2]]) < FARTHEST_M)
+
+
+# ---- warnings ------------------------------------------------------------------------------------------------------
+
+
+def _outside_image(image: Image, control: Control) -> list[str]:
+    if image.size is None:
+        return []
+    outside = (np.abs(control.xy - image.centre_px) > image.half_size_px + 0.5).any(axis=1)
+    if not outside.any():
+        return []
+    return [f"{image.id}: GCP {named(control.ids[outside])} lies outside the image; it is used all the same"]
+
+
+def _outside_heights(image: Image, control: Control) -> list[str]:
+    low, high = image.rpc.height_range
+    slack = max(OUTSIDE_SHARE * (high - low), OUTSIDE_M)
+    outside = (control.ground[:, 2] < low - slack) | (control.ground[:, 2] > high + slack)
+    if not outside.any():
+        return []
+    worst = control.ground[outside, 2][np.argmax(np.abs(control.ground[outside, 2] - (low + high) / 2.0))]
+    return [
+        f"{image.id}: the height of GCP {named(control.ids[outside])} (up to {worst:.0f} m) is outside the RPC's "
+        f"{low:.0f} to {high:.0f} m: check the height datum and the unit (feet?)"
+    ]
+
+
+def _same_place(image: Image, control: Control) -> list[str]:
+    distance = control.ground[:, None] - control.ground[None]
+    metres = np.abs(distance) * [1e5, 1e5, 1.0]
+    pairs = np.argwhere(np.triu((metres < SAME_PLACE_M).all(axis=2), 1))
+    return [
+        f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they count as one"
+        for first, second in pairs[:8]
+    ]
+
+
+def _on_a_line(image: Image, control: Control) -> list[str]:
+    if len(control) < 3:
+        return []
+    along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
+    if across > NARROW * along:
+        return []
+    where = "at one place" if along < NARROW * float(np.hypot(*image.half_size_px)) else "on a line"
+    return [
+        f"{image.id}: the GCPs {named(control.ids)} lie {where}: they tell nothing of the rest of the image; "
+        "spread them, or trust a shift only"
+    ]
+
+
+def _heights_in_other_unit(image: Image, control: Control) -> list[str]:
+    if len(control) < 3 or np.ptp(control.ground[:, 2]) < 30.0:
+        return []
+    scatter = {factor: _scatter_px(image, control, factor) for factor in (1.0, FOOT_M, 1.0 / FOOT_M)}
+    best = min(scatter, key=lambda factor: scatter[factor])
+    if best == 1.0 or scatter[1.0] < max(LARGE_SCATTER_PX, BETTER_IN_FEET * scatter[best]):
+        return []
+    unit = "feet, not metres" if best == FOOT_M else "metres that were converted from feet by mistake"
+    return [
+        f"{image.id}: the heights of the GCPs look like {unit}: residuals scatter by {scatter[1.0]:.1f} px, and by "
+        f"{scatter[best]:.1f} px with heights times {best:.4g}"
+    ]
+
+
+def _scatter_px(image: Image, control: Control, factor: float) -> float:
+    """Return the RMS of the vendor's residuals about their mean, with the heights times a factor."""
+    residual = control.xy - image.rpc.project(control.ground * [1.0, 1.0, factor])
+    return float(np.sqrt(np.mean(np.sum((residual - residual.mean(axis=0)) ** 2, axis=1))))
+
+
+WARNINGS: tuple[Callable[[Image, Control], list[str]], ...] = (
+    _outside_image,
+    _outside_heights,
+    _same_place,
+    _on_a_line,
+    _heights_in_other_unit,
+)

@@ -1,0 +1,175 @@
+"""Direct methods: new values of the RPC's own coefficients (thesis section 4.2.2).
+
+The 78 coefficients (20 + 19 of sample, 20 + 19 of line; the constants of the denominators stay) are corrected by
+``L w``, where ``L L'`` is a prior covariance C of the coefficients and the parameters w are standard normal before any
+observation. So every method is the same model with another C, and the same equations serve an estimation in one batch,
+point by point, or in one step. With N the normal matrix of the coefficients from the RPC's own virtual grid
+(`GRID`: image points at several heights, so weighted that together they hold the image to `SYSTEMATIC_PX`):
+
+| method   | source               | information C^-1                          | estimation                          |
+|----------|----------------------|-------------------------------------------|-------------------------------------|
+| `direct` | Di et al. 2003       | I / 1²: nearly nothing, keeps it regular  | batch, vendor's values at the start |
+| `bils`   | Hu and Tao 2002      | N                                         | batch, iterated                     |
+| `idkf`   | Hu and Tao 2002      | the same                                  | Kalman filter, one GCP at a time    |
+| `pg`     | Bang et al. 2003     | N of the few pseudo GCPs of `PSEUDO_GRID` | batch, iterated                     |
+| `upoe`   | Bang et al. 2003     | diagonal, `SYSTEMATIC_PX` px each        | batch, iterated                     |
+| `slss`   | Bang et al. 2003     | N                                         | one update of the old solution      |
+
+What the sources leave open is chosen here. The covariance of the coefficients, which no vendor gives, comes from the
+virtual grid (a given one enters through `with_covariance`). It describes the *systematic* error of a vendor's RPC,
+about 20 px, not the noise of the fit: else no GCP could move the image. Pseudo GCPs weigh as much together. A
+parameter observation is as good as its effect in the image at the edge of the normalised domain, again 20 px.
+Combinations of coefficients that the grid determines `WEAKEST` times worse than its best count as known that well:
+numerators and denominators are nearly collinear, and left free they give the RPC poles between the GCPs. Coefficients
+of equal denominators are corrected separately.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..block import Image
+from ..errors import InputError
+from ..rpc import RPC
+from ..rpc_fit import virtual_grid
+from ..rpc_terms import monomials
+from .model import Equations, Linearise, Priors, RefinedRPC
+
+COEFFICIENTS = 78
+SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice(39, 59), "line_den": slice(59, 78)}
+GRID = (10, 10, 5)  # samples, lines, heights
+PSEUDO_GRID = (3, 3, 3)
+SYSTEMATIC_PX = 20.0
+WEAKEST = 1e-4  # smallest eigenvalue of the information, over the largest
+
+Information = Callable[[Image], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class DirectRPC:
+    """A direct method; ``information`` gives C^-1 ``(78, 78)`` of an image's normalised coefficients."""
+
+    name: str
+    title: str
+    information: Information
+    parameters: tuple[str, ...] = tuple(f"w_{k + 1}" for k in range(COEFFICIENTS))
+    least_points: int = 1
+    roots: dict[tuple[str, RPC], np.ndarray] = field(default_factory=dict, repr=False)
+
+    def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
+        """Return ones: the prior covariance is in the parameters' definition."""
+        return np.ones(COEFFICIENTS)
+
+    def with_covariance(self, covariance: np.ndarray) -> DirectRPC:
+        """Return the method with a given covariance ``(78, 78)`` of the normalised coefficients (order: `SLICES`).
+
+        Raises `InputError` where it is not symmetric and positive definite.
+        """
+        covariance = np.asarray(covariance, dtype=np.float64)
+        if covariance.shape != (COEFFICIENTS, COEFFICIENTS) or not np.allclose(covariance, covariance.T):
+            raise InputError(f"covariance of shape {covariance.shape}: a symmetric (78, 78) matrix is needed")
+        try:
+            given = np.linalg.inv(np.linalg.cholesky(covariance))
+        except np.linalg.LinAlgError:
+            raise InputError("the covariance of the coefficients is not positive definite: check its order") from None
+        return replace(self, information=lambda image: given.T @ given, roots={})
+
+    def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
+        """Return the observation equations; they do not depend on where the points were observed."""
+        root = self._root(image)
+
+        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
+            rpc = corrected(image.rpc, root @ values)
+            computed, by_ground = rpc.project_with_metric_jacobian(ground)
+            return Equations(computed, by_coefficients(rpc, ground) @ root, by_ground)
+
+        return linearise
+
+    def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return the projection with the new coefficients."""
+        return self.refined_rpc(image, values).rpc.project(ground)
+
+    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+        """Return the RPC with the new coefficients: exact."""
+        if not np.any(values):
+            return RefinedRPC(image.rpc, 0.0)
+        return RefinedRPC(corrected(image.rpc, self._root(image) @ values), 0.0)
+
+    def _root(self, image: Image) -> np.ndarray:
+        """Return L; kept, because every pass asks for it again."""
+        key = (image.id, image.rpc)
+        if key not in self.roots:
+            self.roots.clear()
+            eigenvalues, vectors = np.linalg.eigh(self.information(image))
+            self.roots[key] = vectors / np.sqrt(np.maximum(eigenvalues, WEAKEST * eigenvalues[-1]))
+        return self.roots[key]
+
+
+def corrected(rpc: RPC, change: np.ndarray) -> RPC:
+    """Return an RPC with its coefficients changed by ``(78,)``, in the order of `SLICES`."""
+    new = {}
+    for name, where in SLICES.items():
+        coefficients = getattr(rpc, name).copy()
+        coefficients[20 - (where.stop - where.start) :] += change[where]
+        new[name] = coefficients
+    return replace(rpc, **new)
+
+
+def by_coefficients(rpc: RPC, ground: np.ndarray) -> np.ndarray:
+    """Return the derivatives ``(n, 2, 78)`` of image points by the coefficients, px."""
+    terms = monomials(rpc.normalised(ground)).T
+    ratios = (rpc.project(ground) - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
+    denominators = rpc.denominators(ground).T
+    result = np.zeros((len(ground), 2, COEFFICIENTS))
+    for axis, (scale, names) in enumerate(
+        ((rpc.samp_scale, ("samp_num", "samp_den")), (rpc.line_scale, ("line_num", "line_den")))
+    ):
+        relative = scale * terms / denominators[:, axis, None]
+        result[:, axis, SLICES[names[0]]] = relative
+        result[:, axis, SLICES[names[1]]] = -ratios[:, axis, None] * relative[:, 1:]
+    return result
+
+
+def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarray:
+    """Return the normal matrix of the coefficients from a virtual grid over the image."""
+    _, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
+    sigma_px = SYSTEMATIC_PX * np.sqrt(np.count_nonzero(converged))
+    matrix = by_coefficients(image.rpc, ground[converged]).reshape(-1, COEFFICIENTS) / sigma_px
+    return np.asarray(matrix.T @ matrix)
+
+
+def _parameter_information(image: Image) -> np.ndarray:
+    """Return the weights of observed coefficients: each as good as its effect in the image."""
+    rpc = image.rpc
+    effect = np.empty(COEFFICIENTS)
+    effect[: SLICES["line_num"].start] = abs(rpc.samp_scale)
+    effect[SLICES["line_num"].start :] = abs(rpc.line_scale)
+    return np.diag((effect / SYSTEMATIC_PX) ** 2)
+
+
+DIRECT = {
+    model.name: model
+    for model in (
+        DirectRPC("direct", "all coefficients again from the GCPs", lambda image: np.eye(COEFFICIENTS)),
+        DirectRPC(
+            "bils", "coefficients by batch least squares with their covariance",
+            lambda image: _virtual_information(image, GRID),
+        ),
+        DirectRPC(
+            "idkf", "coefficients by a Kalman filter, GCP by GCP",
+            lambda image: _virtual_information(image, GRID),
+        ),
+        DirectRPC(
+            "pg", "coefficients with pseudo GCPs of the old RPC",
+            lambda image: _virtual_information(image, PSEUDO_GRID),
+        ),
+        DirectRPC("upoe", "coefficients with the old ones as observations", _parameter_information),
+        DirectRPC(
+            "slss", "coefficients by one sequential update of the old solution",
+            lambda image: _virtual_information(image, GRID),
+        ),
+    )
+}  # fmt: skip

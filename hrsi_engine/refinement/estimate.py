@@ -1,0 +1,255 @@
+"""Parameters of one image's refinement from ground control alone.
+
+Observation equations of the GCPs, linearised by the model (v = observed - computed, A by values, B by ground)::
+
+    P_i = (sigma_i² I + B_i diag(s_xy², s_xy², s_h²) B_i')^-1       image noise and survey noise together
+    minimise  sum_i v_i' P_i v_i + sum_k (a_k / s_k)²               with the priors s_k of the parameters
+
+Unknowns are scaled to their priors, a_k = s_k w_k, and the stacked equations are solved by QR, so that nearly
+collinear parameters (position and attitude) do no harm. A parameter with prior 0 stays 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..block import Image
+from ..errors import SolveError
+from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
+
+MAX_ITERATIONS = 60
+SETTLED_PX = 1e-7  # iterations end when no computed image point moves by more
+#: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
+#: errors up to 0.1 rad (tens of thousands of pixels).
+CONTROL_ONLY = Priors(shift_px=1e6, drift=1.0, orientation=LOOSE_ORIENTATION)
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    """Ground points measured on one image.
+
+    ids : (n,) str; ground : (n, 3); xy : (n, 2) sample, line; sigma_px : (n,); sigma_m : (n, 2) horizontal, height
+    """
+
+    ids: np.ndarray
+    ground: np.ndarray
+    xy: np.ndarray
+    sigma_px: np.ndarray
+    sigma_m: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def create(
+        cls, ground: np.ndarray, xy: np.ndarray, ids: np.ndarray | None = None, sigma_px: np.ndarray | float = 0.5,
+        sigma_m: np.ndarray | tuple[float, float] = (0.2, 0.3),
+    ) -> Control:  # fmt: skip
+        """Make columns of matching length; ids default to 1, 2, …"""
+        ground = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
+        count = len(ground)
+        return cls(
+            np.asarray([str(k + 1) for k in range(count)] if ids is None else ids, dtype=str),
+            ground,
+            np.asarray(xy, dtype=np.float64).reshape(count, 2),
+            np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (count,)),
+            np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (count, 2)),
+        )
+
+    def select(self, keep: np.ndarray) -> Control:
+        """Return the chosen points (mask or indices)."""
+        return Control(self.ids[keep], self.ground[keep], self.xy[keep], self.sigma_px[keep], self.sigma_m[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimated parameters of one image.
+
+    values : (p,); covariance : (p, p) of them, sigma0 included
+    residual_px : (n, 2) observed - computed
+    left_out_px : (n, 2) what the residual of each point would be had it been left out (exact for linear models)
+    roots : (n, 2, 2) whose product R'R is P; share : (n, 2, 2) how much a point decides its own residual (leverage), in
+        whitened coordinates
+    sigma0 : posterior standard deviation of unit weight; 1 where nothing is redundant
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    residual_px: np.ndarray
+    left_out_px: np.ndarray
+    roots: np.ndarray
+    share: np.ndarray
+    sigma0: float
+    redundancy: float
+    iterations: int
+    converged: bool
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations of the values, ``(p,)``."""
+        return np.sqrt(self.covariance.diagonal())
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """Equations at one state.
+
+    roots : (n, 2, 2) of P; matrix : (2n, p) by scaled parameters; right : (2n,); residual : (n, 2) px
+    """
+
+    roots: np.ndarray
+    matrix: np.ndarray
+    right: np.ndarray
+    residual: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """The observation equations of a model and the control of an image, with the priors of the parameters."""
+
+    model: RefinementModel
+    image: Image
+    control: Control
+    linearise: Linearise
+    sigmas: np.ndarray
+
+    def of_one(self, index: int) -> _Equations:
+        """Return the equations of one control point."""
+        control = self.control.select(np.array([index]))
+        return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
+
+    def at(self, values: np.ndarray) -> _Whitened:
+        """Return the linearised equations in units of sigmas."""
+        control = self.control
+        at = self.linearise(values, control.ground)
+        residual = control.xy - at.computed
+        if not (np.isfinite(residual).all() and np.isfinite(at.by_values).all()):
+            lost = control.ids[~np.isfinite(residual).all(axis=1)].tolist()
+            raise SolveError(
+                f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: it "
+                "lies outside what the RPC describes; check its coordinates, or choose a simpler --model"
+            )
+        survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
+        covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
+        roots = np.linalg.inv(np.linalg.cholesky(covariance))
+        matrix = (roots @ at.by_values).reshape(2 * len(control), -1) * self.sigmas
+        return _Whitened(roots, matrix, np.einsum("nij,nj->ni", roots, residual).ravel(), residual)
+
+
+def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
+    """Return the parameters of a model that fit the control points best.
+
+    Raises `SolveError` where the iteration leaves the domain of the RPC.
+    """
+    sigmas = model.prior_sigmas(image, priors)
+    equations = _Equations(model, image, control, model.equations(image, control.xy), sigmas)
+    values, iterations, converged = UPDATES.get(model.name, iterate)(equations)
+    return _finish(equations.at(values), sigmas, values, iterations, converged)
+
+
+def iterate(equations: _Equations) -> tuple[np.ndarray, int, bool]:
+    """Batch iterative least squares: Gauss-Newton, damped (Levenberg-Marquardt) where a step makes the fit worse."""
+    sigmas = equations.sigmas
+    values, damping = np.zeros(len(sigmas)), 0.0
+    at = equations.at(values)
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        step = _solve(at.matrix, at.right, values, sigmas, damping)
+        trial = values + sigmas * step
+        ahead = equations.at(trial)
+        if _movement_px(at, step) <= SETTLED_PX:
+            return trial, iteration, True
+        if _cost(ahead, trial, sigmas) <= _cost(at, values, sigmas) * (1.0 + 1e-9):
+            values, at, damping = trial, ahead, 0.0 if damping < 1e-4 else damping / 10.0
+        else:
+            damping = max(10.0 * damping, 1e-3)
+    return values, MAX_ITERATIONS, False
+
+
+def update_once(equations: _Equations) -> tuple[np.ndarray, int, bool]:
+    """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
+    sigmas = equations.sigmas
+    values = np.zeros(len(sigmas))
+    at = equations.at(values)
+    return sigmas * _solve(at.matrix, at.right, values, sigmas), 1, True
+
+
+def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, bool]:
+    """Incremental discrete Kalman filter: each GCP updates state and covariance, linearised at the state before it."""
+    sigmas = equations.sigmas
+    values, covariance = np.zeros(len(sigmas)), np.eye(len(sigmas))
+    for index in range(len(equations.control)):
+        at = equations.of_one(index).at(values)
+        innovation = at.matrix @ covariance @ at.matrix.T + np.eye(2)
+        gain = np.linalg.solve(innovation, at.matrix @ covariance).T
+        values = values + sigmas * (gain @ at.right)
+        covariance = covariance - gain @ at.matrix @ covariance
+        covariance = (covariance + covariance.T) / 2.0
+    return values, len(equations.control), True
+
+
+#: How the models that are not estimated by `iterate` are: by the name of the model.
+UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, bool]]] = {
+    "slss": update_once,
+    "idkf": update_one_by_one,
+}
+
+
+def _scaled(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+    """Return values in units of their priors, 0 for fixed ones."""
+    return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
+
+
+def _cost(at: _Whitened, values: np.ndarray, sigmas: np.ndarray) -> float:
+    return float(np.sum(at.right**2) + np.sum(_scaled(values, sigmas) ** 2))
+
+
+def _solve(
+    matrix: np.ndarray, right: np.ndarray, values: np.ndarray, sigmas: np.ndarray, damping: float = 0.0
+) -> np.ndarray:
+    """Return the step of the scaled parameters, their priors (towards zero values) included."""
+    p = len(sigmas)
+    if not p:
+        return np.zeros(0)
+    brake = np.diag(np.sqrt(damping * (np.sum(matrix**2, axis=0) + 1.0)))
+    stacked = np.vstack([matrix, np.eye(p), brake])
+    target = np.concatenate([right, -_scaled(values, sigmas), np.zeros(p)])
+    return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
+
+
+def _movement_px(at: _Whitened, step: np.ndarray) -> float:
+    moved = (at.matrix @ step).reshape(-1, 2)
+    return float(np.abs(np.linalg.solve(at.roots, moved[:, :, None])).max(initial=0.0))
+
+
+def _finish(at: _Whitened, sigmas: np.ndarray, values: np.ndarray, iterations: int, converged: bool) -> Estimate:
+    """Return precision, redundancy and leave-one-out residuals at the solution."""
+    count, p = len(at.residual), len(sigmas)
+    triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")
+    inverse = np.linalg.inv(triangle) if p else np.zeros((0, 0))
+    rows = (at.matrix @ inverse).reshape(count, 2, p)
+    share = rows @ rows.transpose(0, 2, 1)
+    whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
+    redundancy = float(2 * count - np.einsum("nii->", share))
+    sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
+    left_out = np.linalg.solve(_not_below(np.eye(2) - share), whitened[:, :, None])
+    return Estimate(
+        values=values,
+        covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
+        residual_px=at.residual,
+        left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0],
+        roots=at.roots,
+        share=share,
+        sigma0=sigma0,
+        redundancy=redundancy,
+        iterations=iterations,
+        converged=converged,
+    )
+
+
+def _not_below(matrices: np.ndarray, least: float = 1e-9) -> np.ndarray:
+    """Return symmetric matrices whose eigenvalues are at least ``least``: a point that alone decides has none."""
+    eigenvalues, vectors = np.linalg.eigh(matrices)
+    return np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, least), vectors)

@@ -1,0 +1,56 @@
+"""The ground that an image shows, and coordinates on it that are -1 to 1: for models whose argument is the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..block import Image
+from ..errors import SolveError
+from ..geodesy import metres_per_degree, wrap_degrees
+
+
+@dataclass(frozen=True, eq=False)
+class GroundArea:
+    """Middle ``(3,)`` lon, lat, height, and half extents ``(3,)`` in degrees, degrees, metres.
+
+    Both horizontal extents are the same number of metres, so that the coordinates do not depend on how the image lies.
+    """
+
+    middle: np.ndarray
+    reach: np.ndarray
+
+    @property
+    def reach_m(self) -> float:
+        """Half extent of the area in metres."""
+        return float(self.reach[1] * metres_per_degree(self.middle[None])[0, 1])
+
+    def normalised(self, ground: np.ndarray) -> np.ndarray:
+        """Return lon, lat, height as ``(n, 3)`` shares of the half extents."""
+        difference = ground - self.middle
+        difference[:, 0] = wrap_degrees(difference[:, 0])
+        return np.asarray(difference / self.reach)
+
+
+def ground_area(image: Image) -> GroundArea:
+    """Return the area of an image at the middle of its RPC's heights.
+
+    Raises `SolveError` where the RPC has no ground position for the image.
+    """
+    corners = image.centre_px + image.half_size_px * np.array([[0, 0], [-1, -1], [1, -1], [-1, 1], [1, 1]])
+    ground = image.rpc.localize(corners, image.rpc.height_off).ground
+    if not np.isfinite(ground).all():
+        raise SolveError(f"{image.id}: the RPC has no ground positions for the image: check that both belong together")
+    difference = ground[1:] - ground[0]
+    difference[:, 0] = wrap_degrees(difference[:, 0])
+    metres = metres_per_degree(ground[:1])[0]
+    half = np.sqrt(np.mean(np.sum((difference[:, :2] * metres[:2]) ** 2, axis=1)) / 2.0)
+    return GroundArea(ground[0], np.array([half / metres[0], half / metres[1], abs(image.rpc.height_scale)]))
+
+
+def px_per_m(image: Image) -> float:
+    """Return how many pixels a metre on the ground is in the middle of an image."""
+    middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
+    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
+    return float(np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))

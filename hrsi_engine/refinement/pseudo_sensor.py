@@ -1,0 +1,267 @@
+"""The generic method: corrections of a pseudo sensor's position and attitude (thesis eqs. 4.10-4.23, 5.7-5.41).
+
+With the pseudo rays of `pseudo_rays` (X along the samples, z up) the corrected ray of an image point is at height z::
+
+    t = tangents of the ray's direction, turned by dpsi_x (roll), dpsi_y (pitch) and dyaw at the sensor
+    X = Xs + dXs + (H + dH - z) t_x              x =  X cos(dpsi_z) + Y sin(dpsi_z)
+    Y = Ys + dYs + (H + dH - z) t_y              y = -X sin(dpsi_z) + Y cos(dpsi_z)
+
+and each correction is a constant or ``a0 + aS u + aL v`` with (u, v) the image position centred and scaled to [-1, 1]
+(eqs. 4.18-4.23). Two things differ from the thesis, both below a hundredth of a pixel for errors of 1 mrad and worth
+several pixels at 0.1 rad. Directions are turned as rotations do it, where the thesis adds angles to psi_x and psi_y
+separately. And yaw has its own correction: the thesis's psi_z turns the sensor's position with its direction about the
+middle of the image, while a yaw error of the sensor leaves the orbit where it is. So yaw takes the constant, and psi_z
+has drifts only.
+
+Position and attitude are nearly collinear; all corrections are estimated together, held by prior standard deviations
+(the diagonal of C_A, eq. 5.46): loose for the constants, tight for the drifts. So dH, dpsi_z and dyaw need not be left
+out with few GCPs, as the thesis does below 50.
+
+The observation equation in metres, (x, y)(image point, values, z) = ground, is brought to pixels with the inverse of
+its own derivative by the image point: that is one Newton step towards the corrected camera's projection, and exact
+where the residual is zero. `project` repeats the step. Both always go image -> ray -> ground, because under a large
+attitude error the ground lies where the vendor's RPC extrapolates badly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block import Image
+from ..rpc_fit import CHECK_GRID, FIT_GRID, best_fit, image_grid
+from .ground_area import ground_area, px_per_m
+from .model import Equations, Linearise, Orientation, Priors, RefinedRPC
+from .pseudo_rays import PseudoRays, pseudo_rays, sensor_frame
+
+#: The corrected quantities; the first three are metres, the others radians.
+QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
+X, Y, H, PSI_X, PSI_Y, YAW, PSI_Z = range(7)
+CLOSURE_PX = 1e-9
+MAX_STEPS = 20
+HEIGHT_CLOSURE_M = 1e-6
+
+
+class Hit(NamedTuple):
+    """Where corrected rays pass given frame heights, and derivatives.
+
+    xy : (n, 2) m; by_values : (n, 2, p); by_image : (n, 2, 2) m per px; by_height : (n, 2) m per m
+    """
+
+    xy: np.ndarray
+    by_values: np.ndarray
+    by_image: np.ndarray
+    by_height: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PseudoSensor:
+    """A variant of the generic method.
+
+    terms : (p, 2) which of the quantities each parameter belongs to, and its term: 0 constant, 1 sample, 2 line
+    least_points : GCPs from which the parameters that matter follow; the priors hold the others
+    drift_factor : of the prior standard deviations of the drifts
+    """
+
+    name: str
+    title: str
+    parameters: tuple[str, ...]
+    terms: np.ndarray
+    least_points: int
+    drift_factor: float = 1.0
+
+    def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
+        """Return metres and radians; drifts are the change from the middle of the image to its edge."""
+        orientation = priors.orientation or _orientation_of(image, priors)
+        share = self.drift_factor * ground_area(image).reach_m / orientation.reach_m
+        position, drift = orientation.position_m, share * orientation.position_drift_m
+        angle, angle_drift = orientation.attitude_rad, share * orientation.attitude_drift_rad
+        table = np.array([[position, drift, drift]] * 3 + [[angle, angle_drift, angle_drift]] * 4)
+        return table[self.terms[:, 0], self.terms[:, 1]]
+
+    def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
+        """Return the observation equations; rays are computed here, once."""
+        frame = sensor_frame(image)
+        rays = pseudo_rays(image.rpc, frame, observed_px)
+
+        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
+            place, axes = frame.from_ground(ground), frame.rotation_to(ground)
+            hit = self._hit(image, rays, observed_px, values, place[:, 2])
+            by_position = np.linalg.inv(hit.by_image)
+            by_ground = by_position @ (axes[:, :2] - hit.by_height[:, :, None] * axes[:, 2][:, None, :])
+            computed = observed_px + np.einsum("nij,nj->ni", by_position, place[:, :2] - hit.xy)
+            return Equations(computed, -by_position @ hit.by_values, by_ground)
+
+        return linearise
+
+    def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return the corrected projection; NaN where the iteration finds no ray to the point."""
+        if not np.any(values):
+            return image.rpc.project(ground)
+        frame = sensor_frame(image)
+        place = frame.from_ground(ground)
+        position = np.tile(image.centre_px, (len(ground), 1))
+        for _ in range(MAX_STEPS):
+            rays = pseudo_rays(image.rpc, frame, position)
+            hit = self._hit(image, rays, position, values, place[:, 2])
+            step = np.linalg.solve(_regular(hit.by_image), (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
+            position = position + step
+            if not np.nanmax(np.abs(step), initial=0.0) > CLOSURE_PX:
+                break
+        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * CLOSURE_PX)] = np.nan
+        return position
+
+    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+        """Fit an RPC to a grid of corrected rays at several heights (thesis 4.3, steps 4 and 5)."""
+        if not np.any(values):
+            return RefinedRPC(image.rpc, 0.0)
+        fit = best_fit(self.corrected_grid(image, values, FIT_GRID), self.corrected_grid(image, values, CHECK_GRID))
+        return RefinedRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
+
+    def corrected_grid(
+        self, image: Image, values: np.ndarray, shape: tuple[int, int, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return ground ``(n, 3)`` and image points ``(n, 2)`` of corrected rays over the image and its heights."""
+        layer = image_grid(image.domain_px, shape[:2])
+        position = np.tile(layer, (shape[2], 1))
+        heights = np.repeat(np.linspace(*image.rpc.height_range, shape[2]), len(layer))
+        frame = sensor_frame(image)
+        rays = pseudo_rays(image.rpc, frame, position)
+        z = heights.copy()
+        for _ in range(MAX_STEPS):  # the Earth curves away under the frame: find the frame height of each height
+            xy = self._hit(image, rays, position, values, z).xy
+            ground = frame.to_ground(np.column_stack([xy, z]))
+            z = z + heights - ground[:, 2]
+            if not np.nanmax(np.abs(heights - ground[:, 2])) > HEIGHT_CLOSURE_M:
+                break
+        known = np.isfinite(ground).all(axis=1)
+        return ground[known], position[known]
+
+    def _hit(self, image: Image, rays: PseudoRays, position: np.ndarray, values: np.ndarray, z: np.ndarray) -> Hit:
+        """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
+        basis = np.column_stack([np.ones(len(position)), (position - image.centre_px) / image.half_size_px])
+        table = self._coefficients(values)
+        change = basis @ table.T
+        aimed = _turned(rays, change[:, PSI_X : YAW + 1])
+        drop = rays.height + change[:, H] - z
+        flat = rays.station + change[:, X : Y + 1] + drop[:, None] * aimed.tangent
+        turn, turned = _plane_rotations(change[:, PSI_Z])
+        sag, sag_by_height = rays.sag_at(z)
+        by_quantity = np.empty((len(z), 2, len(QUANTITIES)))
+        by_quantity[:, :, X : Y + 1] = turn
+        by_quantity[:, :, H] = _times(turn, aimed.tangent)
+        by_quantity[:, :, PSI_X : YAW + 1] = turn @ (drop[:, None, None] * aimed.by_angle)
+        by_quantity[:, :, PSI_Z] = _times(turned, flat)
+        by_image = rays.station_by_image + drop[:, None, None] * aimed.by_image
+        by_image[:, :, 1] += aimed.tangent * rays.height_by_line[:, None]
+        return Hit(
+            xy=_times(turn, flat) + sag,
+            by_values=by_quantity[:, :, self.terms[:, 0]] * basis[:, self.terms[:, 1]][:, None, :],
+            by_image=turn @ by_image + by_quantity @ (table[:, 1:] / image.half_size_px),
+            by_height=sag_by_height - _times(turn, aimed.tangent),
+        )
+
+    def _coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Return a0, aS, aL of the corrections, ``(7, 3)``."""
+        table = np.zeros((len(QUANTITIES), 3))
+        table[self.terms[:, 0], self.terms[:, 1]] = values
+        return table
+
+
+class Aimed(NamedTuple):
+    """Tangents of tilted rays ``(n, 2)``, and their derivatives by the two angles and by the image point."""
+
+    tangent: np.ndarray
+    by_angle: np.ndarray
+    by_image: np.ndarray
+
+
+def _turned(rays: PseudoRays, angles: np.ndarray) -> Aimed:
+    """Return the rays with their directions turned by dpsi_x, dpsi_y and dyaw ``(n, 3)`` at their stations."""
+    direction = np.column_stack([rays.tangent, np.full(len(angles), -1.0)])
+    (roll, rolled), (pitch, pitched), (yaw, yawed) = (
+        _rotations(angle, *plane) for angle, plane in zip(angles.T, PLANES, strict=True)
+    )
+    turn = yaw @ roll @ pitch
+    along = _times(turn, direction)
+    partial = (yaw @ rolled @ pitch, yaw @ roll @ pitched, yawed @ roll @ pitch)
+    by_angle = np.stack([_times(matrix, direction) for matrix in partial], axis=2)
+    tangent = along[:, :2] / -along[:, 2:]
+
+    def slope(change: np.ndarray) -> np.ndarray:
+        return np.asarray((change[:, :2] + tangent[:, :, None] * change[:, 2:]) / -along[:, 2, None, None])
+
+    return Aimed(tangent, slope(by_angle), slope(turn[:, :, :2] @ rays.tangent_by_image))
+
+
+#: Per angle, the plane of two axes that it turns: first' = cos first + sin second, second' = -sin first + cos second.
+#: With a direction's z = -1, positive dpsi_x and dpsi_y raise tan(psi_x) and tan(psi_y).
+PLANES = ((2, 0), (2, 1), (0, 1))
+
+
+def _rotations(angle: np.ndarray, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rotation matrices ``(n, 3, 3)`` in a plane of two axes, and their derivatives by the angle."""
+    turn, turned = np.zeros((2, len(angle), 3, 3))
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn[:] = np.eye(3)
+    turn[:, first, first] = turn[:, second, second] = cos
+    turn[:, first, second], turn[:, second, first] = sin, -sin
+    turned[:, first, first] = turned[:, second, second] = -sin
+    turned[:, first, second], turned[:, second, first] = cos, -cos
+    return turn, turned
+
+
+def _plane_rotations(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrices ``(n, 2, 2)`` that turn X, Y by psi_z, and their derivatives by it."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return _matrices([[cos, sin], [-sin, cos]]), _matrices([[-sin, cos], [-cos, -sin]])
+
+
+def _matrices(rows: list[list[np.ndarray]]) -> np.ndarray:
+    """Return ``(n, k, k)`` matrices from their elements ``(n,)``."""
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
+def _regular(matrices: np.ndarray) -> np.ndarray:
+    """Return 2 x 2 matrices with NaN ones replaced by the identity; what they meet is NaN already."""
+    bad = ~np.isfinite(matrices).all(axis=(1, 2))
+    return np.where(bad[:, None, None], np.eye(2), matrices)
+
+
+def _orientation_of(image: Image, priors: Priors) -> Orientation:
+    """Return the position and attitude errors that move the image by the priors' pixels."""
+    metres, height, reach = 1.0 / px_per_m(image), sensor_frame(image).height_m, ground_area(image).reach_m
+    shift, drift = priors.shift_px * metres, priors.drift * float(image.half_size_px.max()) * metres
+    return Orientation(shift, shift / height, drift, drift / height, reach)
+
+
+def _variant(
+    name: str, title: str, quantities: tuple[int, ...], linear: bool, least_points: int, drift_factor: float = 1.0
+) -> PseudoSensor:
+    terms = [
+        (quantity, term)
+        for quantity in quantities
+        for term in range(3 if linear else 1)
+        if (quantity, term) != (PSI_Z, 0)  # the constant of yaw does the same
+    ]
+    names = tuple(f"{QUANTITIES[quantity]}_{'0sl'[term]}" for quantity, term in terms)
+    return PseudoSensor(name, title, names, np.array(terms), least_points, drift_factor)
+
+
+FOUR, ALL = (X, Y, PSI_X, PSI_Y), tuple(range(len(QUANTITIES)))
+PSEUDO_SENSOR = {
+    model.name: model
+    for model in (
+        _variant("generic-position", "sensor position, constant", (X, Y), False, 1),
+        _variant("generic-shift", "sensor position, roll and pitch, constant", FOUR, False, 1),
+        _variant("generic-12", "sensor position, roll and pitch, linear: the thesis's twelve", FOUR, True, 3),
+        _variant("generic-affine", "sensor position and attitude, linear in the image, drifts held", ALL, True, 3),
+        _variant("generic-full", "sensor position and attitude, linear, for many GCPs", ALL, True, 9, 10.0),
+    )
+}

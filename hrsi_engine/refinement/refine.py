@@ -1,0 +1,191 @@
+"""Refinement of one image's RPC from ground control: check the points, choose a model, estimate, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..block import Image
+from ..errors import InputError, SolveError
+from ..rpc import RPC
+from . import MODELS, RefinedRPC, RefinementModel
+from .control_checks import check_control
+from .estimate import CONTROL_ONLY, Control, Estimate, estimate
+from .selection import RULES, Choice, Suspect, find_suspects
+
+UNCERTAIN_PX = 10.0  # standard deviation of the corrected image at its edges beyond which a warning says so
+UNDETERMINED_PX = 1e3  # beyond which the control determines nothing there
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """A refined image.
+
+    control : the GCPs that were used; left_out : those that disagree with them
+    choice : how the model was chosen; None where the caller named it
+    """
+
+    image: Image
+    model: RefinementModel
+    estimate: Estimate
+    control: Control
+    left_out: tuple[Suspect, ...] = ()
+    choice: Choice | None = None
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def refined(self) -> RefinedRPC:
+        """The new RPC, and how far it is from its model (px)."""
+        return self.model.refined_rpc(self.image, self.estimate.values)
+
+    @property
+    def rpc(self) -> RPC:
+        """The new RPC."""
+        return self.refined.rpc
+
+    def residuals_px(self, control: Control) -> np.ndarray:
+        """Return observed - computed ``(n, 2)`` of any points at their known positions."""
+        return np.asarray(control.xy - self.model.project(self.image, self.estimate.values, control.ground))
+
+
+def refine_rpc(
+    image: Image | RPC,
+    ground: np.ndarray,
+    xy: np.ndarray,
+    *,
+    ids: np.ndarray | None = None,
+    sigma_px: np.ndarray | float = 0.5,
+    sigma_m: np.ndarray | tuple[float, float] = (0.2, 0.3),
+    model: str = "auto",
+    leave_out: bool = True,
+) -> Refinement:
+    """Return an image's RPC refined from ground control points.
+
+    Parameters
+    ----------
+    image : the image, or its RPC alone (then the image area is taken from OFF and SCALE)
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in m
+    xy : (n, 2) sample, line; (0, 0) is the centre of the first pixel
+    ids : (n,) names for messages; 1, 2, … by default
+    sigma_px, sigma_m : standard deviations of the measurements (n,) or one, and of the survey, horizontal and height
+    model : a name of `MODELS`, or ``auto`` (chosen by prediction) or ``generic`` (the thesis's rule)
+    leave_out : whether GCPs that disagree with the others are left out; they are named in any case
+
+    Raises
+    ------
+    InputError
+        unknown model, no or too few points, points that cannot be right (they are named)
+    SolveError
+        the points do not determine the model
+    """
+    if isinstance(image, RPC):
+        image = Image("image", image)
+    return refine_image(image, Control.create(ground, xy, ids, sigma_px, sigma_m), model, leave_out)
+
+
+def refine_image(image: Image, control: Control, model: str = "auto", leave_out: bool = True) -> Refinement:
+    """Return an image refined from its control; see `refine_rpc`."""
+    warnings = check_control(image, control)
+    choice = RULES[model]([(image, control)]) if model in RULES else None
+    suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
+    used, said = _without_suspects(control, suspects, leave_out)
+    warnings += [*(choice.warnings if choice else ()), *said]
+    chosen = model_named(choice.model if choice else model)
+    found = solve(chosen, image, used)
+    return Refinement(
+        image, chosen, found, used, tuple(suspects), choice, (*warnings, *_uncertainty(chosen, image, found))
+    )
+
+
+def model_named(name: str) -> RefinementModel:
+    """Return an entry of `MODELS`; raises `InputError` that lists the names."""
+    if name not in MODELS:
+        raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *MODELS])}")
+    return MODELS[name]
+
+
+def solve(model: RefinementModel, image: Image, control: Control) -> Estimate:
+    """Return the estimate of a model; raises `InputError` for too few points, `SolveError` where they are no good."""
+    if len(control) < model.least_points:
+        raise InputError(
+            f"{image.id}: model {model.name} needs {model.least_points} GCPs, there are {len(control)}: choose a "
+            "simpler --model or measure more"
+        )
+    found = estimate(model, image, control, CONTROL_ONLY)
+    if edge_sigma_px(model, image, found) > UNDETERMINED_PX:
+        raise SolveError(
+            f"{image.id}: the {len(control)} GCPs do not determine model {model.name} over the image: spread them, or "
+            "choose a simpler --model"
+        )
+    return found
+
+
+def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> float:
+    """Return the largest standard deviation of the corrected position at the corners of the image.
+
+    A fit that is better than its sigmas says nothing of what the points do not determine, so sigma0 counts from 1.
+    """
+    if not len(found.values):
+        return 0.0
+    corners = image.centre_px + image.half_size_px * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
+    ground = image.rpc.localize(corners, image.rpc.height_off).ground
+    by_values = model.equations(image, corners)(found.values, ground).by_values
+    variance = np.einsum("ncp,pq,ncq->n", by_values, found.covariance, by_values)
+    return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(found.sigma0, 1e-12)))
+
+
+def _without_suspects(control: Control, suspects: Iterable[Suspect], leave_out: bool) -> tuple[Control, list[str]]:
+    """Return the control without the suspects, and a warning for each."""
+    listed = list(suspects)
+    what = "it is left out" if leave_out else "it is kept"
+    said = [
+        f"{suspect.image}: GCP {suspect.id} disagrees with the others by {suspect.deviation_px:.1f} px: {what}; "
+        "check it"
+        for suspect in listed
+    ]
+    keep = ~np.isin(control.ids, [suspect.id for suspect in listed])
+    return (control.select(keep) if leave_out else control), said
+
+
+def _uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[str]:
+    said = []
+    if not found.converged:
+        said.append(f"{image.id}: model {model.name} did not converge: its parameters are not to be trusted")
+    edge = edge_sigma_px(model, image, found)
+    if edge > UNCERTAIN_PX:
+        said.append(
+            f"{image.id}: model {model.name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
+            "or choose a simpler --model"
+        )
+    return said
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """How one model does: residuals of the control and of the check points ``(n, 2)``; ``note`` says why it failed."""
+
+    control_px: np.ndarray
+    check_px: np.ndarray
+    refinement: Refinement | None = None
+    note: str = ""
+
+
+def compare_models(
+    image: Image, control: Control, check: Control, models: Mapping[str, RefinementModel] = MODELS
+) -> dict[str, Comparison]:
+    """Return what every model makes of the same control and check points; a model that fails says why."""
+    table = {}
+    for name, model in models.items():
+        try:
+            refinement = Refinement(image, model, solve(model, image, control), control)
+            table[name] = Comparison(
+                refinement.residuals_px(control), refinement.residuals_px(check), refinement,
+                "" if refinement.estimate.converged else "not converged",
+            )  # fmt: skip
+        except (InputError, SolveError) as error:
+            nothing = np.full((0, 2), np.nan)
+            table[name] = Comparison(nothing, nothing, None, str(error))
+    return table

@@ -1,0 +1,45 @@
+"""A new RPC for a corrected camera that no exact change of coefficients describes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..block import Image
+from ..rpc_fit import image_grid, refit_rpc
+from .model import RefinedRPC
+
+Project = Callable[[np.ndarray], np.ndarray]
+PASSES = 6
+SETTLED_PX = 0.1
+
+
+def refit(image: Image, project: Project) -> RefinedRPC:
+    """Return the RPC that does what ``project`` (ground ``(n, 3)`` to image ``(n, 2)``) does over the image.
+
+    Raises `SolveError` where the vendor's RPC has no ground positions there.
+    """
+    fit = refit_rpc(
+        image.rpc, lambda vendors, ground: project(ground), _vendors_area(image, project), image.rpc.height_range
+    )
+    return RefinedRPC(fit.rpc, fit.max_px)
+
+
+def _vendors_area(image: Image, project: Project) -> tuple[float, float, float, float]:
+    """Return where, in the vendor's image coordinates, the corrected camera sees the image area.
+
+    A correction of many pixels moves the ground that the image shows out of the vendor's area: an RPC fitted there
+    would extrapolate over a part of the image.
+    """
+    wanted = image_grid(image.domain_px, (3, 3))
+    vendors = wanted
+    for _ in range(PASSES):
+        away = wanted - project(image.rpc.localize(vendors, image.rpc.height_off).ground)
+        if not np.isfinite(away).all():
+            return image.domain_px
+        vendors = vendors + away
+        if np.abs(away).max() < SETTLED_PX:
+            break
+    low, high = vendors.min(axis=0), vendors.max(axis=0)
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])

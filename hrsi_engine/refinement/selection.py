@@ -1,0 +1,282 @@
+"""Which model the ground control supports, and which GCPs disagree with the rest.
+
+**Model.** Every candidate is judged by prediction: each GCP is left out in turn and its image position computed from
+the others. The simplest candidate counts whose mean squared prediction error is not significantly worse than the best
+one's: a paired t-test of the points' errors, one-sided at `PARSIMONY` (in the spirit of the "one standard error" rule;
+Breiman et al. 1984, CART, section 3.4.3).
+More parameters follow the control points closer and predict others worse; this sees it without check points. A
+candidate is judged where an image has twice the GCPs that it needs. Where nothing that can be judged predicts within
+`DISAGREEMENT` sigmas, the generic method takes over from 3 GCPs: its priors are those of a satellite.
+
+**The thesis's rule** for the generic method (section 4.3) goes by the number of GCPs: constants below 3, linear from 3,
+everything from 50. From 4 GCPs it is an upper limit here: constants serve where they predict as well.
+
+**Blunders.** Per model the worst GCP is taken out again and again, and tested each time against the scatter of the
+others: with q the squared prediction error in units of its own sigma, q / 2 over the variance of unit weight without
+it has Fisher's F distribution. All GCPs up to the last one that fails count as blunders (Rosner 1983, Technometrics
+25(2): two blunders do not hide each other). A GCP is suspect only if *every* model that has enough redundancy says so:
+what a shift finds strange may be a drift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ..block import Block, Image, Role
+from ..errors import SolveError
+from . import BLOCK_MODELS
+from .estimate import Control, Estimate, estimate
+
+#: Candidates of `auto`, the simplest first.
+CANDIDATES = ("shift", "shift-drift", "affine", "generic-affine")
+#: Candidates of `generic` from 4 GCPs on; from 50 the last is "generic-full".
+GENERIC_CANDIDATES = ("generic-position", "generic-shift", "generic-affine")
+#: Models that test for blunders.
+JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
+PARSIMONY = 0.05  # significance that a more complex model's better prediction must have
+SIGNIFICANCE = 1e-3  # of the worst of all GCPs
+LEAST_REDUNDANCY = 4.0  # left after a GCP is taken out, for a model to judge it
+LEAST_DEVIATION = 4.0  # in sigmas of the GCP; smaller ones do no harm
+DISAGREEMENT = 5.0  # in sigmas, beyond which too few GCPs are said to disagree
+WITHOUT_CONTROL = "shift"
+DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
+FEW, MANY = 3, 50  # GCPs; the thesis's rule (section 4.3)
+
+
+class Suspect(NamedTuple):
+    """A GCP that disagrees with the others: by how many px, and its test value over the critical one."""
+
+    id: str
+    image: str
+    deviation_px: float
+    statistic: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A model and why.
+
+    scores : root mean square prediction error of each candidate (px, 2D), None where it could not be judged
+    """
+
+    model: str
+    reason: str
+    scores: Mapping[str, float | None] = field(default_factory=dict)
+    suspects: tuple[Suspect, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+Controls = Sequence[tuple[Image, Control]]
+
+
+def controls_of(block: Block) -> list[tuple[Image, Control]]:
+    """Return the images of a block that have GCPs, with these."""
+    found = [(image, control_on(block, index, Role.GCP)) for index, image in enumerate(block.images)]
+    return [(image, control) for image, control in found if len(control)]
+
+
+def control_on(block: Block, image: int, role: Role) -> Control:
+    """Return the points of a role that were measured on an image (index)."""
+    rows, points = block.measurements, block.points
+    here = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
+    point = rows.point[here]
+    return Control(points.ids[point], points.ground[point], rows.xy[here], rows.sigma_px[here], points.sigma_m[point])
+
+
+def choose_model(block: Block, rule: str = "auto") -> Choice:
+    """Return the model for a block by a rule of `RULES`; a shift where no GCP tells more."""
+    return RULES[rule](controls_of(block))
+
+
+def choose_by_number(controls: Controls) -> Choice:
+    """Rule ``generic``: by the number of GCPs on the image that has fewest, simpler where they predict better so."""
+    suspects, warnings, clean = _judged(controls)
+    count = min((len(control) for _, control in clean), default=0)
+    if count < FEW:
+        reason = f"{_gcps(count)}: below {FEW} only constants of position, roll and pitch"
+        return Choice("generic-shift", reason, {}, suspects, warnings)
+    most = "generic-affine" if count < MANY else "generic-full"
+    reason = f"{_gcps(count)}: from {FEW if count < MANY else MANY} corrections linear in the image"
+    errors = {name: _prediction_errors(name, clean, 1) for name in (*GENERIC_CANDIDATES[:-1], most)}
+    if errors[most] is None:
+        return Choice(most, reason, {}, suspects, warnings)
+    model, said = _simplest(errors)
+    return Choice(model, f"{reason}; {said}", _scores(errors), suspects, warnings)
+
+
+def choose_by_prediction(controls: Controls) -> Choice:
+    """Rule ``auto``: see the module's docstring."""
+    if not controls:
+        return Choice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
+    suspects, warnings, clean = _judged(controls)
+    count = min(len(control) for _, control in clean)
+    errors = {name: _prediction_errors(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATES}
+    if all(squared is None for squared in errors.values()):
+        reason = f"{_gcps(count)} on an image: too few to tell more than a shift"
+        return Choice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
+    model, reason = _simplest(errors)
+    sigmas = _misfit_in_sigmas(model, clean)
+    if errors[DISTORTED] is None and count >= FEW and sigmas > DISAGREEMENT:
+        reason = f"{_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
+        model = DISTORTED
+    return Choice(model, reason, _scores(errors), suspects, warnings)
+
+
+def _judged(controls: Controls) -> tuple[tuple[Suspect, ...], tuple[str, ...], list[tuple[Image, Control]]]:
+    """Return suspects, warnings, and the controls without the suspects."""
+    suspects = [suspect for image, control in controls for suspect in find_suspects(image, control)]
+    warnings = [warning for image, control in controls for warning in _doubts(image, control)]
+    bad = {(suspect.image, suspect.id) for suspect in suspects}
+    clean = [
+        (image, control.select(np.array([(image.id, name) not in bad for name in control.ids.tolist()])))
+        for image, control in controls
+    ]
+    return tuple(suspects), tuple(warnings), clean
+
+
+def _misfit_in_sigmas(name: str, controls: Controls) -> float:
+    """Return the root mean square prediction error of a model in sigmas."""
+    found = [estimate(BLOCK_MODELS[name], image, control) for image, control in controls]
+    return float(np.sqrt(np.mean(np.concatenate([_in_sigmas(one) for one in found]) ** 2)))
+
+
+def _scores(errors: Mapping[str, np.ndarray | None]) -> dict[str, float | None]:
+    return {name: None if e is None else float(np.sqrt(np.mean(e))) for name, e in errors.items()}
+
+
+#: Rules that choose a model, by the name of the option ``--model``.
+RULES: dict[str, Callable[[Controls], Choice]] = {"auto": choose_by_prediction, "generic": choose_by_number}
+
+
+# ---- prediction ----------------------------------------------------------------------------------------------------
+
+
+def _prediction_errors(name: str, controls: Controls, spare: int) -> np.ndarray | None:
+    """Return squared prediction errors (px²) of all GCPs.
+
+    None where the model has no solution on some image, or where that has fewer than ``spare`` GCPs more than it needs.
+    """
+    model = BLOCK_MODELS[name]
+    errors = []
+    for image, control in controls:
+        if len(control) < model.least_points + max(spare, 1):
+            return None
+        try:
+            found = estimate(model, image, control)
+        except SolveError:
+            return None
+        if not found.converged:
+            return None
+        errors.append(np.sum(found.left_out_px**2, axis=1))
+    return np.concatenate(errors)
+
+
+def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
+    """Return the simplest model that predicts as well as the best, and why it was taken."""
+    judged = {name: e for name, e in errors.items() if e is not None}
+    best = min(judged, key=lambda name: float(np.mean(judged[name])))
+    for name, squared in judged.items():
+        excess = squared - judged[best]
+        allowed = _standard_error(excess) * float(stats.t.isf(PARSIMONY, max(len(excess) - 1, 1)))
+        if float(np.mean(excess)) <= allowed:
+            return name, _reason(name, best, judged)
+    raise AssertionError("the best model is as good as itself")
+
+
+def _standard_error(values: np.ndarray) -> float:
+    return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+
+
+def _reason(name: str, best: str, judged: Mapping[str, np.ndarray]) -> str:
+    rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
+    said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
+    if name != best:
+        said += f", {best} {rms[best]:.3f} px is better, but not significantly"
+    others = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
+    return said + (f"; others {', '.join(others)} px" if others else "")
+
+
+def _gcps(count: int) -> str:
+    return f"{count} GCP" + ("" if count == 1 else "s")
+
+
+# ---- blunders ------------------------------------------------------------------------------------------------------
+
+
+def find_suspects(image: Image, control: Control) -> list[Suspect]:
+    """Return the GCPs of an image that every model with enough redundancy takes for blunders, worst first."""
+    verdicts = [found for name in JUDGES if (found := _outliers(name, image, control)) is not None]
+    if not verdicts:
+        return []
+    common = set(verdicts[0]).intersection(*verdicts[1:])
+    suspects = [
+        Suspect(str(control.ids[index]), image.id, *min(verdict[index] for verdict in verdicts)) for index in common
+    ]
+    return sorted(suspects, key=lambda suspect: -suspect.deviation_px)
+
+
+def _outliers(name: str, image: Image, control: Control) -> dict[int, tuple[float, float]] | None:
+    """Return index -> (deviation px, statistic over critical value) of the outliers of one model.
+
+    None where the model has too little redundancy to judge.
+    """
+    left = np.arange(len(control))
+    removed: list[tuple[int, tuple[float, float]]] = []
+    failed = 0
+    for _ in range(max(1, (len(control) - 1) // 3)):
+        found = _estimate_or_none(name, image, control.select(left))
+        if found is None or found.redundancy - 2.0 < LEAST_REDUNDANCY:
+            break
+        worst, ratio = _worst(found, len(control))
+        deviation = float(np.linalg.norm(found.left_out_px[worst]))
+        removed.append((int(left[worst]), (deviation, ratio)))
+        if ratio > 1.0 and _in_sigmas(found)[worst] > LEAST_DEVIATION:
+            failed = len(removed)
+        left = np.delete(left, worst)
+    return dict(removed[:failed]) if removed else None
+
+
+def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | None:
+    if len(control) <= BLOCK_MODELS[name].least_points:
+        return None
+    try:
+        found = estimate(BLOCK_MODELS[name], image, control)
+    except SolveError:
+        return None
+    return found if found.converged else None
+
+
+def _worst(found: Estimate, tests: int) -> tuple[int, float]:
+    """Return the GCP with the largest F statistic, and that over its critical value."""
+    whitened = np.einsum("nij,nj->ni", found.roots, found.residual_px)
+    predicted = np.einsum("nij,nj->ni", found.roots, found.left_out_px)
+    q = np.sum(whitened * predicted, axis=1)
+    rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / (found.redundancy - 2.0)
+    critical = stats.f.isf(SIGNIFICANCE / tests, 2, found.redundancy - 2.0)
+    worst = int(np.argmax(q / rest))
+    return worst, float(q[worst] / 2.0 / rest[worst] / critical)
+
+
+def _in_sigmas(found: Estimate) -> np.ndarray:
+    return np.linalg.norm(np.einsum("nij,nj->ni", found.roots, found.left_out_px), axis=1)
+
+
+def _doubts(image: Image, control: Control) -> list[str]:
+    """Return warnings where too few GCPs are there to tell whether one is wrong."""
+    if len(control) == 1:
+        return [f"{image.id}: the only GCP {control.ids[0]} is checked by no other: a mistake in it goes unnoticed"]
+    if len(control) > FEW:
+        return []
+    found = _estimate_or_none("shift", image, control)
+    if found is None or _in_sigmas(found).max() <= DISAGREEMENT:
+        return []
+    apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
+    return [
+        f"{image.id}: the GCPs {', '.join(control.ids.tolist())} disagree by up to {apart:.1f} px after a shift; too "
+        "few to tell whether one is wrong or the image is distorted: measure more"
+    ]

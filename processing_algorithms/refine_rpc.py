@@ -1,0 +1,182 @@
+"""`refine-rpc`: one image or several, each by itself, from ground control points only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .block_params import (
+    BLOCK_MODEL_CHOICES,
+    BLOCK_OUTPUT_PARAMS,
+    DIRECT_MODEL_CHOICES,
+    IMAGES,
+    POINT_PARAMS,
+    RULE_CHOICES,
+    SIGMA_PARAMS,
+)
+from .block_summary import AXES, number, summarise
+from .declare import Algorithm, Context, Kind, Param, Report
+from .image_files import open_images
+
+if TYPE_CHECKING:
+    from ..hrsi_engine.block import Block
+    from ..hrsi_engine.refinement.refine import Refinement
+
+
+def run(options: Mapping[str, Any], context: Context) -> Report:
+    """Refine every image from its GCPs; write, and compare the models where that is asked for."""
+    from ..hrsi_engine.io.output_dir import check_output_dir
+    from ..hrsi_engine.progress import stage
+    from ..hrsi_engine.separate_images import separate_result
+    from . import block_inputs, block_outputs
+
+    check_output_dir(options["output_dir"], options["overwrite"])
+    clock = block_outputs.Clock()
+    images = open_images(options["images"], context.log)
+    block, warnings = block_inputs.read_block(images, options)
+    clock.lap("read")
+    refinements = _refine(block, options, Context(stage(context.progress, 0.1, 0.3), context.log))
+    result = separate_result(block, refinements)
+    clock.lap("refine")
+    more = _entries(options["model"], refinements)
+    if options["compare"]:
+        more["models"] = _compared(block, refinements, Context(stage(context.progress, 0.3, 0.6), context.log))
+        clock.lap("compare")
+    rest = Context(stage(context.progress, 0.6, 1.0), context.log)
+    report = block_outputs.write_results("refine-rpc", options, result, warnings, clock, rest, more)
+    return report
+
+
+def _refine(block: Block, options: Mapping[str, Any], context: Context) -> list[Refinement]:
+    """Return every image's refinement from its own GCPs."""
+    from ..hrsi_engine.block import Role
+    from ..hrsi_engine.progress import advance
+    from ..hrsi_engine.refinement.refine import refine_image
+    from ..hrsi_engine.refinement.selection import control_on
+
+    refinements = []
+    for index, image in enumerate(block.images):
+        advance(context.progress, index / len(block.images), f"refining {image.id}")
+        control = control_on(block, index, Role.GCP)
+        refinements.append(refine_image(image, control, options["model"], options["leave_out"]))
+    return refinements
+
+
+def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
+    """Return what the report has besides a block's: each image's model, how it was chosen, GCPs left out."""
+    from .model_choice import choice_entry
+
+    return {
+        "iterations": max(found.estimate.iterations for found in refinements),
+        "image_models": {
+            found.image.id: {
+                "model": found.model.name,
+                "sigma0": found.estimate.sigma0,
+                "choice": None if found.choice is None else choice_entry(rule, found.choice),
+                "left_out": [suspect.id for suspect in found.left_out],
+                "parameters": dict(zip(found.model.parameters, found.estimate.values.tolist(), strict=True)),
+            }
+            for found in refinements
+        },
+    }
+
+
+def _compared(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
+    """Return the figures of every model with the same control and check points."""
+    from ..hrsi_engine.progress import advance
+    from ..hrsi_engine.refinement import MODELS
+
+    table = {}
+    for done, name in enumerate(MODELS):
+        advance(context.progress, done / len(MODELS), f"model {name}")
+        table[name] = _figures(block, refinements, name)
+    return table
+
+
+def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict[str, Any]:
+    """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
+    import numpy as np
+
+    from ..hrsi_engine.block_report import control_and_check
+    from ..hrsi_engine.errors import InputError, SolveError
+    from ..hrsi_engine.refinement import MODELS
+    from ..hrsi_engine.refinement.refine import Refinement, solve
+    from ..hrsi_engine.residuals import residuals
+    from ..hrsi_engine.separate_images import separate_result
+
+    try:
+        others = [
+            Refinement(found.image, MODELS[name], solve(MODELS[name], found.image, found.control), found.control)
+            for found in refinements
+        ]
+    except (InputError, SolveError) as error:
+        return {"control": {}, "check": {}, "prediction_rmse_px": None, "note": str(error)}
+    result = separate_result(block, others)
+    left_out = np.concatenate([found.estimate.left_out_px for found in others])
+    return {
+        **control_and_check(result, residuals(result)),
+        "prediction_rmse_px": float(np.sqrt(np.mean(np.sum(left_out**2, axis=1)))),
+        "note": "" if result.converged else "not converged",
+    }
+
+
+def summarise_refinement(report: Report) -> str:
+    """Return a block's summary with each image's model and the table of models."""
+    lines = []
+    for name, entry in report["image_models"].items():
+        reason = f" ({entry['choice']['reason']})" if entry["choice"] else ""
+        lines.append(f"{name}: {entry['model']}{reason}")
+    return "\n".join([*lines, "", *_model_table(report.get("models", {})), summarise(report)])
+
+
+def _model_table(models: Mapping[str, Any]) -> list[str]:
+    """Return the comparison as lines: check points where there are any, else control points.
+
+    The last column is the 2D error of each GCP when it is predicted from the others.
+    """
+    if not models:
+        return []
+    role = "check" if any(entry["check"].get("points") for entry in models.values()) else "control"
+    head = f"{f'model ({role} RMSE)':<24}{'points':>7}" + "".join(
+        f"{axis.replace('_', ' '):>{width}}" for axis, width in AXES.items()
+    )
+    head += f"{'left out px':>13}"
+    lines = [head]
+    for name, entry in models.items():
+        figures = entry[role]
+        numbers = "".join(f"{number(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in AXES.items())
+        predicted = f"{number(entry['prediction_rmse_px']):>13}"
+        lines.append(f"{name:<24}{figures.get('points', '-'):>7}{numbers}{predicted}  {entry['note']}".rstrip())
+    return [*lines, ""]
+
+
+ALGORITHM = Algorithm(
+    name="refine-rpc",
+    title="Refine RPC",
+    group="Triangulation",
+    summary="Refined RPCs of single images from ground control points",
+    help=(
+        "Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what predicts "
+        "GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects position and "
+        "attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; --compare adds a table of all "
+        "models with the same control and check points."
+    ),
+    params=(
+        IMAGES,
+        *POINT_PARAMS,
+        Param(
+            "model", Kind.CHOICE, "Correction of each image's RPC", default="auto",
+            choices=(*RULE_CHOICES, *BLOCK_MODEL_CHOICES, *DIRECT_MODEL_CHOICES),
+        ),
+        Param("compare", Kind.FLAG, "Tabulate all models on the same control and check points", default=False),
+        Param(
+            "leave-out", Kind.FLAG, "GCPs that disagree with the others are left out; they are named in any case",
+            default=True, advanced=True,
+        ),
+        *SIGMA_PARAMS,
+        *BLOCK_OUTPUT_PARAMS,
+    ),
+    run=run,
+    summarise=summarise_refinement,
+    layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
+)  # fmt: skip

@@ -1,0 +1,176 @@
+"""Data snooping, robust weights, variance components and cross-validation on simulated blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.adjustment import AdjustOptions, Verdict, adjust
+from hrsi.hrsi_engine.block import Defaults, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+
+
+def spoilt(block, share, seed=7, smallest=5.0, largest=50.0):
+    """Return the block with blunders in a share of its tie measurements, their rows and their size (px)."""
+    rng = np.random.default_rng(seed)
+    ties = np.flatnonzero(block.points.role[block.measurements.point] == Role.TIE)
+    rows = rng.choice(ties, round(share * len(ties)), replace=False)
+    size, angle = rng.uniform(smallest, largest, len(rows)), rng.uniform(0, 2 * np.pi, len(rows))
+    xy = block.measurements.xy.copy()
+    xy[rows] += np.column_stack([size * np.cos(angle), size * np.sin(angle)])
+    return replace(block, measurements=replace(block.measurements, xy=xy)), rows
+
+
+def check_rmse(block, truth, result):
+    check = block.points.role == Role.CHECK
+    return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1])
+def test_snooping_finds_the_blunders(share):
+    block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
+    bad, rows = spoilt(block, share)
+    clean = adjust(block, AdjustOptions(model="affine"))
+    result = adjust(bad, AdjustOptions(model="affine", reject_sigma=4.0))
+    wrong = np.zeros(len(bad.measurements), dtype=bool)
+    wrong[rows] = True
+    touched = np.zeros(len(bad.points), dtype=bool)
+    touched[bad.measurements.point[rows]] = True
+    found = np.mean(result.verdict[wrong] != Verdict.KEPT)
+    false_alarms = np.mean(result.verdict[~touched[bad.measurements.point]] != Verdict.KEPT)
+    misnamed = np.mean(result.verdict[~wrong] == Verdict.BLUNDER)
+    change = check_rmse(bad, truth, result) / check_rmse(block, truth, clean) - 1.0
+    print(
+        f"{share:.0%} blunders: {found:.2%} found, {false_alarms:.3%} false alarms, {misnamed:.3%} of the good ones "
+        f"named, check RMSE changes by {np.abs(change).max():.1%}, {result.solves} solves"
+    )
+    assert found >= 0.99
+    assert false_alarms < 0.001
+    assert misnamed < 0.001
+    assert np.abs(change).max() < 0.05
+    assert result.solves < 26
+
+
+# Huber's weights bound a blunder's pull and do not remove it: a tenth of all measurements still costs something
+@pytest.mark.parametrize(("share", "cost"), [(0.01, 0.05), (0.1, 0.15)])
+def test_huber_holds_the_cameras(share, cost):
+    block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
+    bad, _ = spoilt(block, share)
+    clean = check_rmse(block, truth, adjust(block, AdjustOptions(model="affine")))
+    result = adjust(bad, AdjustOptions(model="affine", robust="huber"))
+    assert result.converged
+    assert result.solves < 26
+    assert np.abs(check_rmse(bad, truth, result) / clean - 1.0).max() < cost
+
+
+def test_two_rays_cannot_tell_which_is_wrong():
+    block, _, _ = blocks.block(gcps=8, checks=0, ties=60, count=2)
+    rows = block.measurements
+    worst = int(np.flatnonzero((block.points.role == Role.TIE)[rows.point])[10])
+    xy = rows.xy.copy()
+    xy[worst] += [30.0, 30.0]
+    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine", reject_sigma=4.0))
+    of_point = rows.point == rows.point[worst]
+    assert np.all(result.verdict[of_point] == Verdict.DOUBTFUL)
+    assert np.isnan(result.ground[rows.point[worst]]).all()
+    assert (result.verdict[~of_point] == Verdict.KEPT).all()
+
+
+def with_gcp_error(block, index, metres):
+    ground = block.points.ground.copy()
+    ground[index] = moved_ground(ground[index : index + 1], np.array([metres]))[0]
+    return replace(block, points=replace(block.points, ground=ground))
+
+
+def test_wrong_gcp_position_is_named_and_left_out():
+    block, truth, _ = blocks.block(gcps=7, checks=50, ties=0, count=2, seed=4)
+    clean = check_rmse(block, truth, adjust(block))
+    wrong = int(np.flatnonzero(block.points.role == Role.GCP)[2])
+    result = adjust(with_gcp_error(block, wrong, [25.0, -10.0, 0.0]), AdjustOptions(reject_sigma=4.0))
+    assert [(finding.id, finding.what, finding.left_out) for finding in result.findings] == [("P0002", "ground", True)]
+    assert any("P0002" in text and "ground position" in text for text in result.warnings)
+    assert np.all(check_rmse(block, truth, result) < 1.2 * clean)
+
+
+def test_wrong_gcp_measurement_is_told_from_a_wrong_position():
+    block, _, _ = blocks.block(gcps=8, checks=0, ties=30, count=3, seed=4)
+    rows = block.measurements
+    row = int(np.flatnonzero((rows.point == 3) & (rows.image == 1))[0])
+    xy = rows.xy.copy()
+    xy[row] += [20.0, 15.0]
+    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine", reject_sigma=4.0))
+    assert [(finding.id, finding.what) for finding in result.findings] == [("P0003", "image1")]
+    assert result.verdict[row] == Verdict.BLUNDER
+
+
+def test_clean_control_is_not_accused():
+    accused = 0
+    for seed in range(40):
+        block, _, _ = blocks.block(gcps=8, checks=0, ties=20, seed=seed)
+        accused += len(adjust(block, AdjustOptions(reject_sigma=4.0, model="affine")).findings)
+    assert accused <= 2  # 1280 tests at 4 sigma: 0.4 are to be expected
+
+
+def test_two_gcps_are_never_left_out():
+    block, _, _ = blocks.block(gcps=2, checks=0, ties=30)
+    result = adjust(with_gcp_error(block, 0, [60.0, 0.0, 0.0]), AdjustOptions(reject_sigma=4.0))
+    assert not any(finding.left_out for finding in result.findings)
+
+
+def noisy_groups(seed):
+    """Return a block whose corners are twice as noisy as its centres, with equal sigmas given."""
+    block, _, _ = blocks.block(gcps=20, checks=0, ties=120, seed=seed, noise_px=0.2, noise_m=0.3)
+    rng = np.random.default_rng(seed + 50)
+    corner = np.arange(len(block.points))[block.measurements.point] % 2 == 0
+    rows = block.measurements
+    extra = np.sqrt(0.4**2 - 0.2**2) * rng.normal(size=rows.xy.shape)
+    measured = replace(
+        rows, xy=np.where(corner[:, None], rows.xy + extra, rows.xy), kind=np.where(corner, "corner", "centre"),
+        sigma_px=np.full(len(rows), 0.5),
+    )  # fmt: skip
+    points = replace(block.points, sigma_m=np.full((len(block.points), 2), 0.1))
+    return replace(block, measurements=measured, points=points)
+
+
+def test_variance_components_recover_the_sigmas():
+    found = []
+    for seed in range(8):
+        result = adjust(noisy_groups(seed), AdjustOptions(model="affine", variance_components=True))
+        assert result.sigma0 == pytest.approx(1.0, abs=0.01)
+        found.append({part.group: part.sigma for part in result.variance_components if part.estimated})
+    means = {name: np.mean([sigmas[name] for sigmas in found]) for name in found[0]}
+    print({name: round(value, 3) for name, value in means.items()})
+    assert means["image points: centre"] == pytest.approx(0.2, rel=0.05)
+    assert means["image points: corner"] == pytest.approx(0.4, rel=0.05)
+    assert means["GCP east, north"] == pytest.approx(0.3, rel=0.15)
+
+
+def test_cross_validation_equals_leaving_each_gcp_out():
+    block, _, _ = blocks.block(gcps=5, checks=0, ties=20)
+    result = adjust(block, AdjustOptions(model="shift", cross_validate=True))
+    assert result.cross_validation.ids == ("P0000", "P0001", "P0002", "P0003", "P0004")
+    for index in range(5):
+        role = block.points.role.copy()
+        role[index] = Role.CHECK
+        without = adjust(replace(block, points=replace(block.points, role=role)))
+        expected = ground_difference_m(block.points.ground[index : index + 1], without.ground[index : index + 1])[0]
+        np.testing.assert_allclose(result.cross_validation.error_m[index], expected, atol=1e-4)
+
+
+def test_a_point_file_without_any_gcp_needs_no_cross_validation():
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=30)
+    assert adjust(block, AdjustOptions(cross_validate=True)).cross_validation.ids == ()
+
+
+def test_single_image_gcps_are_predicted_on_their_ray():
+    image = blocks.images(1)[0]
+    truth = blocks.ground(6, 3)
+    ids = [f"G{k}" for k in range(6)]
+    rows = ImagePoints.create(ids, [image.id] * 6, image.rpc.project(truth) + [3.0, -2.0], 0.3)
+    block = assemble([image], [GroundPoints.create(ids, truth, Role.GCP, 0.1)], [rows], defaults=Defaults())
+    error = adjust(block, AdjustOptions(cross_validate=True)).cross_validation.error_m
+    assert np.abs(error[:, :2]).max() < 0.01  # exact measurements
+    assert np.isnan(error[:, 2]).all()

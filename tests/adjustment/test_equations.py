@@ -1,0 +1,173 @@
+"""Normal equations, sparse factors and cofactors: compiled, NumPy's, and dense, each against the others."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+from scipy import sparse
+
+from hrsi.hrsi_engine.adjustment.array_equations import ArrayEquations
+from hrsi.hrsi_engine.adjustment.camera_system import Factored, Iterative
+from hrsi.hrsi_engine.adjustment.equations import PointPriors, State
+from hrsi.hrsi_engine.adjustment.nested_dissection import SparseFactor
+from hrsi.hrsi_engine.adjustment.observations import select
+from hrsi.hrsi_engine.adjustment.pattern import Pattern, find_pattern
+from hrsi.hrsi_engine.refinement import MODELS
+from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial
+
+COMPILED = [name for name, model in MODELS.items() if isinstance(model, ImagePolynomial) and model.parameters]
+
+
+def grid_matrix(width: int, size: int, seed: int = 0) -> tuple[Pattern, np.ndarray, np.ndarray]:
+    """Return pattern, upper blocks and dense matrix of cameras on a square grid, each linked to its neighbours."""
+    rng = np.random.default_rng(seed)
+    count = width * width
+    row, column = np.divmod(np.arange(count), width)
+    near = (abs(row[:, None] - row) <= 1) & (abs(column[:, None] - column) <= 1)
+    upper = sparse.csr_matrix(np.triu(near))
+    pattern = Pattern(
+        count, size, upper.indptr.astype(np.int64), upper.indices.astype(np.int32), np.column_stack([row, column])
+    )
+    blocks_ = rng.normal(0.0, 0.3, (pattern.blocks, size, size))
+    own = blocks_[pattern.diagonal]
+    blocks_[pattern.diagonal] = own + own.transpose(0, 2, 1) + 9.0 * size * np.eye(size)
+    dense = np.zeros((count, size, count, size))
+    dense[pattern.rows, :, pattern.columns, :] = blocks_
+    dense[pattern.columns, :, pattern.rows, :] = blocks_.transpose(0, 2, 1)
+    return pattern, blocks_, dense.reshape(count * size, count * size)
+
+
+@pytest.mark.parametrize(("width", "size"), [(1, 6), (3, 2), (14, 6), (25, 2)])
+def test_nested_dissection_equals_dense_algebra(width, size):
+    pattern, upper, dense = grid_matrix(width, size)
+    factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, size, pattern.position)
+    factor.factorise(upper)
+    right = np.random.default_rng(1).normal(size=(len(dense), 3))
+    np.testing.assert_allclose(factor.solve(right), np.linalg.solve(dense, right), rtol=1e-9, atol=1e-12)
+    inverse = np.linalg.inv(dense).reshape(pattern.cameras, size, pattern.cameras, size)
+    expected = inverse[pattern.rows, :, pattern.columns, :]
+    np.testing.assert_allclose(factor.inverse_blocks(), expected, rtol=1e-8, atol=1e-13)
+
+
+def test_dissection_handles_unconnected_cameras():
+    pattern, upper, dense = grid_matrix(6, 2)
+    two = sparse.block_diag([pattern.graph, pattern.graph], format="csr")
+    start = np.concatenate([pattern.start, pattern.start[1:] + pattern.blocks])
+    columns = np.concatenate([pattern.columns, pattern.columns + pattern.cameras]).astype(np.int32)
+    place = np.concatenate([pattern.position, pattern.position])  # the same place twice, no common points
+    factor = SparseFactor(sparse.csr_matrix(two), start, columns, 2, place)
+    factor.factorise(np.concatenate([upper, 2.0 * upper]))
+    right = np.ones(2 * len(dense))
+    expected = np.linalg.solve(dense, right[: len(dense)])
+    np.testing.assert_allclose(factor.solve(right), np.concatenate([expected, 0.5 * expected]), rtol=1e-9)
+
+
+def test_conjugate_gradients_equal_the_factors():
+    pattern, upper, _ = grid_matrix(14, 6)
+    prior = np.full((pattern.cameras, 6), 0.1)
+    prior[3] = np.inf
+    right = np.random.default_rng(2).normal(size=prior.shape)
+    found = []
+    for system in (Factored(pattern), Iterative(pattern)):
+        system.factorise(upper, prior)
+        found.append(system.solve(right))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-7, atol=1e-10)
+    assert not found[0][3].any()
+
+
+def linearised(name: str):
+    """Return observations, model, pattern, a state away from the solution, weights and priors of a small block."""
+    block, _, _ = blocks.block(gcps=6, checks=5, ties=40, count=4, seed=3)
+    observations, model = select(block), MODELS[name]
+    rng = np.random.default_rng(4)
+    reach = np.array([1.0 / model.prior_sigmas(image, blocks_priors()) for image in block.images])
+    values = rng.normal(0, 1e-3, reach.shape) / np.maximum(reach, 1e-12)
+    ground = block.points.ground.copy()
+    ground[~np.isfinite(ground).all(axis=1)] = blocks.ground(len(ground), 9)[~np.isfinite(ground).all(axis=1)]
+    state = State(values, ground[observations.points])
+    weight = 1.0 / observations.sigma_px**2 * (rng.random(observations.count) > 0.1)
+    return observations, model, find_pattern(observations, len(model.parameters)), state, weight
+
+
+def blocks_priors():
+    from hrsi.hrsi_engine.refinement.model import CONTROLLED
+
+    return CONTROLLED
+
+
+@pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
+@pytest.mark.parametrize("name", COMPILED)
+def test_compiled_equations_equal_numpys(name):
+    from hrsi.hrsi_engine.adjustment.compiled_equations import CompiledEquations
+
+    observations, model, pattern, state, weight = linearised(name)
+    priors, contributes = PointPriors.of(observations, state.ground), observations.contributing_points
+    results = []
+    for equations in (ArrayEquations(observations, model, pattern), CompiledEquations(observations, model, pattern)):
+        normals = equations.normals(state, weight, priors, contributes)
+        cofactors = equations.cofactors(state, weight, normals, np.abs(normals.blocks), contributes)
+        local = equations.point_jacobians(state, np.array([3, 8, 20]))
+        results.append(
+            (
+                normals.residual, normals.blocks, normals.right, normals.inverse, normals.point_right,
+                equations.point_steps(state, weight, normals, state.values), equations.residuals(state),
+                cofactors.points, cofactors.computed, local.residual, local.by_ground,
+                equations.intersect(state, weight, priors),
+            )
+        )  # fmt: skip
+    for ours, theirs in zip(*results, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-10 * np.abs(ours).max())
+
+
+def relative(found: np.ndarray, expected: np.ndarray, left: np.ndarray, right: np.ndarray) -> float:
+    """Return the largest difference of cofactors ``(k, a, b)`` in units of their standard deviations' products."""
+    return float(np.abs((found - expected) / (left[:, :, None] * right[:, None, :])).max())
+
+
+# position and attitude of a pseudo sensor are nearly collinear, which costs the dense inverse two digits
+@pytest.mark.parametrize(("name", "tolerance"), [("shift", 1e-8), ("affine", 1e-8), ("generic-shift", 1e-6)])
+def test_reduced_system_equals_the_dense_normal_matrix(name, tolerance):
+    """Elimination, back substitution and all cofactors against one dense matrix over all unknowns."""
+    observations, model, pattern, state, weight = linearised(name)
+    p, cameras, points = pattern.parameters, pattern.cameras, len(observations.points)
+    priors, contributes = PointPriors.of(observations, state.ground), np.ones(points, dtype=bool)
+    equations = ArrayEquations(observations, model, pattern)
+    linear = equations.linearise(state)
+    design = np.zeros((2 * observations.count, cameras * p + 3 * points))
+    for row in range(observations.count):
+        image, point = observations.image[row], observations.point[row]
+        design[2 * row : 2 * row + 2, image * p : image * p + p] = linear.by_values[row]
+        design[2 * row : 2 * row + 2, cameras * p + 3 * point + np.arange(3)] = linear.by_ground[row]
+    prior_weight = np.array([1.0 / model.prior_sigmas(image, blocks_priors()) ** 2 for image in observations.images])
+    normal = design.T @ (design * np.repeat(weight, 2)[:, None])
+    normal[np.diag_indices_from(normal)] += np.concatenate([prior_weight.ravel(), priors.weight.ravel()])
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    inverse = np.linalg.inv(normal * scale[:, None] * scale) * scale[:, None] * scale
+    right = design.T @ (np.repeat(weight, 2) * linear.residual.ravel())
+    right[cameras * p :] += (priors.weight * priors.miss_m(state.ground)).ravel()
+
+    normals = equations.normals(state, weight, priors, contributes)
+    system = Factored(pattern)
+    system.factorise(normals.blocks, prior_weight)
+    step = system.solve(normals.right)
+    moved = equations.point_steps(state, weight, normals, step)
+    found_steps = np.concatenate([step.ravel(), moved.ravel()])
+    sigma = np.sqrt(np.diag(inverse))
+    # in standard deviations: position and attitude of a sensor are nearly collinear, their sum is what counts
+    assert np.abs((found_steps - inverse @ right) / sigma).max() < 1e-4
+    found = equations.cofactors(state, weight, normals, system.cofactors(), contributes)
+    n, every = observations.count, np.arange(points)
+    ground = inverse[step.size :, step.size :].reshape(points, 3, points, 3)[every, :, every, :]
+    sigma_ground = sigma[step.size :].reshape(points, 3)
+    assert relative(found.points, ground, sigma_ground, sigma_ground) < tolerance
+    computed = np.einsum("nci,ij,ndj->ncd", design.reshape(n, 2, -1), inverse, design.reshape(n, 2, -1))
+    sigma_px = np.sqrt(np.einsum("ncc->nc", computed))
+    assert relative(found.computed, computed, sigma_px, sigma_px) < tolerance
+    own = inverse[: step.size, : step.size].reshape(cameras, p, cameras, p)[pattern.rows, :, pattern.columns, :]
+    sigma_values = sigma[: step.size].reshape(cameras, p)
+    difference = relative(system.cofactors(), own, sigma_values[pattern.rows], sigma_values[pattern.columns])
+    print(f"{name}: cofactors differ from the dense inverse by {difference:.1e}")
+    assert difference < tolerance

@@ -1,0 +1,189 @@
+"""Interest points: seams, masks, data types, simulated truth, real images."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import object_scenes as scenes
+import pytest
+
+from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.io.rasters import GdalRaster
+from hrsi.hrsi_engine.measurement.interest_points import (
+    DETECTORS,
+    Area,
+    DetectionOptions,
+    InterestPoints,
+    detect_interest_points,
+    detectors,
+    spread_over_grid,
+    windows,
+)
+from hrsi.hrsi_engine.simulation import SimulatedBlock, renderer
+
+EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
+
+
+class Pixels:
+    """An array as a raster."""
+
+    def __init__(self, grey: np.ndarray, valid: np.ndarray | None = None) -> None:
+        self.grey, self.valid = grey, np.ones(grey.shape, bool) if valid is None else valid
+        self.size = (grey.shape[1], grey.shape[0])
+
+    def read(self, sample, line, samples, lines):
+        window = np.s_[line : line + lines, sample : sample + samples]
+        return self.grey[window], self.valid[window]
+
+
+@pytest.fixture(scope="module")
+def small_objects() -> SimulatedBlock:
+    """A pair with many tanks of about 15 px."""
+    return scenes.scene(0.55, 700, seed=8)
+
+
+@pytest.fixture(scope="module")
+def large_objects() -> SimulatedBlock:
+    """A pair with tanks and roundabouts of about 40 px."""
+    return scenes.scene(1.4, 1000, seed=8)
+
+
+@pytest.fixture(scope="module")
+def pixels(small_objects: SimulatedBlock) -> np.ndarray:
+    return renderer(small_objects, "image_1").window(0, 0, 700, 700)
+
+
+def same_points(first: InterestPoints, second: InterestPoints, tolerance_px: float) -> None:
+    """Both tables hold the same points, whatever their order."""
+    assert len(first) == len(second)
+    a, b = (points.select(np.lexsort(np.rint(points.xy * 10.0).T)) for points in (first, second))
+    np.testing.assert_allclose(a.xy, b.xy, atol=tolerance_px)
+    assert a.kind.tolist() == b.kind.tolist()
+
+
+@EVERY_DETECTOR
+def test_windows_leave_no_seams(monkeypatch, pixels: np.ndarray, detector: str):
+    """The same points, to float32 rounding, in one window and in windows with cores of 192 px."""
+    whole = detect_interest_points(Pixels(pixels), detector)
+    monkeypatch.setattr(detectors, "cores", partial(windows.cores, step=192))
+    assert len(windows.cores(Area(0, 0, 700, 700), 192)) == 16
+    same_points(whole, detect_interest_points(Pixels(pixels), detector), 1e-3)
+    same_points(whole, detect_interest_points(Pixels(pixels), detector, DetectionOptions(threads=3)), 1e-3)
+
+
+@EVERY_DETECTOR
+def test_grey_scale_does_not_matter(pixels: np.ndarray, detector: str):
+    """8 bit loses a little; 16 bit, float and inverted grey values give the same points."""
+    found = detect_interest_points(Pixels(pixels), detector)
+    same_points(found, detect_interest_points(Pixels(pixels.astype(np.float32) * 0.25 + 3.0), detector), 1e-3)
+    inverted = detect_interest_points(Pixels(3000.0 - pixels.astype(np.float32)), detector)
+    assert len(inverted) == pytest.approx(len(found), rel=0.05)
+    byte = detect_interest_points(Pixels((pixels / 8.0).astype(np.uint8)), detector)
+    _, near = scenes.pairs(found.xy, byte.xy, 1.0)
+    assert len(near) > 0.85 * len(found)
+
+
+@EVERY_DETECTOR
+def test_nodata_and_saturation_are_left_out(pixels: np.ndarray, detector: str):
+    valid = np.ones(pixels.shape, bool)
+    valid[200:400, 300:500] = False
+    grey = pixels.copy()
+    grey[~valid] = 0
+    found = detect_interest_points(Pixels(grey, valid), detector)
+    pixel = np.rint(found.xy).astype(int)
+    assert valid[pixel[:, 1], pixel[:, 0]].all()
+    assert len(found) > 20
+    saturated = np.minimum(pixels, 700)
+    found = detect_interest_points(Pixels(saturated), detector)
+    area = windows.saturated_areas(saturated.astype(np.float32), 700.0)
+    pixel = np.rint(found.xy).astype(int)
+    assert area.mean() > 0.02
+    assert not area[pixel[:, 1], pixel[:, 0]].any()
+
+
+@EVERY_DETECTOR
+def test_flat_images_have_no_points(detector: str):
+    assert len(detect_interest_points(Pixels(np.full((300, 300), 7, np.uint16)), detector)) == 0
+    nothing = np.zeros((300, 300), bool)
+    assert len(detect_interest_points(Pixels(np.zeros((300, 300), np.uint16), nothing), detector)) == 0
+
+
+def test_spreading_keeps_the_best_of_each_cell(pixels: np.ndarray):
+    every = detect_interest_points(Pixels(pixels), "harris")
+    spread = every.select(spread_over_grid(every, 100.0, 3))
+    cells = [tuple(cell) for cell in np.floor((spread.xy + 0.5) / 100.0)]
+    assert max(map(cells.count, cells)) == 3
+    assert len(set(cells)) == len({tuple(cell) for cell in np.floor((every.xy + 0.5) / 100.0)})
+    first = np.all(np.floor((every.xy + 0.5) / 100.0) == cells[0], axis=1)
+    assert every.quality[first].max() in spread.quality
+
+
+def test_super_points_are_the_strongest(pixels: np.ndarray):
+    found = detect_interest_points(Pixels(pixels), "harris")
+    strong = found.kind == "super"
+    assert 0.05 < strong.mean() < 0.35
+    assert found.strength[strong].min() > found.strength[~strong].max()
+
+
+def test_failures(pixels: np.ndarray):
+    with pytest.raises(InputError, match="choose one of harris"):
+        detect_interest_points(Pixels(pixels), "sift")
+    with pytest.raises(InputError, match="choose a larger one"):
+        detect_interest_points(Pixels(pixels), "harris", region=Area(690, 0, 800, 100))
+    with pytest.raises(Cancelled):
+        detect_interest_points(Pixels(pixels), "harris", progress=lambda fraction, message="": False)
+
+
+@pytest.mark.parametrize(("size", "most_px"), [("small_objects", 0.10), ("large_objects", 0.05)])
+def test_centres_are_where_the_truth_says(request, size: str, most_px: float):
+    """Tanks and roundabouts of 15 and 40 px: every one is found; limits are those wanted of a coordinate."""
+    simulated = request.getfixturevalue(size)
+    parts = [
+        scenes.centre_errors(scenes.true_objects(simulated, renderer(simulated, view)), points, ("tank", "island"))
+        for view, points in zip(scenes.VIEWS, scenes.detected(simulated, "centres"), strict=True)
+    ]
+    errors, found = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    print(f"{size}: {found.sum()} of {len(found)} found, rmse {scenes.rms(errors):.3f} px")
+    assert len(found) >= 20
+    assert found.mean() >= 0.97
+    assert scenes.rms(errors) <= most_px
+
+
+def test_both_views_have_the_same_centres(large_objects: SimulatedBlock):
+    first, second = scenes.detected(large_objects, "centres")
+    share = scenes.repeatability(large_objects, first.xy, second.xy)
+    print(f"repeatability {share:.0%} of {len(first)} and {len(second)} centres")
+    assert share >= 0.9
+
+
+def test_pan_and_multispectral_centres_agree(large_objects: SimulatedBlock):
+    """At 1:4 centres agree to half a PAN pixel, an eighth of an MS pixel; Harris's maxima are 2 PAN px apart."""
+    pan, ms = renderer(large_objects, "image_1"), renderer(large_objects, "image_1", "green")
+    errors = {}
+    for detector in ("centres", "harris"):
+        coarse, fine = (detect_interest_points(image, detector) for image in (ms, pan))
+        there = scenes.carried(large_objects, coarse.xy, ms, pan)
+        a, b = scenes.pairs(there, fine.xy, 4.0)
+        same = scenes.alike(coarse.select(a), fine.select(b), 4.0)
+        errors[detector] = scenes.rms(fine.xy[b[same]] - there[a[same]])
+    print(errors)
+    assert errors["centres"] < 0.5
+    assert errors["centres"] < 0.6 * errors["harris"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "s2p_triplet_phr/img_01.tif", "kahramanmaras_phr4/pre_event_img1.tif", "ventoux_phr_pair/left_image.tif",
+        "qb2_gcp/qb2_basic1b.tif", "formats/nitf_rpc00b/wv3_20.NTF",
+    ],
+)  # fmt: skip
+@EVERY_DETECTOR
+def test_real_images_have_points_in_every_quarter(real_data, name: str, detector: str):
+    raster = GdalRaster(str(real_data / name))
+    found = detect_interest_points(raster, detector)
+    quarters = np.bincount((found.xy > np.array(raster.size) / 2.0) @ [1, 2], minlength=4)
+    kinds = dict(zip(*np.unique(found.kind, return_counts=True), strict=True))
+    print(f"{name} {detector}: {len(found)} points, quarters {quarters}, {kinds}")
+    assert quarters.min() >= (2 if detector == "centres" else 50)

@@ -1,0 +1,140 @@
+"""Rendered scenes with tanks, roundabout islands, roofs and targets whose centres and corners are known.
+
+Shared by the tests and the benchmarks of interest points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hrsi.hrsi_engine.measurement.interest_points import InterestPoints, detect_interest_points
+from hrsi.hrsi_engine.simulation import (
+    SENSORS,
+    ImageRenderer,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    SimulatedBlock,
+    along_track_views,
+    locate_on_surface,
+    renderer,
+    simulate_block,
+)
+
+VIEWS = ("image_1", "image_2")
+#: Objects that stand alone on the ground, bright or dark all over.
+ROUND = ("tank", "island", "target")
+
+
+@dataclass(frozen=True, eq=False)
+class TrueObjects:
+    """Objects wholly inside one image: kind (n,), centre (n, 2) px, corners (n, 4, 2) px, diameter (n,) px."""
+
+    kind: np.ndarray
+    centre: np.ndarray
+    corners: np.ndarray
+    diameter: np.ndarray
+
+
+def scene(scale: float, size: int = 1200, relief_m: float = 30.0, seed: int = 1) -> SimulatedBlock:
+    """Return a pair, 24 degrees apart, of 0.7 m pixels; ``scale`` multiplies objects: tanks are 18 to 37 px at 1."""
+    views = along_track_views(SENSORS["pleiades"], 2, (size, size))
+    spec = SceneSpec(relief_m=relief_m, seed=seed, scale=scale)
+    return simulate_block(spec, views, PointCounts(4, 4, 0), Noise(vendor=0.0))
+
+
+def true_objects(simulated: SimulatedBlock, image: ImageRenderer) -> TrueObjects:
+    """Return where an image's own camera sees the objects (pixels of that image, PAN or MS)."""
+    objects, chart, terrain = simulated.scene.objects, simulated.scene.chart, simulated.scene.terrain
+    centre = image.camera.ground_to_image(simulated.scene.object_ground())
+    corners = objects.corners_m()
+    ground = chart.to_ground(corners.reshape(-1, 2), terrain.height(*corners.reshape(-1, 2).T))
+    corner_px = image.camera.ground_to_image(ground).reshape(-1, 4, 2)
+    gsd = float(np.sqrt(np.prod(image.camera.gsd_m())))
+    diameter = np.sqrt(np.prod(objects.size_m, axis=1)) / gsd
+    margin = objects.size_m.max(axis=1)[:, None] / gsd + 2.0
+    inside = np.all((centre > margin) & (centre < np.array(image.size) - margin), axis=1)
+    inside &= ~_painted_over(simulated)
+    return TrueObjects(objects.kind[inside], centre[inside], corner_px[inside], diameter[inside])
+
+
+def _painted_over(simulated: SimulatedBlock) -> np.ndarray:
+    """Return the mask of objects that a surveyed target with its apron covers in part."""
+    objects = simulated.scene.objects
+    apron = objects.kind == "apron"
+    reach = objects.size_m.max(axis=1) / 2.0
+    away = np.hypot(*np.moveaxis(objects.position_m[:, None] - objects.position_m[None, apron], 2, 0))
+    covered = np.any(away < reach[:, None] + reach[None, apron], axis=1)
+    return covered & ~np.isin(objects.kind, ("apron", "target"))
+
+
+def detected(simulated: SimulatedBlock, detector: str, band: str = "pan") -> list[InterestPoints]:
+    """Return the points of both views."""
+    return [detect_interest_points(renderer(simulated, view, band), detector) for view in VIEWS]
+
+
+def centre_errors(truth: TrueObjects, points: InterestPoints, kinds: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors (n, 2) of the centres found of objects of some kinds, and the mask of the objects found.
+
+    A centre belongs to an object when it is of its size (within a third) and nearer than a fifth of it, at least 2 px.
+    """
+    wanted = np.flatnonzero(np.isin(truth.kind, kinds))
+    size = np.sqrt(np.prod(points.size_px, axis=1))
+    errors, found = [], np.zeros(len(wanted), dtype=bool)
+    for row, index in enumerate(wanted):
+        away = np.hypot(*(points.xy - truth.centre[index]).T)
+        ratio = size / truth.diameter[index]
+        away = np.where((ratio > 0.75) & (ratio < 1.33), away, np.inf)
+        if len(away) and away.min() < max(2.0, 0.2 * truth.diameter[index]):
+            errors.append(points.xy[np.argmin(away)] - truth.centre[index])
+            found[row] = True
+    return np.array(errors).reshape(-1, 2), found
+
+
+def carried(simulated: SimulatedBlock, points: np.ndarray, first: ImageRenderer, second: ImageRenderer) -> np.ndarray:
+    """Return where points of one image truly are in another, ``(n, 2)``; NaN where they are not inside it."""
+    ground = locate_on_surface(first.camera, simulated.scene.terrain, points)
+    xy = second.camera.ground_to_image(ground)
+    margin = 8.0
+    inside = np.all((xy > margin) & (xy < np.array(second.size) - 1.0 - margin), axis=1)
+    return np.where(inside[:, None], xy, np.nan)
+
+
+def pairs(expected: np.ndarray, points: np.ndarray, tolerance_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return indices of expected positions and of the detected points nearest to them within a tolerance."""
+    from scipy.spatial import cKDTree
+
+    usable = np.flatnonzero(np.isfinite(expected).all(axis=1))
+    distance, nearest = cKDTree(points).query(expected[usable])
+    close = distance < tolerance_px
+    return usable[close], nearest[close]
+
+
+def alike(first: InterestPoints, second: InterestPoints, scale: float = 1.0) -> np.ndarray:
+    """Return the mask of pairs that may be the same object: size within 1.35, both bright or both dark.
+
+    ``scale`` is the size of the first image's pixels in pixels of the second. Corners have no size: all are alike.
+    """
+    ratio = np.sqrt(np.prod(first.size_px, axis=1)) * scale / np.sqrt(np.prod(second.size_px, axis=1))
+    same = (np.abs(np.log(ratio)) < np.log(1.35)) & (first.contrast * second.contrast > 0.0)
+    return np.where(np.isfinite(ratio), same, True)
+
+
+def repeatability(simulated: SimulatedBlock, first: np.ndarray, second: np.ndarray, tolerance_px: float = 1.5) -> float:
+    """Return the share of points of the smaller set that the other view has too, where both views see the ground.
+
+    Schmid, Mohr and Bauckhage (2000): repeated points over the smaller number of points in the common part.
+    """
+    images = [renderer(simulated, view) for view in VIEWS]
+    there = carried(simulated, first, *images)
+    back = carried(simulated, second, *images[::-1])
+    repeated, _ = pairs(there, second, tolerance_px)
+    common = min(int(np.isfinite(there[:, 0]).sum()), int(np.isfinite(back[:, 0]).sum()))
+    return min(len(repeated) / max(common, 1), 1.0)
+
+
+def rms(errors: np.ndarray) -> float:
+    """Return the root mean square of a coordinate."""
+    return float(np.sqrt(np.mean(errors**2)))

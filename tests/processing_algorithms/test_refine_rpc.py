@@ -1,0 +1,136 @@
+"""`refine-rpc` as a user runs it: real GCPs, a blunder, the comparison of models, wrong input."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from osgeo import gdal
+from real_control import quickbird, rmse_2d
+
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.refinement import MODELS
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.cli import main
+
+TEN = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
+
+
+@pytest.fixture
+def hobart(repository) -> dict:
+    folder = repository / "examples" / "hobart"
+    return {
+        "images": [str(folder / f"hobart_ikonos_{k}_RPC.TXT") for k in (1, 2, 3)],
+        "gcps": str(folder / "hobart_ground_points.csv"),
+        "image_points": str(folder / "hobart_image_points.csv"),
+        "height_datum": "ellipsoidal",
+        "gcp_ids": TEN.split(","),
+    }
+
+
+@pytest.fixture
+def orthority(real_data) -> dict:
+    folder = real_data / "qb2_gcp"
+    return {"images": [str(folder / "qb2_basic1b.tif")], "gcps": str(folder / "gcps.geojson")}
+
+
+def test_quickbird_is_written(orthority, real_data, tmp_path):
+    report = run("refine-rpc", **orthority, output_dir=str(tmp_path))
+    _, control = quickbird(real_data)
+    entry = report["images"]["qb2_basic1b"]
+    written = read_rpc(entry["output"]).rpc
+    after = rmse_2d(control.xy - written.project(control.ground))
+    print(f"QB2, RPC in the new GeoTIFF: 2D RMSE {after:.3f} px of the 5 GCPs")
+    assert report["model"] == "shift"
+    assert after == pytest.approx(0.104, abs=0.001)
+    assert entry["rpc_fit_max_px"] == 0.0
+    assert "predicted from the others" in report["image_models"]["qb2_basic1b"]["choice"]["reason"]
+    assert json.loads((tmp_path / "report.json").read_text())["control"]["points"] == 5
+    dataset = gdal.OpenEx(str(tmp_path / "block.gpkg"))
+    assert dataset.GetLayerByName("residuals_utm").GetFeatureCount() == 10
+
+
+def test_several_images_by_themselves(hobart, tmp_path):
+    report = run("refine-rpc", **hobart, output_dir=str(tmp_path), compare=True)
+    assert set(report["image_models"]) == {"hobart_ikonos_1", "hobart_ikonos_2", "hobart_ikonos_3"}
+    assert report["check"]["points"] == 61
+    assert report["check"]["rmse_east_m"] < 0.75 and report["check"]["rmse_height_m"] < 2.0
+    assert set(report["models"]) == set(MODELS)
+    assert report["models"]["shift"]["check"]["rmse_east_m"] == pytest.approx(report["check"]["rmse_east_m"])
+    assert "needs 6 GCPs" in report["models"]["quadratic"]["note"]
+    page = (tmp_path / "report.html").read_text()
+    assert "Models compared" in page and "generic-affine" in page
+
+
+def test_each_image_has_its_own_model(hobart, tmp_path):
+    """The second image has three GCPs: the generic rule gives it another variant than the others may get."""
+    report = run("refine-rpc", **hobart, output_dir=str(tmp_path), model="generic")
+    models = {name: entry["model"] for name, entry in report["image_models"].items()}
+    assert all(model.startswith("generic-") for model in models.values())
+    for name, entry in report["image_models"].items():
+        assert set(entry["parameters"]) == set(MODELS[models[name]].parameters)
+
+
+def test_the_table_is_printed(orthority, tmp_path, capsys):
+    words = [
+        "refine-rpc",
+        *orthority["images"],
+        "--gcps",
+        orthority["gcps"],
+        "--output-dir",
+        str(tmp_path),
+        "--compare",
+    ]
+    assert main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("shift ") and line.split()[-1] == "0.130" for line in lines)
+    assert any(line.startswith("affine ") and line.split()[-1] == "0.519" for line in lines)
+
+
+def test_a_blunder_is_named_and_left_out(orthority, tmp_path):
+    source = json.loads(Path(orthority["gcps"]).read_text())
+    source["features"][2]["properties"]["ji"][0] += 40.0
+    wrong = tmp_path / "wrong.geojson"
+    wrong.write_text(json.dumps(source))
+    report = run("refine-rpc", **orthority | {"gcps": str(wrong)}, output_dir=str(tmp_path / "result"))
+    name = source["features"][2]["properties"]["id"]
+    assert report["image_models"]["qb2_basic1b"]["left_out"] == [name]
+    assert any(name in warning and "left out" in warning for warning in report["warnings"])
+    assert report["sigma0"] < 1.0
+
+
+@pytest.mark.parametrize("model", ["generic-affine", "bils", "object-affine", "quadratic", "ground-linear"])
+def test_written_rpcs_reproduce_their_model(hobart, tmp_path, model):
+    images = hobart["images"][:1]
+    report = run("refine-rpc", **hobart | {"images": images, "image_points": only_first(hobart, tmp_path)}, model=model,
+                 output_dir=str(tmp_path / "result"))  # fmt: skip
+    entry = report["images"]["hobart_ikonos_1"]
+    assert entry["rpc_fit_max_px"] <= 0.01
+    assert np.isfinite(entry["rmse_sample_px"])
+
+
+def only_first(hobart: dict, folder: Path) -> str:
+    with open(hobart["image_points"], newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["image"] == "hobart_ikonos_1"]
+    path = folder / "first.csv"
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return str(path)
+
+
+def test_an_image_without_gcps(hobart, tmp_path, capsys):
+    words = ["refine-rpc", *hobart["images"], "--gcps", hobart["gcps"], "--image-points", only_first(hobart, tmp_path)]
+    assert main([*words, "--output-dir", str(tmp_path / "result")]) == 2
+    assert "hobart_ikonos_2: no GCP is measured on it" in capsys.readouterr().err
+
+
+def test_adjust_takes_auto(hobart, tmp_path):
+    report = run("adjust", **hobart, model="auto", output_dir=str(tmp_path))
+    assert report["model"] == "shift"
+    assert report["model_choice"]["rule"] == "auto"
+    assert "predicted from the others" in report["model_choice"]["reason"]
