@@ -170,7 +170,7 @@ ALGORITHM = Algorithm(
             default=0.8, minimum=0.0, advanced=True,
         ),
         Param(
-            "quality", Kind.NUMBER, "Smallest quality of a gravity centre; 0 keeps also those that another view may miss",
+            "quality", Kind.NUMBER, "Smallest quality of a gravity centre; 0 keeps all",
             default=0.6, minimum=0.0, maximum=1.0,
         ),
         Param(

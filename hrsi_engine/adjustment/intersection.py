@@ -17,6 +17,9 @@ from .equations import Equations, PointPriors, State
 from .observations import Observations
 from .pattern import trivial_pattern
 
+CENTRE_STEPS = 6
+CENTRE_CLOSURE_M = 10.0  # a start needs no more
+
 
 def start_positions(observations: Observations, height_m: float | None = None) -> np.ndarray:
     """Return approximate positions ``(m, 3)``; surveyed coordinates at their survey."""
@@ -39,12 +42,17 @@ def start_positions(observations: Observations, height_m: float | None = None) -
 def _at_centre(image: Image, height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the ground position (3,) of an image's centre and the metres east, north per pixel (2, 2) there."""
     rpc = image.rpc
-    height = rpc.height_off if height_m is None else height_m
-    ground = rpc.localize(image.centre_px[None], height).ground
-    if not np.isfinite(ground).all():
-        ground = np.array([[rpc.long_off, rpc.lat_off, height]])
-    _, by_ground = rpc.project_with_metric_jacobian(ground)
-    return ground[0], np.linalg.pinv(by_ground[0, :, :2])
+    ground = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off if height_m is None else height_m]])
+    for _ in range(CENTRE_STEPS):
+        at, by_ground = rpc.project_with_metric_jacobian(ground)
+        outwards = np.linalg.pinv(by_ground[0, :, :2])
+        step = np.zeros((1, 3))
+        step[0, :2] = outwards @ (image.centre_px - at[0])
+        ground = moved_ground(ground, step)
+        if np.abs(step).max() < CENTRE_CLOSURE_M:
+            return ground[0], outwards
+    found = rpc.localize(image.centre_px[None], ground[0, 2]).ground  # slower, and safer with odd RPCs
+    return found[0], outwards
 
 
 def intersect(observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:

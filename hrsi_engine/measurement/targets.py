@@ -27,6 +27,7 @@ WORST_QUALITY = 0.4  # of a region whose centre was asked for
 WORST_EDGE_RMSE_PX = 0.5
 SMALLEST_ANGLE_DEG = 30.0
 SHORTEST_EDGE_PX = 4.0
+LARGEST_TURN_DEG = 15.0  # of the slope along an edge
 EDGE_USED_PX = 20.0  # edges are used up to this far from the corner
 ROUNDED_PX = 2.0  # and from here on: nearer, the corner is rounded by the sensor
 END_NEAR_PX = 4.0  # an edge begins at most so far from the corner
@@ -197,6 +198,7 @@ def _corner_of(
         return None
     away = float(np.hypot(*(corner.position - approximate)))
     good = corner.angle_deg >= SMALLEST_ANGLE_DEG and corner.rmse_px <= WORST_EDGE_RMSE_PX
+    good &= all(_turn_deg(points, segment, rough) < LARGEST_TURN_DEG for segment in (first, second))
     if away > search_px or not good or corner.sigma_px > WORST_SIGMA_PX:
         return None
     lengths = [min(np.ptp(line.reach_px), EDGE_USED_PX) for line in corner.lines]
@@ -207,6 +209,18 @@ def _corner_of(
         - 1.2 * away / search_px
     )
     return score, corner, np.concatenate([part for part in near if part is not None])
+
+
+def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
+    """Return by how much the slope turns along an edge near its corner: chords of a circle are no edges of a corner."""
+    distance = np.hypot(*(points.xy[segment] - corner).T)
+    near = distance <= EDGE_USED_PX
+    direction = points.direction[segment][near]
+    if len(direction) < 4:
+        return 0.0
+    mean = direction.mean(axis=0)
+    angle = np.degrees(np.arctan2(mean[0] * direction[:, 1] - mean[1] * direction[:, 0], direction @ mean))
+    return float(abs(np.polyfit(distance[near], angle, 1)[0]) * np.ptp(distance[near]))
 
 
 def _used_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:

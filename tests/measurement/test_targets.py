@@ -57,7 +57,7 @@ def test_corner_of_two_edges(azimuth: float):
 
 def test_stray_edges_do_not_move_the_centre():
     cover = disc(14.0)
-    cover[205:209, 192:215] = 1.0  # a bar that leads out of the disc
+    cover[206:208, 192:215] = 1.0  # a path that leads out of the disc
     made = measure_target(image(cover), CENTRE, "center")
     assert not made.refusal
     assert np.hypot(*(made.xy - CENTRE)) < 0.25

@@ -131,17 +131,21 @@ def _measured(
     """Return a region's gravity centre, None where a test fails."""
     if not _is_closed(outline.found):
         return None
+    weighted, contrast = weighted_centroid(window, region)
+    relative = abs(contrast) / statistics.deviation_floor
+    persistence = _persistence(region, relative) * float(outline.found.mean())
+    if relative < options.contrast or persistence < options.quality:  # before the costly fits
+        return None
     fitted = _simplest_shape(outline.xy[outline.found], outline.normal[outline.found])
     if fitted is None:
         return None
     kind, shape = fitted
     if shape.size_px[1] < options.smallest_px or shape.size_px[0] > options.largest_px:
         return None
-    weighted, contrast = weighted_centroid(window, region)
     limit = CENTROID_AGREEMENT[0] + CENTROID_AGREEMENT[1] * float(np.sqrt(np.prod(shape.size_px)))
-    if not np.hypot(*(weighted - shape.xy)) < limit or abs(contrast) < options.contrast * statistics.deviation_floor:
+    if not np.hypot(*(weighted - shape.xy)) < limit:
         return None
-    quality = _quality(region, shape, outline, contrast / statistics.deviation_floor)
+    quality = persistence * _fit_score(shape)
     if quality < options.quality:
         return None
     return Centre(
@@ -159,19 +163,23 @@ def _is_closed(found: np.ndarray) -> bool:
     return bool(gaps.max() <= max(1.0, LARGEST_GAP * len(found)))
 
 
-def _quality(region: Region, shape: Shape, outline: Outlines, contrast: float) -> float:
-    """Return 0 … 1: the geometric mean of four scores, times the share of the outline with an edge.
+def _persistence(region: Region, contrast: float) -> float:
+    """Return 0 … 1: how little a region grows to the next level, on how many it lasts, how much it stands out.
 
-    How well the shape fits, how little the region grows to the next grey level, on how many levels it lasts, how much
-    it stands out. On simulated pairs these tell the centres that another view has too from those it has not.
+    Together with `_fit_score` it is the geometric mean of four scores, which on simulated pairs tell the centres that
+    another view has too from those it has not.
     """
     scores = (
-        1.0 - shape.rmse_px / _tolerance(POLYGON_TOLERANCE, shape.size_px),
         1.0 - region.growth / GROWTH_OF_SCORE_0,
         (region.levels - 1.0) / (LEVELS_OF_SCORE_1 - 1.0),
-        abs(contrast) / CONTRAST_OF_SCORE_1,
+        contrast / CONTRAST_OF_SCORE_1,
     )
-    return float(np.prod(np.clip(scores, 0.0, 1.0)) ** 0.25 * outline.found.mean())
+    return float(np.prod(np.clip(scores, 0.0, 1.0)) ** 0.25)
+
+
+def _fit_score(shape: Shape) -> float:
+    """Return 0 … 1: how well the outline keeps to its shape."""
+    return max(1.0 - shape.rmse_px / _tolerance(POLYGON_TOLERANCE, shape.size_px), 0.0) ** 0.25
 
 
 # ---- shapes ----------------------------------------------------------------------------------------------------

@@ -1,0 +1,242 @@
+"""Chapter 2 of the thesis, figure by figure: corners against gravity centres.
+
+    python benchmarks/chapter2.py [--data DIR] [--trials 400] [--page docs/chapter2.md]
+
+Tables 2.1 to 2.3 by enumeration, with the entries in which the thesis differs; the same by Monte Carlo over positions,
+orientations, sizes, blur and noise; ellipse centres from hand-measured edge points; registration of the QuickBird MS
+and PAN images; the Hobart points checked on themselves by intersection. ``--page`` writes it all as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.block import GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.measurement.ellipse import FITS, fit_ellipse
+from hrsi.hrsi_engine.measurement.registration import compare_kinds
+from hrsi.hrsi_engine.measurement.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
+from hrsi.hrsi_engine.measurement.sampling_simulation import CASES, simulate_sampling
+from hrsi.hrsi_engine.rpc import RPC
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT.parent / "shared" / "data" / "thesis"
+QUICKBIRD_PAN_M = 0.61
+#: Averages that table 2.1 prints for corners and centres, by case.
+PRINTED_2_1 = {
+    1: (2.12, 0.0), 2: (2.91, 1.0), 3: (2.25, 1.33), 4: (1.58, 1.0), 5: (2.91, 1.0), 6: (3.53, 1.41), 7: (3.43, 1.83),
+    8: (2.55, 1.41), 9: (2.70, 1.33), 10: (3.43, 1.83), 11: (4.00, 1.33), 12: (4.03, 1.83), 13: (1.58, 1.0),
+    14: (2.55, 1.41), 15: (4.03, 1.83), 16: (0.71, 1.41),
+}  # fmt: skip
+ROUNDING_PX = 0.0101  # the thesis cuts off some digits: 2.915 is printed as 2.91
+
+
+def print_table_2_1() -> None:
+    """Print table 2.1 with the thesis's averages; entries that differ by more than rounding are marked."""
+    print("\nTable 2.1: deviation between PAN and MS (PAN px), enumerated and as printed\n")
+    print("| case | corners | average | printed | centres | average | printed | remark |")
+    print("|---|---|---|---|---|---|---|---|")
+    for case in table_2_1():
+        printed = PRINTED_2_1[case.case]
+        means = float(np.mean(case.corners_px)), float(np.mean(case.centres_px))
+        wrong = [
+            name for name, a, b in zip(("corners", "centres"), means, printed, strict=True) if abs(a - b) > ROUNDING_PX
+        ]
+        print(
+            f"| {case.case} | {_list(case.corners_px)} | {means[0]:.2f} | {printed[0]:.2f} | {_list(case.centres_px)} "
+            f"| {means[1]:.2f} | {printed[1]:.2f} | {'thesis differs: ' + ', '.join(wrong) if wrong else ''} |"
+        )
+
+
+def _list(values: tuple[float, ...]) -> str:
+    return "; ".join(f"{value:.2f}" for value in values)
+
+
+def print_table_2_2() -> None:
+    """Print table 2.2."""
+    print("\nTable 2.2: spread of possible positions at the same resolution (px)\n")
+    print("| case | object | corners: s1, s2 | centre positions | s1 | s2 |\n|---|---|---|---|---|---|")
+    for case in table_2_2():
+        corners = "; ".join(f"{corner.column:.2f}, {corner.row:.2f}" for corner in case.corners)
+        centres = " ".join(f"({x:g}, {y:g})" for x, y in case.centre.positions)
+        print(
+            f"| {case.case} | {case.size_px:g} x {case.size_px:g} | {corners} | {centres} | {case.centre.column:.2f} "
+            f"| {case.centre.row:.2f} |"
+        )
+
+
+def print_table_2_3() -> None:
+    """Print table 2.3."""
+    print("\nTable 2.3: corner, centre (px) and centre over corner, enumerated (printed)\n")
+    for name, errors in table_2_3().items():
+        corner, centre, ratio = THESIS[name]
+        print(
+            f"* {name} resolution: {errors.corner_px:.2f} ({corner}), {errors.centre_px:.2f} ({centre}), "
+            f"{errors.ratio:.1%} ({ratio:.1%})"
+        )
+
+
+def print_monte_carlo(trials: int) -> None:
+    """Print the same ratios for continuous positions and other objects."""
+    print(f"\nMonte Carlo, {trials} trials a case (px of the finer image)\n")
+    print("| case | corner | centre | centre / corner | corner, constant part |\n|---|---|---|---|---|")
+    for name, case in CASES.items():
+        result = simulate_sampling(case, trials)
+        print(
+            f"| {name} | {result.corner_px:.2f} | {result.centre_px:.2f} | {result.ratio:.0%} "
+            f"| {result.corner_steady_px:.2f} |"
+        )
+
+
+def print_ellipses(data: Path) -> None:
+    """Print how ellipse centres of the hand-measured edge points agree with table 2.6."""
+    print("\nEllipse centres from hand-measured edge points against table 2.6 (px)\n")
+    edges = read_points(str(data / "hobart_roundabout_edges.csv")).image
+    printed = read_points(str(data / "hobart_image_points.csv")).image
+    assert edges is not None and printed is not None
+    known = {(i, k): xy for i, k, xy in zip(printed.ids, printed.image_ids, printed.xy, strict=True)}
+    keys = list(dict.fromkeys(zip(edges.ids.tolist(), edges.image_ids.tolist(), strict=True)))
+    for method in FITS:
+        away, sigmas = [], []
+        for key in keys:
+            ellipse = fit_ellipse(edges.xy[(edges.ids == key[0]) & (edges.image_ids == key[1])], method)
+            away.append(float(np.hypot(*(ellipse.centre - known[key]))))
+            sigmas.append(ellipse.sigma_px)
+        print(
+            f"* {method} fit, {len(keys)} centres: median {np.median(away):.3f}, 90 % {np.percentile(away, 90):.3f}, "
+            f"largest {max(away):.2f}; sigma of a centre, median {np.median(sigmas):.2f}"
+        )
+
+
+def print_quickbird(data: Path) -> None:
+    """Print the registration of the QuickBird MS and PAN images (experiment 1)."""
+    print("\nQuickBird MS to PAN, standard deviation of position (m); the thesis: centres 1.25, corners 3.72\n")
+    with open(data / "quickbird_ms_pan_tie_points.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    ms = np.array([[float(row["ms_sample"]), float(row["ms_line"])] for row in rows])
+    pan = np.array([[float(row["pan_sample"]), float(row["pan_line"])] for row in rows])
+    kinds = np.array([row["kind"] for row in rows])
+    for model in ("affine", "projective"):
+        result = compare_kinds(ms, pan, kinds, model, unit=QUICKBIRD_PAN_M)
+        alone = ", ".join(f"{kind} {row.distance:.2f}" for kind, row in result.alone.items())
+        together = ", ".join(f"{kind} {row.distance:.2f}" for kind, row in result.together.items())
+        print(f"* {model}: alone {alone} ({result.ratio():.0%}); together {together} ({result.ratio('together'):.0%})")
+
+
+def hobart_deviations(data: Path, kind: str, model: str = "shift") -> np.ndarray:
+    """Return survey - intersection (n, 3) metres east, north, up of all points of a kind, all of them control.
+
+    The intersection uses the refined RPCs and the image points alone; the survey enters only through the refinement.
+    """
+    images = [open_image(str(data / f"hobart_ikonos_{number}_RPC.TXT")) for number in (1, 2, 3)]
+    ground = read_points(str(data / "hobart_ground_points.csv")).ground
+    points = read_points(str(data / "hobart_image_points.csv"), image_ids=[image.id for image in images]).image
+    assert ground is not None and points is not None
+    mine = points.kind == kind
+    measured = ImagePoints(
+        points.ids[mine], points.image_ids[mine], points.xy[mine], points.sigma_px[mine], points.kind[mine],
+        points.quality[mine],
+    )  # fmt: skip
+    known = np.isin(ground.ids, measured.ids)
+    control = GroundPoints(ground.ids[known], ground.ground[known], ground.role[known], ground.sigma_m[known])
+    result = adjust(assemble(images, [control], [measured]), AdjustOptions(model=model))
+    rpcs = [result.model.refined_rpc(image, value).rpc for image, value in zip(images, result.values, strict=True)]
+    block = result.block
+    deviations = []
+    for point in range(len(block.points)):
+        rows = np.flatnonzero(block.measurements.point == point)
+        if len(rows) >= 2:
+            survey = block.points.ground[point]
+            cameras = [rpcs[image] for image in block.measurements.image[rows]]
+            found = intersect(cameras, block.measurements.xy[rows], survey)
+            deviations.append(ground_difference_m(survey[None], found[None])[0])
+    return np.array(deviations)
+
+
+def intersect(rpcs: list[RPC], xy: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return the least-squares intersection (3,) of image points (k, 2) on k images."""
+    ground = start.copy()
+    for _ in range(8):
+        parts = [rpc.project_with_metric_jacobian(ground[None]) for rpc in rpcs]
+        design = np.vstack([jacobian[0] for _, jacobian in parts])
+        miss = np.concatenate([seen - computed[0] for seen, (computed, _) in zip(xy, parts, strict=True)])
+        ground = moved_ground(ground[None], np.linalg.lstsq(design, miss, rcond=None)[0][None])[0]
+    return ground
+
+
+def planimetric_sigma(deviations: np.ndarray) -> float:
+    """Return the 1-sigma of position: root of the summed variances east and north."""
+    return float(np.hypot(*deviations.std(axis=0)[:2]))
+
+
+def print_hobart(data: Path) -> None:
+    """Print the Hobart points as control, checked on themselves by intersection (experiment 2)."""
+    print("\nHobart, all points of a kind as control, checked by intersection: planimetric 1-sigma (m)")
+    print("the thesis: centres 0.55, corners 1.48\n")
+    for model in ("shift", "affine"):
+        centres, corners = (hobart_deviations(data, kind, model) for kind in ("center", "corner"))
+        a, b = planimetric_sigma(centres), planimetric_sigma(corners)
+        print(f"* {model}: {len(centres)} centres {a:.2f}, {len(corners)} corners {b:.2f} ({a / b:.0%})")
+
+
+def print_all(data: Path, trials: int) -> None:
+    """Print every section."""
+    print_table_2_1()
+    print_table_2_2()
+    print_table_2_3()
+    print_monte_carlo(trials)
+    print_ellipses(data)
+    print_quickbird(data)
+    print_hobart(data)
+
+
+def main() -> None:
+    """Print the figures; write them as a page where asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--trials", type=int, default=400)
+    parser.add_argument("--page", type=Path)
+    given = parser.parse_args()
+    text = io.StringIO()
+    with redirect_stdout(text):
+        print_all(given.data, given.trials)
+    print(text.getvalue())
+    if given.page:
+        head = (
+            "# Corners against gravity centres: chapter 2 of the thesis\n\nMade by `benchmarks/chapter2.py --page`.\n"
+        )
+        given.page.write_text(head + text.getvalue() + REMARKS, encoding="utf-8")
+
+
+REMARKS = """
+## What to read from it
+
+Table 2.1: the average of the corners in case 3 is 2.70 (the two entries are 1.58 and 3.81), not 2.25. In case 11
+both the columns and the rows are ambiguous, so nine outcomes are possible and not three: the centres average 2.15,
+not 1.33. The totals become 2.80 and 1.36 px, and the ratio 48.6 % instead of 47.3 %. Entries such as 2.91 and 3.53
+are cut off, not rounded. Table 2.2 is right; its average of the rows is 0.65 without intermediate rounding (0.66
+printed), which makes the ratio 60.3 % instead of 59.6 %.
+
+Monte Carlo: with whole pixels and 1:4 the ratio of table 2.1 is confirmed for its object along the pixels (about 49
+%); most of the corner's error is a constant towards the corner, because a coarse corner pixel's middle lies farther
+inside; a registration absorbs it only where all corners point the same way. In any orientation the centre is much
+better still, because its errors average over the whole outline. At the same resolution the 60 % holds only for the
+chosen half-pixel positions: at any position, an object of a whole number of pixels that lies along the pixels is
+rounded as one piece, and its centre is then no better than its corner. As soon as the object is turned, the
+centre's error is a third or less of the corner's, and smaller the larger the object. With sub-pixel measurement the
+centre is about three times better at the same resolution; between resolutions the strongest corner response moves
+inwards by a constant number of pixels of each image, so that it must not be used uncorrected.
+"""
+
+
+if __name__ == "__main__":
+    main()

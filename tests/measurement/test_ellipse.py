@@ -1,0 +1,89 @@
+"""Ellipse fits against known ellipses, the thesis's hand-measured roundabouts and Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hrsi.hrsi_engine.errors import SolveError
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.measurement.ellipse import FITS, fit_ellipse, fit_ellipse_robust
+
+METHODS = pytest.mark.parametrize("method", FITS)
+
+
+def points_on(count: int, centre=(3205.3, 943.8), axes=(12.0, 7.0), azimuth=0.4, arc=2.0 * np.pi) -> np.ndarray:
+    t = arc * np.arange(count) / count
+    turn = np.array([[np.cos(azimuth), -np.sin(azimuth)], [np.sin(azimuth), np.cos(azimuth)]])
+    return np.column_stack([axes[0] * np.cos(t), axes[1] * np.sin(t)]) @ turn.T + centre
+
+
+@METHODS
+def test_exact_points_give_the_ellipse(method: str):
+    ellipse = fit_ellipse(points_on(12), method)
+    np.testing.assert_allclose(ellipse.centre, (3205.3, 943.8), atol=1e-7)
+    np.testing.assert_allclose(ellipse.semi_axes, (12.0, 7.0), atol=1e-6)
+    assert ellipse.azimuth_rad == pytest.approx(0.4, abs=1e-7)
+    assert ellipse.rmse_px < 1e-7
+    np.testing.assert_allclose(fit_ellipse(ellipse.outline(), method).centre, ellipse.centre, atol=1e-7)
+
+
+@METHODS
+def test_circles_are_ellipses_too(method: str):
+    ellipse = fit_ellipse(points_on(9, axes=(5.0, 5.0)), method)
+    np.testing.assert_allclose(ellipse.centre, (3205.3, 943.8), atol=1e-7)
+    np.testing.assert_allclose(ellipse.semi_axes, 5.0, atol=1e-6)
+
+
+def test_covariance_is_that_of_repeated_measurements():
+    """Standard deviations from residuals, in the mean, agree with the scatter of the centres (400 draws: 5 %)."""
+    rng = np.random.default_rng(1)
+    fits = [fit_ellipse(points_on(24) + rng.normal(0, 0.2, (24, 2))) for _ in range(400)]
+    scatter = np.std([fit.centre for fit in fits], axis=0)
+    stated = np.sqrt(np.mean([np.diag(fit.covariance_px2) for fit in fits], axis=0))
+    print(f"scatter {scatter}, stated {stated}")
+    np.testing.assert_allclose(stated, scatter, rtol=0.15)
+
+
+def test_stray_edges_are_left_out():
+    rng = np.random.default_rng(2)
+    edges = points_on(40) + rng.normal(0, 0.05, (40, 2))
+    edges[::5] += rng.uniform(3.0, 6.0, (8, 2))
+    ellipse = fit_ellipse_robust(edges)
+    assert not ellipse.used[::5].any()
+    assert np.hypot(*(ellipse.centre - (3205.3, 943.8))) < 0.05  # 0.05 px noise on 32 points
+
+
+@METHODS
+@pytest.mark.parametrize(
+    ("edges", "reason"),
+    [
+        (points_on(5), "needs 6"),
+        (np.column_stack([np.arange(8.0), 2.0 * np.arange(8.0)]), "line|ellipse"),
+        (np.ones((8, 2)), "coincide"),
+    ],
+)
+def test_what_is_no_ellipse(method: str, edges: np.ndarray, reason: str):
+    with pytest.raises(SolveError, match=reason):
+        fit_ellipse(edges, method)
+
+
+@pytest.mark.parametrize(("method", "median_px", "most_px"), [("direct", 0.001, 0.05), ("geometric", 0.05, 0.2)])
+def test_hobart_roundabouts(thesis_data, method: str, median_px: float, most_px: float):
+    """Centres agree with table 2.6: the direct fit is the thesis's own, the geometric within sigma (0.2 px)."""
+    edges = read_points(str(thesis_data / "hobart_roundabout_edges.csv")).image
+    printed = read_points(str(thesis_data / "hobart_image_points.csv")).image
+    known = {(i, k): xy for i, k, xy in zip(printed.ids, printed.image_ids, printed.xy, strict=True)}
+    away, sigmas = [], []
+    for key in dict.fromkeys(zip(edges.ids.tolist(), edges.image_ids.tolist(), strict=True)):
+        ellipse = fit_ellipse(edges.xy[(edges.ids == key[0]) & (edges.image_ids == key[1])], method)
+        away.append(float(np.hypot(*(ellipse.centre - known[key]))))
+        sigmas.append(ellipse.sigma_px)
+    print(
+        f"{method}: {len(away)} centres, median {np.median(away):.3f} px, 90 % {np.percentile(away, 90):.3f} px, "
+        f"sigma {np.median(sigmas):.2f} px"
+    )
+    assert len(away) == 51
+    assert np.median(away) <= median_px
+    assert np.percentile(away, 90) <= most_px
+    assert 0.12 < np.median(sigmas) < 0.25  # Fraser and Hanley (2005) state 0.2 px
