@@ -86,8 +86,13 @@ def test_image_rows_are_off_while_there_are_ground_rows(block: Path) -> None:
     assert not shown["Image measurement"]
 
 
-@pytest.mark.parametrize(("name", "renderer"), [("images", "singleSymbol"), ("ground_points", "RuleRenderer")])
-def test_names_are_drawn(block: Path, name: str, renderer: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "renderer", "names"),
+    [("images", "singleSymbol", 1), ("ground_points", "RuleRenderer", 0)],
+)
+def test_names_are_drawn_once(block: Path, name: str, renderer: str, names: int) -> None:
+    """Residuals and points lie on one another in the map: the residuals carry the names."""
     layer = loaded(block, name)
     assert layer.renderer().type() == renderer
-    assert picture(layer)[1] == 1
+    assert picture(layer)[1] == names
+    assert loaded(block, "residuals_wgs84").labelsEnabled()
