@@ -1,17 +1,19 @@
-"""Reports for people other than a block's: one HTML file without any script, made from a template."""
+"""Reports as files: values made ready for JSON, and pages for people, one HTML file without any script."""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
+from enum import Enum
 from functools import cache
 from typing import Any
 
 import jinja2
+import numpy as np
 
 from ..errors import OutputError
 from .replacing import replacing
-from .report import figure, json_ready
 
 
 def write_page(path: str, template: str, report: Mapping[str, Any], **drawings: Any) -> None:
@@ -19,12 +21,33 @@ def write_page(path: str, template: str, report: Mapping[str, Any], **drawings: 
 
     Raises `OutputError` where the file cannot be written.
     """
-    text = _environment().get_template(template).render(report=json_ready(report), **drawings)
+    write_text(path, _environment().get_template(template).render(report=json_ready(report), **drawings))
+
+
+def write_text(path: str, text: str) -> None:
+    """Write a text file in one step; raise `OutputError` where it cannot be written."""
     try:
         with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
             file.write(text)
     except UnicodeEncodeError as error:
         raise OutputError(f"{path}: cannot be written as UTF-8 ({error}): rename the file or point") from None
+
+
+def json_ready(value: Any) -> Any:
+    """Return a value made of dicts, lists, texts, numbers, bools and None only."""
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return json_ready(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [json_ready(item) for item in value]
+    if isinstance(value, Enum):
+        return json_ready(value.value)
+    if isinstance(value, np.generic):
+        return json_ready(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (str, int, bool)) else str(value)
 
 
 @cache
@@ -36,3 +59,19 @@ def _environment() -> jinja2.Environment:
     )  # fmt: skip
     environment.filters["figure"] = figure
     return environment
+
+
+def figure(value: Any, digits: int = 3, unit: str = "") -> str:
+    """Return a number with fixed digits; a dash where there is none.
+
+    Where three digits or more are asked for, very small numbers get an exponent, so that they do not read as 0.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return "–" if value is None or isinstance(value, jinja2.Undefined) else str(value)
+    if isinstance(value, int):
+        text = f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+    elif digits >= 3 and value != 0.0 and not 10.0 ** (1 - digits) <= abs(value) < 1e7:
+        text = f"{value:.2e}"
+    else:
+        text = f"{value:.{digits}f}"
+    return f"{text}\N{NO-BREAK SPACE}{unit}" if unit else text

@@ -14,7 +14,8 @@ import pytest
 from hrsi.hrsi_engine.block import Role
 from hrsi.hrsi_engine.errors import OutputError
 from hrsi.hrsi_engine.io.block_map import block_map_svg
-from hrsi.hrsi_engine.io.report import BlockMap, figure, json_ready, write_report_html, write_report_json
+from hrsi.hrsi_engine.io.pages import figure, json_ready
+from hrsi.hrsi_engine.io.report import BlockMap, write_report_html, write_report_json
 
 EVIL = '<script>alert("1")</script>&'
 
