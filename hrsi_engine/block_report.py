@@ -13,14 +13,16 @@ from .adjustment.precision import predicted_accuracy
 from .adjustment.result import DatumPart
 from .block import Role
 from .refinement import RefinedRPC
-from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, radial_rmse, rmse
+from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, by_image, radial_rmse, rmse
 
 OUTLIER_SIGMAS = 4.0  # a residual beyond this many of its sigmas is listed
 MOST_OUTLIERS = 200
+NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
     """Return the report's entries about the adjustment; paths, times and settings are the caller's."""
+    rows = dict(by_image(result.block, np.ones(len(result.block.measurements), dtype=bool)))
     return {
         "model": result.model.name,
         "converged": result.converged,
@@ -32,7 +34,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
         "unknowns": result.unknowns,
         "redundancy": round(result.redundancy, 3),
         "images": {
-            image.id: _image_entry(result, left, index, refined[index])
+            image.id: _image_entry(result, left, index, rows.get(index, NO_ROWS), refined[index])
             for index, image in enumerate(result.block.images)
         },
         **control_and_check(result, left),
@@ -96,11 +98,12 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     return {"control": _known_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
 
 
-def _image_entry(result: Adjustment, left: Residuals, index: int, refined: RefinedRPC) -> dict[str, Any]:
-    here = result.block.measurements.image == index
+def _image_entry(
+    result: Adjustment, left: Residuals, index: int, here: np.ndarray, refined: RefinedRPC
+) -> dict[str, Any]:
     values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
     return {
-        "observations": int((here & np.isfinite(result.residual_px).all(axis=1)).sum()),
+        "observations": int(np.isfinite(result.residual_px[here]).all(axis=1).sum()),
         "before_rmse_sample_px": rmse(left.before_px[here, 0]),
         "before_rmse_line_px": rmse(left.before_px[here, 1]),
         "rmse_sample_px": rmse(left.at_known_px[here, 0]),

@@ -7,6 +7,7 @@ point on that image's ray at the known height, and the height residual does not 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from .adjustment import Adjustment
 from .adjustment.intersection import image_residuals, intersect
 from .adjustment.observations import subset
-from .block import Role
+from .block import Block, Role
 from .geodesy import ground_difference_m, moved_ground
 from .refinement import MODELS
 
@@ -40,23 +41,30 @@ class Residuals:
 
 def residuals(result: Adjustment) -> Residuals:
     """Return all residuals of an adjustment."""
-    block = result.block
     zero = np.zeros_like(result.values)
-    at_known = _image_residuals(result, block.points.ground, result.values)
-    before = _image_residuals(result, block.points.ground, zero)
-    unknown = ~block.known[block.measurements.point]
-    at_known[unknown] = before[unknown] = np.nan
+    at_known, before = _known_residuals(result, result.values), _known_residuals(result, zero)
     return Residuals(_ground_residuals(result), at_known, before, _tie_residuals_before(result))
 
 
-def _image_residuals(result: Adjustment, ground: np.ndarray, values: np.ndarray) -> np.ndarray:
-    rows = result.block.measurements
+def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield each image's index and its measurements among the ``chosen`` (mask), images without any left out."""
+    rows = np.flatnonzero(chosen)
+    image = block.measurements.image[rows]
+    order = np.argsort(image, kind="stable")
+    bounds = np.searchsorted(image[order], np.arange(len(block.images) + 1))
+    for index in range(len(block.images)):
+        if bounds[index] < bounds[index + 1]:
+            yield index, rows[order[bounds[index] : bounds[index + 1]]]
+
+
+def _known_residuals(result: Adjustment, values: np.ndarray) -> np.ndarray:
+    """Return observed - projected of the known points' surveyed positions, NaN for all others."""
+    block, rows = result.block, result.block.measurements
     residual = np.full((len(rows), 2), np.nan)
-    for index, image in enumerate(result.block.images):
-        here = np.flatnonzero((rows.image == index) & np.isfinite(ground[rows.point]).all(axis=1))
-        if len(here):
-            computed = result.model.project(image, values[index], ground[rows.point[here]])
-            residual[here] = rows.xy[here] - computed
+    usable = block.known & np.isfinite(block.points.ground).all(axis=1)
+    for index, here in by_image(block, usable[rows.point]):
+        ground = block.points.ground[rows.point[here]]
+        residual[here] = rows.xy[here] - result.model.project(block.images[index], values[index], ground)
     return residual
 
 
@@ -79,15 +87,13 @@ def _on_single_rays(result: Adjustment, single: np.ndarray) -> np.ndarray:
     """
     block, rows = result.block, result.block.measurements
     computed = np.full((len(block.points), 3), np.nan)
-    for index, image in enumerate(block.images):
-        here = np.flatnonzero((rows.image == index) & single[rows.point])
-        if len(here):
-            ground = block.points.ground[rows.point[here]]
-            at = result.model.equations(image, rows.xy[here])(result.values[index], ground)
-            step = np.zeros_like(ground)
-            miss = rows.xy[here] - at.computed
-            step[:, :2] = np.linalg.solve(at.by_ground[:, :, :2], miss[:, :, None])[:, :, 0]
-            computed[rows.point[here]] = moved_ground(ground, step)
+    for index, here in by_image(block, single[rows.point]):
+        ground = block.points.ground[rows.point[here]]
+        at = result.model.equations(block.images[index], rows.xy[here])(result.values[index], ground)
+        step = np.zeros_like(ground)
+        miss = rows.xy[here] - at.computed
+        step[:, :2] = np.linalg.solve(at.by_ground[:, :, :2], miss[:, :, None])[:, :, 0]
+        computed[rows.point[here]] = moved_ground(ground, step)
     return computed
 
 

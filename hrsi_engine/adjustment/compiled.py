@@ -23,7 +23,7 @@ WORTH_COMPILING = 20_000  # image points
 
 def equations_of(observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0) -> Equations:
     """Return the equations of a block."""
-    if isinstance(model, ImagePolynomial) and len(model.powers) and _wanted(observations.count):
+    if isinstance(model, ImagePolynomial) and _wanted(observations.count):
         from .compiled_equations import CompiledEquations
 
         return CompiledEquations(observations, model, pattern, threads)

@@ -31,7 +31,9 @@ class CompiledEquations:
         self._constants = np.stack([_constants(image) for image in observations.images])
         self._powers = np.ascontiguousarray(model.powers, dtype=np.int64)
         count = len(model.powers)
-        self._mixing = np.ascontiguousarray(model.mixing.reshape(2 * count, -1))  # coefficients by parameters
+        self._mixing = np.ascontiguousarray(
+            model.mixing.reshape(2 * count, len(model.parameters))
+        )  # coefficients by parameters
 
     # ---- what the solver asks --------------------------------------------------------------------------------------
 
@@ -71,7 +73,7 @@ class CompiledEquations:
     def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
         """See `Equations`."""
         out = np.empty_like(state.ground)
-        by_coefficient = np.ascontiguousarray((step @ self._mixing.T).reshape(len(step), 2, -1))
+        by_coefficient = np.ascontiguousarray((step @ self._mixing.T).reshape(len(step), 2, len(self._powers)))
         self._run(
             kernels.substitute, *self._inputs(state, weight), self.observations.camera_of_image, state.ground,
             self._empty_priors(), normals.inverse, normals.point_right, by_coefficient, out,
@@ -113,10 +115,15 @@ class CompiledEquations:
     def _inputs(self, state: State, weight: np.ndarray) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Return the arguments that all kernels share."""
         observations = self.observations
-        coefficients = (state.values @ self._mixing.T).reshape(len(state.values), 2, -1)[observations.camera_of_image]
+        by_camera = (state.values @ self._mixing.T).reshape(len(state.values), 2, len(self._powers))
         return (
             (observations.first, observations.image, observations.xy, weight),
-            (self._cubics, self._constants, np.ascontiguousarray(coefficients), self._powers),
+            (
+                self._cubics,
+                self._constants,
+                np.ascontiguousarray(by_camera[observations.camera_of_image]),
+                self._powers,
+            ),
         )
 
     def _empty_priors(self) -> tuple[np.ndarray, np.ndarray]:
