@@ -7,6 +7,7 @@ Cholesky factors of neighbourhoods of cameras, and knows no precision.
 
 from __future__ import annotations
 
+from inspect import signature
 from typing import Protocol
 
 import numpy as np
@@ -17,9 +18,10 @@ from ..errors import SolveError
 from .nested_dissection import SparseFactor
 from .pattern import Pattern
 
-ITERATIVE_LIMIT = 40_000  # cameras; the factors of an affine block that large take some 16 GB
+ITERATIVE_LIMIT = 300_000  # cameras; the factors of an affine block that large take some 12 GB
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
-CG_ITERATIONS = 5_000
+CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
+CG_ITERATIONS = 20_000
 NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
 
@@ -84,12 +86,6 @@ class Factored(_Scaled):
         inverse *= self.scale[self.pattern.columns][:, None, :]
         return inverse
 
-    def columns(self, right: np.ndarray) -> np.ndarray:
-        """Return the solutions ``(cameras, p, k)`` of k right-hand sides."""
-        shape = right.shape
-        scale = self.scale[:, :, None]
-        return scale * self._factor.solve((scale * right).reshape(-1, shape[2])).reshape(shape)
-
 
 class Iterative(_Scaled):
     """Preconditioned conjugate gradients."""
@@ -114,7 +110,7 @@ class Iterative(_Scaled):
         """See `CameraSystem`; raises `SolveError` where the iteration does not converge."""
         b = (self.scale * right).ravel()
         preconditioner = LinearOperator(self._matrix.shape, matvec=self._precondition)
-        x, failed = cg(self._matrix, b, rtol=CG_TOLERANCE, maxiter=CG_ITERATIONS, M=preconditioner)
+        x, failed = cg(self._matrix, b, maxiter=CG_ITERATIONS, M=preconditioner, **{CG_RELATIVE: CG_TOLERANCE})
         if failed:
             raise SolveError(
                 f"the camera system did not converge in {CG_ITERATIONS} iterations: add GCPs or tie points"
