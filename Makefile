@@ -4,6 +4,7 @@ SHELL := /bin/bash
 BIN := .venv/bin
 BUILD := build
 HOBART := examples/hobart
+IMAGES := $(BUILD)/demo-images
 # QGIS without a desktop; its runtime directory must be private.
 QGIS_ENV := QT_QPA_PLATFORM=offscreen XDG_RUNTIME_DIR=$${XDG_RUNTIME_DIR:-$(CURDIR)/$(BUILD)/runtime} PATH=$(CURDIR)/$(BIN):$$PATH
 PYTEST := $(BIN)/python -m pytest
@@ -18,32 +19,62 @@ set-up:  ## install what the command line needs
 set-up-test:  ## install what the tests need, QGIS included
 	@scripts/set_up.sh test
 
-.PHONY: demo
-demo: set-up  ## triangulate the Hobart block and print its check points
+.PHONY: demo demo-hobart demo-images
+demo: demo-hobart demo-images  ## the two tutorials: Hobart with measured points, and simulated images up to orthoimages
+demo-hobart: set-up
 	$(BIN)/hrsi triangulate $(foreach n,1 2 3,$(HOBART)/hobart_ikonos_$(n)_RPC.TXT) \
 	  --gcps $(HOBART)/hobart_ground_points.csv --image-points $(HOBART)/hobart_image_points.csv --height-datum ellipsoidal --tie-points none \
 	  --gcp-ids H003,H022,H024,H035,H048,H058,H077,H098,H103,H105 --model shift \
 	  --output-dir $(BUILD)/demo --overwrite
+demo-images: set-up
+	$(BIN)/hrsi simulate --images 3 --along=-12,0,12 --size 1200 --gcps 6 --checks 20 --ties 0 --relief 60 \
+	  --output-dir $(IMAGES)/block --overwrite
+	$(BIN)/hrsi triangulate $(foreach n,1 2 3,$(IMAGES)/block/image_$(n).tif) \
+	  --gcps $(IMAGES)/block/ground_points.csv --image-points $(IMAGES)/block/image_points.csv \
+	  --dem $(IMAGES)/block/dem.tif --height-datum ellipsoidal --output-dir $(IMAGES)/triangulated --overwrite
+	$(BIN)/hrsi orthorectify $(foreach n,1 2 3,$(IMAGES)/block/image_$(n).tif) --dem $(IMAGES)/block/dem.tif \
+	  --output-dir $(IMAGES)/ortho-before --overwrite
+	$(BIN)/hrsi orthorectify $(foreach n,1 2 3,$(IMAGES)/triangulated/image_$(n).tif) --dem $(IMAGES)/block/dem.tif \
+	  --output-dir $(IMAGES)/ortho --overwrite
+	$(BIN)/hrsi ortho-check $(foreach n,1 2 3,$(IMAGES)/ortho/image_$(n)_ortho.tif) --before $(IMAGES)/ortho-before \
+	  --output-dir $(IMAGES)/check --overwrite
 
 .PHONY: lint
-lint: set-up-test  ## ruff, and mypy on the engine
-	@echo "lint: ruff and mypy"
+lint: set-up-test  ## ruff, mypy on the engine, and the plugin's readiness for Qt 6
+	@echo "lint: ruff, mypy, flake8-qgis, enumerations"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check . || { echo "make format mends this"; exit 1; }
 	@$(BIN)/mypy hrsi_engine
+	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
+	@$(BIN)/python scripts/check_qt6.py plugin
 
 .PHONY: format
 format: set-up-test  ## bring the code into ruff's format
 	@$(BIN)/ruff check --fix --quiet .; $(BIN)/ruff format .
 
 .PHONY: test
-test: set-up-test lint  ## lint, then the whole test suite, QGIS included (two runs of pytest)
+test: set-up-test lint  ## lint, then the whole test suite, QGIS included (two runs of pytest, the second on all cores)
 	@install -d -m 700 $(BUILD)/runtime
 	@echo "test: inside QGIS, then all the others; they end with a summary each"
 	@status=0; \
 	$(QGIS_ENV) $(PYTEST) tests/qgis || status=$$?; \
-	$(PYTEST) -p no:pytest_qgis --ignore=tests/qgis tests || status=$$?; \
+	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis tests || status=$$?; \
 	exit $$status
+
+.PHONY: docs plugin wheel
+docs: set-up-test  ## the documentation site, in build/docs; warnings are errors
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -d $(BUILD)/doctrees docs $(BUILD)/docs
+	@echo "docs: $(BUILD)/docs/index.html"
+plugin: set-up  ## the zip that QGIS installs, in dist; PUBLISHER="--email … --repository … --tracker …" to publish it
+	$(BIN)/python scripts/make_plugin.py $(PUBLISHER)
+wheel: set-up  ## the Python package, in dist
+	@rm -rf $(BUILD)/lib $(BUILD)/bdist.*  # what an older version left would get into the wheel
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	@ls dist/*.whl
+
+.PHONY: screenshots
+screenshots: set-up-test  ## the pictures of docs/pictures, made in QGIS on a virtual screen
+	$(BIN)/python docs/make_screenshots.py
 
 .PHONY: fuzz
 fuzz: set-up-test  ## the property-based tests with many more examples; takes long

@@ -1,4 +1,4 @@
-"""Accuracy figures: `accuracy.py thesis [--docs]`, `accuracy.py blocks [NAME …]`."""
+"""Accuracy figures: `accuracy.py thesis [--docs]`, `accuracy.py blocks [NAME …] [--docs]`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 
-SUBJECTS = {"thesis": "hrsi.benchmarks.thesis_tables", "blocks": "hrsi.benchmarks.real_blocks"}
+SUBJECTS = {"thesis": "hrsi.benchmarks.thesis_tables", "blocks": "hrsi.benchmarks.block_tables"}
 
 
 def main(words: list[str]) -> int:

@@ -97,23 +97,28 @@ def print_monte_carlo(trials: int) -> None:
         )
 
 
-def print_ellipses(data: Path) -> None:
-    """Print how ellipse centres of the hand-measured edge points agree with table 2.6."""
-    print("\nEllipse centres from hand-measured edge points against table 2.6 (px)\n")
+def ellipse_agreement(data: Path, method: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far ellipse centres of hand-measured edge points are from table 2.6, and their sigmas, px."""
     edges = read_points(str(data / "hobart_roundabout_edges.csv")).image
     printed = read_points(str(data / "hobart_image_points.csv")).image
     assert edges is not None and printed is not None
     known = {(i, k): xy for i, k, xy in zip(printed.ids, printed.image_ids, printed.xy, strict=True)}
-    keys = list(dict.fromkeys(zip(edges.ids.tolist(), edges.image_ids.tolist(), strict=True)))
+    away, sigmas = [], []
+    for key in dict.fromkeys(zip(edges.ids.tolist(), edges.image_ids.tolist(), strict=True)):
+        ellipse = fit_ellipse(edges.xy[(edges.ids == key[0]) & (edges.image_ids == key[1])], method)
+        away.append(np.hypot(*(ellipse.centre - known[key])))
+        sigmas.append(ellipse.sigma_px)
+    return np.array(away), np.array(sigmas)
+
+
+def print_ellipses(data: Path) -> None:
+    """Print how ellipse centres of the hand-measured edge points agree with table 2.6."""
+    print("\nEllipse centres from hand-measured edge points against table 2.6 (px)\n")
     for method in FITS:
-        away, sigmas = [], []
-        for key in keys:
-            ellipse = fit_ellipse(edges.xy[(edges.ids == key[0]) & (edges.image_ids == key[1])], method)
-            away.append(float(np.hypot(*(ellipse.centre - known[key]))))
-            sigmas.append(ellipse.sigma_px)
+        away, sigmas = ellipse_agreement(data, method)
         print(
-            f"* {method} fit, {len(keys)} centres: median {np.median(away):.3f}, 90 % {np.percentile(away, 90):.3f}, "
-            f"largest {max(away):.2f}; sigma of a centre, median {np.median(sigmas):.2f}"
+            f"* {method} fit, {len(away)} centres: median {np.median(away):.3f}, 90 % {np.percentile(away, 90):.3f}, "
+            f"largest {away.max():.2f}; sigma of a centre, median {np.median(sigmas):.2f}"
         )
 
 

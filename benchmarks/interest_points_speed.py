@@ -1,6 +1,6 @@
 """Seconds per megapixel and peak memory of the interest point detectors, next to OpenCV's on the same images.
 
-    python benchmarks/interest_points_speed.py [--data DIR] [--large 8192]
+    python benchmarks/interest_points_speed.py [--data DIR] [--large 8192] [--page docs/interest_points_speed.md]
 
 Every detector runs in a process of its own on the same pixels, one thread; peak memory is the process's maximum
 resident set beyond what it was before. OpenCV's functions get the whole image at once (8 bit, 1-99 % stretch).
@@ -23,7 +23,7 @@ import numpy as np
 
 from hrsi.hrsi_engine.io.rasters import GdalRaster
 from hrsi.hrsi_engine.measurement.features import stretch_to_byte
-from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, detect_interest_points
+from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY, detect_interest_points
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 IMAGES = (
@@ -71,6 +71,8 @@ def measure(path: str, name: str, side: int) -> dict:
     if name in DETECTORS:
         points = detect_interest_points(raster, name)
         xy, kinds = points.xy, dict(Counter(points.kind.tolist()))
+        if points.is_centre.any():
+            kinds["of them strong"] = int(np.sum(points.quality >= STRONG_QUALITY))
     else:
         xy, kinds = run_opencv(raster, name)  # type: ignore[arg-type]
     seconds = time.perf_counter() - start
@@ -90,6 +92,16 @@ def in_own_process(path: Path, name: str, side: int = 0) -> dict:
     return dict(json.loads(done.stdout))
 
 
+def page_row(image: str, name: str, row: dict) -> str:
+    """Return one line of a Markdown table."""
+    kinds = ", ".join(f"{count} {kind}" for kind, count in row["kinds"].items())
+    rates = [row[key] / row["megapixels"] for key in ("seconds", "cpu")]
+    return (
+        f"| {image} | {name} | {row['points']} | {kinds} | {row['quarters']} | {rates[0]:.2f} | {rates[1]:.2f} | "
+        f"{row['mib']:.0f} |"
+    )
+
+
 def print_row(image: str, name: str, row: dict) -> None:
     """Print one line."""
     rate, cpu = row["seconds"] / row["megapixels"], row["cpu"] / row["megapixels"]
@@ -105,17 +117,35 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--large", type=int, default=0)
+    parser.add_argument("--page", type=Path, help="write the table as Markdown")
     parser.add_argument("--one", nargs=3, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         print(json.dumps(measure(given.one[0], given.one[1], int(given.one[2]))))
         return
-    for image in IMAGES:
-        for name in (*DETECTORS, "goodFeaturesToTrack", "SIFT"):
-            print_row(Path(image).stem, name, in_own_process(given.data / image, name))
+    runs = [(Path(image).stem, image, 0, (*DETECTORS, "goodFeaturesToTrack", "SIFT")) for image in IMAGES]
     for side in (given.large // 2, given.large) if given.large else ():
-        for name in DETECTORS:
-            print_row(f"{side} x {side}", name, in_own_process(given.data / IMAGES[0], name, side))
+        runs.append((f"{side} x {side}", IMAGES[0], side, tuple(DETECTORS)))
+    lines = []
+    for title, image, side, names in runs:
+        for name in names:
+            row = in_own_process(given.data / image, name, side)
+            print_row(title, name, row)
+            lines.append(page_row(title, name, row))
+    if given.page:
+        given.page.write_text("\n".join([PAGE_HEAD, *lines, ""]), encoding="utf-8")
+
+
+PAGE_HEAD = """# Interest points on real images: counts, time and memory
+
+Made by `benchmarks/interest_points_speed.py --page`; one thread, each detector in a process of its own. Quarters are
+the points in the upper left, upper right, lower left and lower right of the image. Centres are all of quality 0.5 and
+better; the strong ones are those that `interest-points` returns by itself. CPU seconds are what to compare: the others
+depend on what else the machine does. Of the time for centres, a quarter to a third is spent on the extremal regions, a
+quarter on outlines and a third on shapes. The rows named by a size alone are the first image repeated to that size.
+
+| image | detector | points | kinds | quarters | s/Mpx | CPU s/Mpx | MiB |
+|---|---|---|---|---|---|---|---|"""
 
 
 if __name__ == "__main__":

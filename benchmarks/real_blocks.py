@@ -1,40 +1,26 @@
-"""Accuracy of the block adjustment on real and published blocks: `accuracy.py blocks`.
+"""Real and published blocks: functions that return a `hrsi_engine` Block, and what is measured on them.
 
-Every block is a small function that returns a `hrsi_engine` Block; every table prints ours beside the figures of the
-thesis or of other programs. The data lie in HRSI_TEST_DATA (see CONTRIBUTING.md); a block whose data are not there is
-passed over.
+`block_tables` prints the figures. The data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
 """
 
 from __future__ import annotations
 
 import itertools
 import os
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
+from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.adjustment.precision import predicted_accuracy
 from hrsi.hrsi_engine.block import Block, Defaults, GroundPoints, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.errors import HrsiError
 from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
 TEN = tuple(["H003", "H022", "H024", "H035", "H048", "H058", "H077", "H098", "H103", "H105"])
-#: RMSE of check points in m, table 5.4 of the thesis (Hobart; its 1 to 10 GCPs are not named): shift, affine.
-TABLE_5_4 = {
-    1: ((0.564, 0.643, 0.943), (0.564, 0.643, 0.943)), 2: ((0.570, 0.668, 0.928), (0.573, 0.658, 1.152)),
-    3: ((0.761, 0.556, 0.938), (0.837, 0.628, 1.002)), 4: ((0.601, 0.510, 0.934), (0.908, 0.512, 1.052)),
-    5: ((0.558, 0.510, 0.958), (0.896, 0.511, 0.958)), 6: ((0.551, 0.501, 0.936), (0.861, 0.514, 0.984)),
-    7: ((0.562, 0.500, 0.929), (0.591, 0.512, 0.963)), 8: ((0.558, 0.502, 0.940), (0.599, 0.512, 1.016)),
-    9: ((0.564, 0.504, 0.951), (0.584, 0.500, 0.989)), 10: ((0.566, 0.507, 0.943), (0.588, 0.503, 0.994)),
-}  # fmt: skip
 ZY3_CONTROL = ("1", "2", "11", "21", "26", "31", "41")
 
 
@@ -76,15 +62,14 @@ def quickbird() -> Block:
 
 
 def spot7() -> Block:
-    """Return the SPOT 7 pair with 115 109 tie points of MicMac, whose pixels count from a corner."""
+    """Return the SPOT 7 pair with 115 109 tie points of MicMac."""
     folder = DATA / "real" / "spot7_tiepoints"
     images = [open_image(str(folder / f"RPC_1{k}.xml")) for k in "AB"]
-    measured = []
-    for image, k in zip(images, "AB", strict=True):
-        rows = np.loadtxt(folder / f"PMUL-SPOT_1{k}.tif.csv", delimiter=",", skiprows=1)
-        measured.append(
-            ImagePoints.create(rows[:, 2].astype(int).astype(str), [image.id] * len(rows), rows[:, :2] - 0.5)
-        )
+    ids = [image.id for image in images]
+    measured = [
+        read_points(f"{folder / f'PMUL-SPOT_1{k}.tif.csv'}|image={image.id}", image_ids=ids).image
+        for image, k in zip(images, "AB", strict=True)
+    ]
     return assemble(images, [], measured)
 
 
@@ -179,97 +164,6 @@ def tie_rmse(result: Adjustment, rays: int | None = None) -> float:
     return float(np.sqrt(np.mean(np.sum(result.residual_px[rows] ** 2, axis=1))))
 
 
-def metres(values: Sequence[float]) -> str:
-    """Return three numbers for a table."""
-    return " ".join(f"{value:6.3f}" for value in values)
-
-
-def print_hobart() -> None:
-    """Print Hobart with 10 GCPs by kind, the variance components, and table 5.4."""
-    print("\nHobart, IKONOS triplet, 10 named GCPs: RMSE east north height (m), 31 centres | 30 corners")
-    print("  target on centres 0.43 0.31 1.12")
-    for text, defaults, options in (
-        ("check points intersected only", None, AdjustOptions()),
-        ("the same, GCPs of 5 cm", Defaults(0.5, 0.05, 0.05), AdjustOptions()),
-        ("check points as ties", None, AdjustOptions(check_as_ties=True)),
-        (
-            "check points as ties, variance components",
-            None,
-            AdjustOptions(check_as_ties=True, variance_components=True),
-        ),
-    ):
-        result = adjust(hobart(defaults=defaults), options)
-        print(f"  {text:45s} {metres(check_rmse(result, 'center'))} | {metres(check_rmse(result, 'corner'))}")
-    for text, block in (("as ties", hobart()), ("all 71 points as control", hobart(()))):
-        result = adjust(block, AdjustOptions(check_as_ties=True, variance_components=True))
-        sigma = {part.group: part.sigma for part in result.variance_components}
-        centre, corner = sigma["image points: center"], sigma["image points: corner"]
-        print(
-            f"  variance components, {text}: centres {centre:.3f} px, corners {corner:.3f} px, "
-            f"ratio {corner / centre:.2f}"
-        )
-    print("\nHobart, table 5.4 and figure 5.5: check RMSE X Y Z (m) with 1 to 10 GCPs, printed (unnamed GCPs) | ours")
-    print(
-        "  GCPs   shift printed        | shift               | generic-shift       "
-        "| affine printed       | affine              | generic-affine"
-    )
-    for count, (shift, affine) in TABLE_5_4.items():
-        row = [metres(shift), *(_hobart_cell(count, name) for name in ("shift", "generic-shift"))]
-        row += [metres(affine), *(_hobart_cell(count, name) for name in ("affine", "generic-affine"))]
-        print(f"  {count:4d}   " + " | ".join(row))
-
-
-def _hobart_cell(count: int, model: str) -> str:
-    try:
-        # the check points' measurements tie image 2, which not every GCP is on
-        options = AdjustOptions(model=model, check_as_ties=True)
-        return metres(check_rmse(adjust(hobart(TEN[:count]), options)))
-    except HrsiError:  # too few GCPs for this model
-        return f"{'-':>20s}"
-
-
-def print_zy3() -> None:
-    """Print ZY-3, clean and with one GCP moved by 40 px."""
-    print("\nZY-3, 7 control / 35 check: RMSE east north height (m); target 3.20 4.30 3.71")
-    print("  Orthority: shift 3.20 4.30 3.71, shift-drift 3.35 3.96 3.81; 10.1 m with one GCP moved by 40 px")
-    for options in (
-        AdjustOptions(),
-        AdjustOptions(check_as_ties=True),
-        AdjustOptions(model="shift-drift"),
-        AdjustOptions(model="affine"),
-    ):
-        print(
-            f"  {options.model:12s} {'as ties' if options.check_as_ties else '':8s} "
-            f"{metres(check_rmse(adjust(zy3(), options)))}"
-        )
-    clean = check_rmse(adjust(zy3(), AdjustOptions(reject_sigma=4.0)))
-    for text, block in (
-        ("ground", moved_gcp(zy3(), "21")),
-        ("forward image", mismeasured(zy3(), "21", (0,))),
-        ("both images", mismeasured(zy3(), "21", (0, 1))),
-    ):
-        result = adjust(block, AdjustOptions(reject_sigma=4.0))
-        found = "; ".join(finding.message for finding in result.findings)
-        change = 100.0 * (check_rmse(result) / clean - 1.0)
-        plain = check_rmse(adjust(block, AdjustOptions()))
-        print(
-            f"  GCP 21 moved by 40 px, {text}: {metres(check_rmse(result))} "
-            f"(change in % {metres(change)}; untested {metres(plain)})\n    {found}"
-        )
-
-    worst, missed, named = np.zeros(3), np.zeros(3), 0
-    clean_ids = [i for i in zy3().points.ids if i not in ZY3_CONTROL]
-    for name in ZY3_CONTROL:
-        result = adjust(mismeasured(zy3(), name, (0,)), AdjustOptions(reject_sigma=4.0))
-        named += [finding.id for finding in result.findings] == [name]
-        worst = np.maximum(worst, 100.0 * (check_rmse(result) / clean - 1.0))
-        without = adjust(zy3([other for other in ZY3_CONTROL if other != name]), AdjustOptions())
-        of_35 = np.isin(without.block.points.ids, clean_ids)
-        missed = np.maximum(missed, 100.0 * (check_rmse(without, of=of_35) / clean - 1.0))
-    print(f"  each GCP in turn, forward image: {named} of 7 named, alone; at most {metres(worst)} % worse")
-    print(f"  the same GCP simply not there:   at most {metres(missed)} % worse (what 6 GCPs give)")
-
-
 def moved_gcp(block: Block, name: str, metres_east: float = 40 * 3.4) -> Block:
     """Return the block with a GCP's ground position moved east."""
     ground = block.points.ground.copy()
@@ -286,93 +180,13 @@ def mismeasured(block: Block, name: str, images: Sequence[int], shift_px: float 
     return replace(block, measurements=replace(rows, xy=xy))
 
 
-def print_quickbird() -> None:
-    """Print the QuickBird-2 image, each GCP left out in turn."""
-    print("\nQuickBird-2, 5 GCPs: leave-one-out 2-D RMSE (px)")
-    for model in ("shift", "affine"):
-        result = adjust(quickbird(), AdjustOptions(model=model, cross_validate=True))
-        error = result.cross_validation.error_m
-        print(
-            f"  {model:8s} {np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))) / 6.5:.3f} px "
-            f"({metres(np.sqrt(np.mean(error[:, :2] ** 2, axis=0)))} m)"
-        )
+def unmeasured(block: Block, name: str, image: int) -> Block:
+    """Return the block without a point's measurement on one image."""
+    rows = block.measurements
+    return block.with_measurements((rows.point != np.flatnonzero(block.points.ids == name)[0]) | (rows.image != image))
 
 
-def print_ties() -> None:
-    """Print the blocks that have tie points only."""
-    print(
-        "\nTie points only: RMSE per observation (px), vendor's RPC -> all measurements | without those beyond 4 sigma"
-    )
-    print("  s2p triplet: sat-bundleadjust and CARS reach 0.154 px in 225 and 203 s (whole chain)")
-    for text, make, rays in (
-        ("s2p triplet, 3 views", triplet, 3),
-        ("s2p triplet, all", triplet, None),
-        ("SPOT 7", spot7, None),
-    ):
-        began = time.perf_counter()
-        block = make()
-        found = time.perf_counter() - began
-        vendor = adjust(block, AdjustOptions(model="none"))
-        for model in ("shift", "affine"):
-            began = time.perf_counter()
-            result = adjust(block, AdjustOptions(model=model, reject_sigma=4.0))
-            seconds = time.perf_counter() - began
-            everything = adjust(block, AdjustOptions(model=model))
-            print(
-                f"  {text:21s} {model:7s} {tie_rmse(vendor, rays):.3f} -> {tie_rmse(everything, rays):.3f} | "
-                f"{tie_rmse(result, rays):.3f}, {int((result.verdict > 0).sum())} of {len(block.measurements)} out; "
-                f"tracks {found:.1f} s, adjustment {seconds:.1f} s"
-            )
-
-
-def print_simulated() -> None:
-    """Print simulated blocks like those of the thesis: observed and predicted errors, mean sigmas (tables 5.2, 5.3)."""
-    print(
-        "\nMean formal sigma X Y H (m), 10 GCPs: "
-        "thesis table 5.2 (Hobart) 0.346 0.244 1.016; 5.3 (Melbourne) 0.162 0.153 0.267"
-    )
-    result = adjust(hobart(), AdjustOptions(check_as_ties=True, variance_components=True))
-    check = result.block.points.role == Role.CHECK
-    print(
-        f"  Hobart, ours              {metres(np.nanmean(result.ground_sigma_m[check], axis=0))} "
-        "(corners and GCPs' errors included)"
-    )
-    print(
-        "Simulated, 10 GCPs: check RMSE E N H (m), predicted, mean formal sigma; "
-        "thesis table 5.5 (shift, 71 checks) 0.611 0.481 0.424"
-    )
-    for text, sensor, images, checks in (("IKONOS triplet", "ikonos", 3, 61), ("QuickBird pair", "quickbird", 2, 71)):
-        views = along_track_views(SENSORS[sensor], images, (12000, 12000))
-        noise = Noise(image_px=0.2, gcp_xy_m=0.1, gcp_h_m=0.15)
-        block = simulate_block(SceneSpec(seed=3), views, PointCounts(10, checks, 200), noise).block
-        for model in ("shift", "affine"):
-            result = adjust(block, AdjustOptions(model=model))
-            check = block.points.role == Role.CHECK
-            predicted = predicted_accuracy(result.ground_covariance_m2[check], block.points.sigma_m[check])
-            expected = [predicted[f"rmse_{axis}_m"] for axis in ("east", "north", "height")]
-            sigma = np.nanmean(result.ground_sigma_m[check], axis=0)
-            print(
-                f"  {text:15s} {model:8s}  {metres(check_rmse(result))} | {metres(expected)} | "
-                f"{metres(sigma)}; sigma0 {result.sigma0:.3f}"
-            )
-
-
-TABLES: dict[str, Callable[[], None]] = {
-    "hobart": print_hobart,
-    "simulated": print_simulated,
-    "zy3": print_zy3,
-    "quickbird": print_quickbird,
-    "ties": print_ties,
-}
-
-
-def main(names: Sequence[str] = ()) -> None:
-    """Print the tables of the named blocks, or all."""
-    for name in names or TABLES:
-        TABLES[name]()
-
-
-if __name__ == "__main__":
-    import sys
-
-    main(sys.argv[1:])
+def left_out(block: Block, name: str) -> Block:
+    """Return the block with a GCP whose survey is not known: a tie point."""
+    role = np.where(block.points.ids == name, Role.TIE, block.points.role)
+    return replace(block, points=replace(block.points, role=role))

@@ -1,24 +1,30 @@
-"""Pictures of HRSI in the QGIS desktop: toolbox, dialog and the residuals of the Hobart block on the map.
+"""Pictures of HRSI: toolbox, dialog and map in the QGIS desktop, the panel "HRSI Points" in use, and a report.
 
 ``python docs/make_screenshots.py [FOLDER]`` starts QGIS on a virtual screen (xvfb) with a fresh profile and runs this
-same file inside it, which writes ``qgis_dialog.png`` and ``qgis_residuals.png``.
+same file inside it, which writes ``qgis_dialog.png``, ``qgis_residuals.png`` and ``qgis_panel.png``; Chromium writes
+``report.png``. Dialog and map show the Hobart block, panel and report a simulated one with a gross error.
 """
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 PICTURES, WORK = "HRSI_PICTURES", "HRSI_PICTURES_WORK"  # environment variables: where pictures and temporary files go
 SCREEN_PX = (1400, 960)
 START_MS, SETTLE_MS = 3000, 2500
+REPORT_PX = (1000, 2400)
+WRONG_POINT = "G000004"
 GCP_IDS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 
 
@@ -31,10 +37,49 @@ def launch(pictures: Path) -> int:
         shutil.copytree(repository / "examples" / "hobart", Path(work) / "hobart")
         environment = _profile_module(repository).make_profile(profile)
         environment |= {PICTURES: str(pictures.resolve()), WORK: work}
+        environment["CPL_LOG"] = str(Path(work) / "gdal.log")  # QGIS's own world map has dates that GDAL warns of
+        simulate_block(Path(work) / "simulated")
         del environment["QT_QPA_PLATFORM"]  # a real (virtual) screen, not Qt's offscreen one
         screen = ["xvfb-run", "-a", "-s", "-screen 0 {}x{}x24".format(*SCREEN_PX)]
         qgis = ["qgis", "--nologo", "--noversioncheck", "--profiles-path", str(profile), "--code", __file__]
-        return subprocess.run([*screen, *qgis], env=environment, timeout=180, check=False).returncode
+        status = subprocess.run([*screen, *qgis], env=environment, timeout=300, check=False).returncode
+        return status or picture_of_report(Path(work) / "simulated", pictures / "report.png")
+
+
+def simulate_block(folder: Path) -> None:
+    """Make two images with points, one measurement of them wrong by 9 pixels, and a report of their adjustment."""
+    from hrsi.processing_algorithms import run
+
+    run("simulate", output_dir=str(folder), size=700, gcps=9, checks=5, ties=150, seed=6)
+    table = folder / "image_points.csv"
+    rows = list(csv.DictReader(table.open(encoding="utf-8", newline="")))
+    wrong = next(row for row in rows if row["id"] == WRONG_POINT)
+    wrong["sample"] = str(float(wrong["sample"]) + 9.0)
+    with table.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    run(
+        "triangulate", images=simulated_images(folder), gcps=str(folder / "ground_points.csv"),
+        image_points=str(table), tie_points="none", model="auto", height_datum="ellipsoidal", write="none",
+        output_dir=str(folder / "result"),
+    )  # fmt: skip
+
+
+def simulated_images(folder: Path) -> list[str]:
+    return [str(folder / f"image_{number}.tif") for number in (1, 2)]
+
+
+def picture_of_report(folder: Path, picture: Path) -> int:
+    """Have Chromium draw the report; return its exit code."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        print("no picture of the report: apt-get install chromium", file=sys.stderr)
+        return 1
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder / 'web'}"]
+    page = (folder / "result" / "report.html").as_uri()
+    command = [chromium, *options, "--window-size={},{}".format(*REPORT_PX), f"--screenshot={picture}", page]
+    return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
 
 
 def _profile_module(repository: Path) -> Any:
@@ -62,8 +107,12 @@ class Session:
     """What happens inside QGIS, one step after another; each has a while to settle before the next."""
 
     def __init__(self) -> None:
-        self.steps = iter((self.show_toolbox, self.show_dialog, self.save_dialog, self.run_and_zoom, self.save_map))
+        self.steps = iter((
+            self.show_toolbox, self.show_dialog, self.save_dialog, self.run_and_zoom, self.save_map, self.show_panel,
+            self.click, self.adjust, self.choose_point, self.save_panel,
+        ))  # fmt: skip
         self.dialog: Any = None
+        self.panel: Any = None
 
     def next_step(self) -> None:
         from qgis.PyQt.QtCore import QTimer
@@ -110,7 +159,67 @@ class Session:
         iface.zoomToActiveLayer()
 
     def save_map(self) -> None:
+        from qgis.PyQt.QtWidgets import QApplication
+        from qgis.utils import iface
+
+        iface.mapCanvas().waitWhileRendering()  # names are drawn last
+        QApplication.processEvents()
         save_screen("qgis_residuals.png")
+
+    def show_panel(self) -> None:
+        from qgis.PyQt.QtWidgets import QDockWidget
+        from qgis.utils import iface, plugins
+
+        from hrsi.processing_algorithms.point_session import files
+
+        iface.newProject()
+        iface.mainWindow().findChild(QDockWidget, "ProcessingToolbox").setVisible(False)
+        folder = Path(os.environ[WORK]) / "simulated"
+        self.panel = plugins["hrsi"].dock
+        self.panel.show_session(
+            files.new_session(
+                simulated_images(folder), str(folder / "ground_points.csv"), str(folder / "image_points.csv"),
+                height_datum="ellipsoidal",
+            )
+        )  # fmt: skip
+        self.panel.setFloating(True)
+        self.panel.setGeometry(20, 20, SCREEN_PX[0] - 40, SCREEN_PX[1] - 60)
+        self.panel.show()
+        self.panel.raise_()
+        self.panel.choose("G000002")
+
+    def click(self) -> None:
+        for view in self.panel.ui.views:
+            made = self.panel.session.measured[("G000002", view.image())]
+            self.panel.measure(view.image(), made.sample + 3.0, made.line - 2.0)
+
+    def adjust(self) -> None:
+        self.panel.ui.adjust.trigger()
+
+    def choose_point(self) -> None:
+        """Show the wrong point, and the fit at the place where the adjustment expects it."""
+        from hrsi.processing_algorithms.point_session.targets import fit_target
+
+        wait_until(lambda: not self.panel.is_adjusting())
+        self.panel.choose(WRONG_POINT)
+        for view in self.panel.ui.views:
+            expected = self.panel.session.predicted(WRONG_POINT, view.image())
+            fit = fit_target(self.panel.session.images[view.image()], expected, "center")
+            view.chip.show_chip(fit.chip_svg, fit.refusal)
+
+    def save_panel(self) -> None:
+        for view in self.panel.ui.views:
+            view.canvas.waitWhileRendering()
+        save_screen("qgis_panel.png")
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Let QGIS work until something is so."""
+    from qgis.PyQt.QtWidgets import QApplication
+
+    while not condition():
+        QApplication.processEvents()
+        time.sleep(0.02)
 
 
 def save_screen(name: str) -> None:

@@ -8,37 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
 
 from .errors import InputError
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
 from .rpc import RPC
-
-
-class Role(IntEnum):
-    """What the known position of a ground point is used for."""
-
-    GCP = 0  #: weighted observation of the adjustment
-    CHECK = 1  #: compared with the result, never used
-    TIE = 2  #: not known, or only a starting value
-
-    @classmethod
-    def parse(cls, text: str) -> Role | None:
-        """Return the role named in a file, None for an empty field; raise KeyError for anything else."""
-        return None if not text.strip() else _ROLE_NAMES[text.strip().lower()]
-
-    @property
-    def label(self) -> str:
-        return self.name.lower()
-
-
-_ROLE_NAMES = {
-    "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
-    "tie": Role.TIE,
-}  # fmt: skip
-UNSET = -1  #: role column of `GroundPoints`: the file says nothing
 
 
 class Raster(Protocol):
@@ -105,112 +81,6 @@ class Image:
         sample = np.concatenate([s0 + (s1 - s0) * t, np.full(per_side, s1), s1 - (s1 - s0) * t, np.full(per_side, s0)])
         line = np.concatenate([np.full(per_side, l0), l0 + (l1 - l0) * t, np.full(per_side, l1), l1 - (l1 - l0) * t])
         return np.column_stack([sample, line])
-
-
-@dataclass(frozen=True, eq=False)
-class GroundPoints:
-    """Points on the ground.
-
-    ids : (m,) str
-    ground : (m, 3) lon, lat, ellipsoidal height; NaN where not known
-    role : (m,) int, a `Role` or `UNSET`
-    sigma_m : (m, 2) standard deviation of each horizontal coordinate and of the height; NaN takes the default
-    """
-
-    ids: np.ndarray
-    ground: np.ndarray
-    role: np.ndarray
-    sigma_m: np.ndarray
-    source: str = ""
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    @classmethod
-    def create(
-        cls,
-        ids: Sequence[str] | np.ndarray,
-        ground: np.ndarray,
-        role: np.ndarray | int = UNSET,
-        sigma_m: np.ndarray | float = np.nan,
-        source: str = "",
-    ) -> GroundPoints:
-        """Make columns of matching length from arrays or single values."""
-        count = len(ids)
-        return cls(
-            np.asarray(ids, dtype=str),
-            np.asarray(ground, dtype=np.float64).reshape(count, 3),
-            np.broadcast_to(np.asarray(role, dtype=np.int8), (count,)).copy(),
-            np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (count, 2)).copy(),
-            source,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class ImagePoints:
-    """Measurements of points on images, as files and matchers deliver them.
-
-    ids, image_ids : (n,) str; xy : (n, 2) sample, line; sigma_px : (n,), NaN takes the default;
-    kind : (n,) str (``corner``, ``center`` …); quality : (n,), larger is better, NaN where not known
-    """
-
-    ids: np.ndarray
-    image_ids: np.ndarray
-    xy: np.ndarray
-    sigma_px: np.ndarray
-    kind: np.ndarray
-    quality: np.ndarray
-    source: str = ""
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    @classmethod
-    def create(
-        cls,
-        ids: Sequence[str] | np.ndarray,
-        image_ids: Sequence[str] | np.ndarray,
-        xy: np.ndarray,
-        sigma_px: np.ndarray | float = np.nan,
-        kind: Sequence[str] | np.ndarray | str = "",
-        quality: np.ndarray | float = np.nan,
-        source: str = "",
-    ) -> ImagePoints:
-        """Make columns of matching length from arrays or single values."""
-        count = len(ids)
-        return cls(
-            np.asarray(ids, dtype=str),
-            np.asarray(image_ids, dtype=str),
-            np.asarray(xy, dtype=np.float64).reshape(count, 2),
-            np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (count,)).copy(),
-            np.broadcast_to(np.asarray(kind, dtype=str), (count,)).copy(),
-            np.broadcast_to(np.asarray(quality, dtype=np.float64), (count,)).copy(),
-            source,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """Image points of a block, ids resolved: ``point`` and ``image`` index the block's points and images.
-
-    Sorted by point, then by image.
-    """
-
-    point: np.ndarray
-    image: np.ndarray
-    xy: np.ndarray
-    sigma_px: np.ndarray
-    kind: np.ndarray
-    quality: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-    def select(self, keep: np.ndarray) -> Measurements:
-        """Return the chosen rows (mask or indices)."""
-        return Measurements(
-            self.point[keep], self.image[keep], self.xy[keep], self.sigma_px[keep], self.kind[keep], self.quality[keep]
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,15 +155,6 @@ def assemble(
     return Block(tuple(images), points, measurements, tuple(warnings))
 
 
-def unique_ids(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct ids, sorted, and the index of each row's id; quick where equal ids stand together."""
-    if not len(ids):
-        return ids, np.zeros(0, dtype=np.int64)
-    head = np.r_[True, ids[1:] != ids[:-1]]
-    distinct, inverse = np.unique(ids[head], return_inverse=True)
-    return distinct, inverse.astype(np.int64)[np.cumsum(head) - 1]
-
-
 def _some(ids: Iterable[str], most: int = 8) -> str:
     listed = [str(item) for item in ids]
     return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
@@ -315,13 +176,21 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         np.concatenate([t.role for t in tables]),
         np.concatenate([t.sigma_m for t in tables]),
         tables[0].source,
+        _all_covariances(tables),
     )
-    ids, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
     away = np.abs(merged.ground - merged.ground[first[inverse]]) * [1e5, 1e5, 1.0]
     if np.any(away > 0.1):
         wrong = np.unique(merged.ids[np.any(away > 0.1, axis=1)])
         raise InputError(f"ground point {_some(wrong)} is given with different positions in {merged.source}: keep one")
-    return GroundPoints(ids, merged.ground[first], merged.role[first], merged.sigma_m[first], merged.source)
+    return merged.select(first)
+
+
+def _all_covariances(tables: list[GroundPoints]) -> np.ndarray | None:
+    if all(table.covariance_m2 is None for table in tables):
+        return None
+    nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
+    return np.concatenate(nothing)
 
 
 def _concatenate(tables: list[ImagePoints]) -> ImagePoints:
@@ -343,17 +212,14 @@ def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
         where = f" of {rows.source}" if rows.source else ""
         raise InputError(
             f"image {_some(map(repr, map(str, unknown)))} in the image points{where} is not in the block "
-            f"(images: {_some(position)}): name the image file too, or correct the 'image' field"
+            f"(images: {_some(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
     return np.array([position[str(name)] for name in named], dtype=np.int64)[inverse]
 
 
 def _measured_only(known: GroundPoints, ids: np.ndarray) -> tuple[GroundPoints, np.ndarray]:
     measured = np.isin(known.ids, ids)
-    kept = GroundPoints(
-        known.ids[measured], known.ground[measured], known.role[measured], known.sigma_m[measured], known.source
-    )
-    return kept, known.ids[~measured]
+    return known.select(measured), known.ids[~measured]
 
 
 def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
@@ -377,8 +243,14 @@ def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequen
 
 def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: Defaults) -> GroundPoints:
     """Return one row for every measured id; unknown ones are tie points at NaN."""
-    points = GroundPoints.create(ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source)
+    empty = np.full((len(ids), 3, 3), np.nan) if known.covariance_m2 is not None else None
+    points = GroundPoints.create(
+        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source, covariance_m2=empty
+    )
     row = np.searchsorted(ids, known.ids)
+    if points.covariance_m2 is not None and known.covariance_m2 is not None:
+        _require_covariances(known)
+        points.covariance_m2[row] = known.covariance_m2
     points.ground[row], points.role[row], points.sigma_m[row] = known.ground, role, known.sigma_m
     for column, default in enumerate((defaults.sigma_gcp_xy_m, defaults.sigma_gcp_h_m)):
         sigma = points.sigma_m[:, column]
@@ -389,6 +261,23 @@ def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults
             f"ground point {_some(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
         )
     return points
+
+
+def _require_covariances(known: GroundPoints) -> None:
+    """Raise `InputError` for a covariance that no random vector has."""
+    given = known.survey_covariance_m2()
+    given = np.where(np.isnan(given), np.eye(3), given)  # sigmas that the defaults will fill
+    open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
+    finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), given)
+    scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
+    bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
+    if len(bad):
+        raise InputError(
+            f"ground point {_some(bad)} has a covariance that is not positive definite: correlations must lie between "
+            "-1 and 1 and agree with each other"
+        )
 
 
 def _without_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:

@@ -17,7 +17,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from .geodesy import wrap_degrees
+from .geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 
 TILE = 256  # cells along the side of a cached part
@@ -69,6 +69,15 @@ class HeightSurface(Protocol):
 def surface_heights(surface: HeightSurface, lonlat: np.ndarray) -> np.ndarray:
     """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and where there is no data."""
     return surface.heights(surface.grid_coordinates(lonlat))
+
+
+def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
+    """Return the side in metres of a surface's cells (mean of both) at a ground point ``(3,)``."""
+    step_deg = 1e-4
+    lonlat = ground[:2] + step_deg * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    cells = np.diff(surface.grid_coordinates(lonlat)[[0, 1, 0, 2]], axis=0)[[0, 2]]
+    metres = step_deg * metres_per_degree(ground[None])[0, :2]
+    return float(np.sqrt(np.prod(metres) / abs(np.linalg.det(cells))))
 
 
 @dataclass(frozen=True)
@@ -172,6 +181,24 @@ class GridSurface:
         if np.isnan(lowest).all():
             return np.nan, np.nan
         return float(np.nanmin(lowest)), float(np.nanmax(highest))
+
+    def window(self, low: np.ndarray, high: np.ndarray) -> tuple[int, int, np.ndarray]:
+        """Return first row, first column and the cells around a box of grid coordinates, NaN where there are none.
+
+        The box is cut to the surface; at least 2 x 2 cells come back.
+        """
+        last = np.array(self.shape[::-1]) - 2
+        column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()
+        column1, row1 = np.clip(np.floor(high), [column0, row0], last).astype(int).tolist()
+        cells = np.empty((row1 - row0 + 2, column1 - column0 + 2))
+        for tile_row in range(row0 // TILE, row1 // TILE + 1):
+            for tile_column in range(column0 // TILE, column1 // TILE + 1):
+                tile = self._tile((tile_row, tile_column))
+                top, left = tile_row * TILE - row0, tile_column * TILE - column0
+                part = tile[max(0, -top) : len(cells) - top, max(0, -left) : cells.shape[1] - left]
+                top, left = max(0, top), max(0, left)
+                cells[top : top + part.shape[0], left : left + part.shape[1]] = part
+        return row0, column0, cells
 
     def _tile_of(self, grid: np.ndarray) -> tuple[int, int]:
         cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)

@@ -105,6 +105,18 @@ def from_ecef(xyz: np.ndarray) -> np.ndarray:
     return np.column_stack([np.degrees(np.arctan2(y, x)), np.degrees(lat), height])
 
 
+def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
+    """Return the east, north and up unit vectors at points, rows of ``(n, 3, 3)`` in geocentric x, y, z."""
+    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
+    sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
+    rows = [
+        [-sin_lon, cos_lon, np.zeros_like(lon)],
+        [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+        [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """Topocentric frame: metres east, north and up of an origin."""
@@ -119,16 +131,7 @@ class LocalFrame:
 
     @cached_property
     def _rotation(self) -> np.ndarray:
-        """Rows: the east, north and up unit vectors in ECEF."""
-        lon, lat = np.radians(self.lon_deg), np.radians(self.lat_deg)
-        sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
-        return np.array(
-            [
-                [-sin_lon, cos_lon, 0.0],
-                [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-                [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-            ]
-        )
+        return east_north_up(np.array([self.lon_deg]), np.array([self.lat_deg]))[0]
 
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
         """Return ``(n, 3)`` east, north, up metres of lon, lat, height points."""

@@ -77,6 +77,9 @@ def _ground_residuals(result: Adjustment) -> np.ndarray:
     usable = np.isfinite(computed).all(axis=1)
     residual[usable] = ground_difference_m(block.points.ground[usable], computed[usable])
     residual[single, 2] = np.nan
+    known = np.flatnonzero(block.known)
+    surveyed = np.isfinite(block.points.survey_covariance_m2(known).diagonal(axis1=1, axis2=2))
+    residual[known] = np.where(surveyed, residual[known], np.nan)  # nothing to compare with
     return residual
 
 

@@ -16,6 +16,7 @@ from .block import Block, Image, Role
 from .block_report import OUTLIER_SIGMAS, outlier_statistic
 from .residuals import Residuals
 
+MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, and each costs a hundred bytes twice
 ROLE_LABELS = np.array([role.label for role in Role])
 
 
@@ -56,10 +57,12 @@ def positions(result: Adjustment) -> np.ndarray:
 
 
 def ground_points_table(result: Adjustment) -> Table:
-    """Return all points at their adjusted positions, with sigmas."""
+    """Return all points at their adjusted positions, with sigmas; known ones also as they were surveyed."""
     points = result.block.points
     place = positions(result)
     here = np.isfinite(place).all(axis=1)
+    surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
+    sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
     columns = {
         "id": points.ids,
         "role": ROLE_LABELS[points.role],
@@ -68,6 +71,11 @@ def ground_points_table(result: Adjustment) -> Table:
         "sigma_north_m": result.ground_sigma_m[:, 1],
         "sigma_height_m": result.ground_sigma_m[:, 2],
         "rays": result.block.rays_per_point(),
+        "survey_lon": surveyed[:, 0],
+        "survey_lat": surveyed[:, 1],
+        "survey_height": surveyed[:, 2],
+        "sigma_xy": sigma_survey[:, 0],
+        "sigma_h": sigma_survey[:, 1],
     }
     return Table(place[here], {name: column[here] for name, column in columns.items()})
 
@@ -93,9 +101,24 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     return Table(place[here], {name: column[here] for name, column in columns.items()})
 
 
-def residuals_table(result: Adjustment, left: Residuals) -> Table:
-    """Return ground residuals (one row a known point) and image residuals (one row a measurement)."""
-    return _stacked(_ground_rows(result, left), _image_rows(result, left))
+def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_RESIDUALS) -> Table:
+    """Return ground residuals (one row a known point) and image residuals (one row a measurement).
+
+    Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
+    of image points has every one.
+    """
+    return _stacked(_ground_rows(result, left), _image_rows(result, left, most))
+
+
+def thinning_warnings(result: Adjustment) -> list[str]:
+    """Say that the residual layers do not show every image point."""
+    count = len(result.block.measurements)
+    if count <= MOST_IMAGE_RESIDUALS:
+        return []
+    return [
+        f"the residual layers show about {MOST_IMAGE_RESIDUALS} of the {count} image points, among them all of known "
+        "points and all outliers; the layer image_points has them all"
+    ]
 
 
 def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, np.ndarray]:
@@ -150,11 +173,16 @@ def _ground_rows(result: Adjustment, left: Residuals) -> Table:
     return Table(points.ground[here], columns)
 
 
-def _image_rows(result: Adjustment, left: Residuals) -> Table:
+def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     rows = result.block.measurements
     residual = _image_residual(result, left)
     place = positions(result)[rows.point]
     here = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1))
+    flags = _flags(result, left)
+    if len(here) > most:
+        shown = (flags[here] != "ok") | result.block.known[rows.point[here]]
+        shown[:: -(-len(here) // most)] = True
+        here = here[shown]
     nothing = np.full(len(here), np.nan)
     columns = {
         **_identity(result.block, rows.point[here], rows.image[here]),
@@ -169,7 +197,7 @@ def _image_rows(result: Adjustment, left: Residuals) -> Table:
         "sigma_east_m": nothing,
         "sigma_north_m": nothing,
         "sigma_height_m": nothing,
-        "flag": _flags(result, left)[here],
+        "flag": flags[here],
     }
     return Table(place[here], columns)
 

@@ -91,7 +91,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
         try:
             options = checked_options(self.declaration, self._options)
-            return self.declaration.run(options, Context(progress_to(feedback), feedback.pushInfo))
+            return self.declaration.execute(options, Context(progress_to(feedback), feedback.pushInfo))
         except Cancelled:
             raise
         except (HrsiError, OSError) as error:

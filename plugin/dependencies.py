@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shlex
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 #: Import name of a package -> its name for pip, where they differ.
@@ -21,6 +23,15 @@ def missing_package_message(error: ImportError) -> str | None:
         return None
     pip_name = PIP_NAMES.get(package, package)
     return f"The Python package {pip_name} cannot be loaded ({error}): run  {pip_command(pip_name)}  and restart QGIS"
+
+
+def absence_note(packages: Iterable[str]) -> str:
+    """Return what to tell before anything is run about packages (import names) that are not there; empty if all are."""
+    absent = [PIP_NAMES.get(name, name) for name in packages if importlib.util.find_spec(name) is None]
+    if not absent:
+        return ""
+    commands = "; ".join(map(pip_command, absent))
+    return f"What it does with pixels needs {' and '.join(absent)}, missing here: run  {commands}  and restart QGIS."
 
 
 def pip_command(pip_name: str) -> str:

@@ -12,9 +12,9 @@ if hasattr(Qgis, "ProcessingParameterFlag"):
     RASTER = Qgis.ProcessingSourceType.Raster
     VECTOR = Qgis.ProcessingSourceType.Vector
 else:
-    ADVANCED = QgsProcessingParameterDefinition.FlagAdvanced
-    OPTIONAL = QgsProcessingParameterDefinition.FlagOptional
-    INTEGER = QgsProcessingParameterNumber.Integer
-    DOUBLE = QgsProcessingParameterNumber.Double
-    RASTER = QgsProcessing.TypeRaster
-    VECTOR = QgsProcessing.TypeVector
+    ADVANCED = QgsProcessingParameterDefinition.Flag.FlagAdvanced
+    OPTIONAL = QgsProcessingParameterDefinition.Flag.FlagOptional
+    INTEGER = QgsProcessingParameterNumber.Type.Integer
+    DOUBLE = QgsProcessingParameterNumber.Type.Double
+    RASTER = QgsProcessing.SourceType.TypeRaster
+    VECTOR = QgsProcessing.SourceType.TypeVector

@@ -5,13 +5,15 @@ from __future__ import annotations
 from html import escape
 
 from ..processing_algorithms.declare import Algorithm, Param
+from .dependencies import absence_note
 from .parameters import label
 
 
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
     paragraphs = [part for part in declaration.help.split("\n\n") if part.strip()] or [declaration.summary]
-    text = "".join(f"<p>{_text(part)}</p>" for part in paragraphs)
+    note = absence_note(declaration.packages)
+    text = "".join(f"<p>{_text(part)}</p>" for part in ([note] if note else []) + paragraphs)
     return text + "<h2>Parameters</h2>" + "".join(map(_parameter_help, declaration.params))
 
 

@@ -1,38 +1,22 @@
 """The dialog's field for images: it keeps RPC files without pixels, which QGIS's own drops when values are set.
 
 QGIS's own field (for several layers) loads what it is given, from the history or from a script, and forgets what is
-no raster. In the modeler, where a value may also be the output of another step, QGIS's own field is used.
+no raster.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from qgis.core import Qgis, QgsProcessingContext, QgsProcessingParameterDefinition, QgsProject
+from qgis.core import QgsProcessingContext, QgsProject
 from qgis.gui import (
     QgsAbstractProcessingParameterWidgetWrapper,
-    QgsGui,
-    QgsProcessingGui,
     QgsProcessingMultipleInputDialog,
 )
 from qgis.PyQt.QtWidgets import QHBoxLayout, QLineEdit, QToolButton, QWidget
 
+from .dialog_fields import DialogField
 from .layer_sources import listed
-
-_DIALOGS = getattr(Qgis, "ProcessingMode", QgsProcessingGui)  # the enumeration moved in QGIS 4
-
-
-class ImagesWidget:
-    """What Processing calls for a widget wrapper: gives the one that fits the kind of dialog."""
-
-    def __new__(cls, param: QgsProcessingParameterDefinition, dialog: Any, row: int = 0, col: int = 0) -> Any:
-        kind = type(dialog).__name__
-        if kind == "ModelerParametersDialog":
-            registry = QgsGui.processingGuiRegistry()
-            return registry.createModelerParameterWidget(dialog.model, dialog.childId, param, dialog.context)
-        wrapper = ImagesWrapper(param, _DIALOGS.Batch if "Batch" in kind else _DIALOGS.Standard)
-        wrapper.setDialog(dialog)
-        return wrapper
 
 
 class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
@@ -73,3 +57,9 @@ class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
         if dialog.exec():
             self._select([str(source) for source in dialog.selectedOptions()])
             self.widgetValueHasChanged.emit(self)
+
+
+class ImagesWidget(DialogField):
+    """The field of several images."""
+
+    wrapper = ImagesWrapper

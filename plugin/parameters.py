@@ -17,6 +17,7 @@ from qgis.core import (
     QgsProcessingContext,
     QgsProcessingFeedback,
     QgsProcessingParameterBoolean,
+    QgsProcessingParameterCrs,
     QgsProcessingParameterDefinition,
     QgsProcessingParameterEnum,
     QgsProcessingParameterFeatureSource,
@@ -70,6 +71,10 @@ class PointsParameter(_AnyFile, QgsProcessingParameterFeatureSource):
 
 class FileParameter(_AnyFile, QgsProcessingParameterFile):
     """A file name, with or without a dot in it, or a word that the engine knows."""
+
+
+#: The dialog's field for parameters that take a word or a file; imported by the dialogs only.
+WORD_WIDGET = {"widget_wrapper": {"class": f"{__package__}.word_widget.WordWidget"}}
 
 
 @dataclass(frozen=True)
@@ -132,7 +137,7 @@ def _common(param: Param) -> dict[str, Any]:
         "name": qgis_name(param),
         "description": label(param),
         "defaultValue": param.default,
-        "optional": not param.required and param.default is None,
+        "optional": not (param.required or param.piped) and param.default is None,
     }
 
 
@@ -147,8 +152,8 @@ def _raster(param: Param) -> QgsProcessingParameterDefinition:
 
 
 def _points(param: Param) -> QgsProcessingParameterDefinition:
-    optional = {"optional": not param.required}  # a blank choice in the dialog stands for the default
-    return PointsParameter(types=[VECTOR], **_common(param) | optional)
+    optional = {"optional": not (param.required or param.piped)}  # a blank choice in the dialog stands for the default
+    return _with_words(PointsParameter(types=[VECTOR], **_common(param) | optional), param)
 
 
 def _file(param: Param) -> QgsProcessingParameterDefinition:
@@ -158,7 +163,18 @@ def _file(param: Param) -> QgsProcessingParameterDefinition:
 def _text(param: Param) -> QgsProcessingParameterDefinition:
     """Make a text field; with a browse button where a file name is among what it takes (``auto|none|FILE``)."""
     made = FileParameter if "FILE" in param.metavar.split("|") else QgsProcessingParameterString
-    return made(**_common(param))
+    return _with_words(made(**_common(param)), param)
+
+
+def _with_words(made: QgsProcessingParameterDefinition, param: Param) -> QgsProcessingParameterDefinition:
+    """Give a parameter the field that offers the words which it takes besides a file, if there are such."""
+    if param.words:
+        made.setMetadata(WORD_WIDGET | {"words": list(param.words)})
+    return made
+
+
+def _crs(param: Param) -> QgsProcessingParameterDefinition:
+    return QgsProcessingParameterCrs(**_common(param))
 
 
 def _choice(param: Param) -> QgsProcessingParameterDefinition:
@@ -191,7 +207,17 @@ def _read_raster(param: Param, reading: Reading) -> str:
 
 
 def _read_points(param: Param, reading: Reading) -> str:
+    if reading.raw(param) in param.words:
+        return str(reading.raw(param))
     return point_source(reading.raw(param), param.key, reading.context, reading.feedback)
+
+
+def _read_crs(param: Param, reading: Reading) -> str:
+    """Return EPSG:code, or WKT where the CRS has none."""
+    crs = reading.call("parameterAsCrs", param)
+    if not crs.isValid():
+        return str(reading.raw(param))  # the engine says what is wrong with it
+    return crs.authid() if crs.authid().startswith("EPSG:") else crs.toWkt()
 
 
 def _read_ids(param: Param, reading: Reading) -> list[str]:
@@ -207,6 +233,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.RASTER: Binding(_raster, _read_raster),
     Kind.POINTS: Binding(_points, _read_points),
     Kind.FILE: Binding(_file, _reader("parameterAsFile")),
+    Kind.CRS: Binding(_crs, _read_crs),
     Kind.TEXT: Binding(_text, _reader("parameterAsString")),
     Kind.IDS: Binding(_text, _read_ids),
     Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),

@@ -1,11 +1,15 @@
-"""Entry point of the QGIS plugin: it brings the Processing provider and takes it away again."""
+"""Entry point of the QGIS plugin: it brings the Processing provider and the panel, and takes them away again."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from qgis.core import QgsApplication
+from qgis.core import Qgis, QgsApplication, QgsMessageLog
+from qgis.PyQt.QtCore import Qt
+from qgis.PyQt.QtGui import QIcon
 
+from .dependencies import missing_package_message
+from .icons import icon_path
 from .provider import HrsiProvider
 
 
@@ -15,6 +19,8 @@ class HrsiPlugin:
     def __init__(self, iface: Any) -> None:
         self.iface = iface
         self.provider: HrsiProvider | None = None
+        self.dock: Any = None
+        self._action: Any = None
 
     def initProcessing(self) -> None:
         """Register the provider; ``qgis_process`` calls only this."""
@@ -22,11 +28,30 @@ class HrsiPlugin:
         QgsApplication.processingRegistry().addProvider(self.provider)
 
     def initGui(self) -> None:
-        """Register the provider in the desktop."""
+        """Register the provider in the desktop, and the panel, hidden at first."""
         self.initProcessing()
+        try:
+            from .points_panel.dock import PointsDock
+        except ImportError as error:  # the provider has said what is missing
+            QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
+            return
+        self.dock = PointsDock(self.iface.mainWindow())
+        self.iface.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.dock)
+        self.dock.hide()
+        self._action = self.dock.toggleViewAction()
+        self._action.setIcon(QIcon(str(icon_path("measure-targets"))))
+        self.iface.addPluginToMenu("HRSI", self._action)
+        self.iface.addToolBarIcon(self._action)
 
     def unload(self) -> None:
-        """Remove the provider, which the registry deletes."""
+        """Remove the provider, which the registry deletes, and the panel."""
         if self.provider is not None:
             QgsApplication.processingRegistry().removeProvider(self.provider)
             self.provider = None
+        if self.dock is not None:
+            self.iface.removePluginMenu("HRSI", self._action)
+            self.iface.removeToolBarIcon(self._action)
+            self.iface.removeDockWidget(self.dock)
+            self.dock.close_for_good()
+            self.dock.deleteLater()
+            self.dock = None

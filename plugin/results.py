@@ -13,6 +13,7 @@ from qgis.core import (
     QgsProcessingOutputDefinition,
     QgsProcessingOutputFile,
     QgsProcessingOutputHtml,
+    QgsProcessingOutputVectorLayer,
     QgsProcessingUtils,
     QgsVectorLayer,
 )
@@ -28,33 +29,43 @@ def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefini
     outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, "Report (JSON)")]
     if _writes_folder(declaration):
         outputs.append(QgsProcessingOutputHtml(REPORT_HTML, "Report (HTML)"))
+    outputs += [QgsProcessingOutputVectorLayer(name.upper(), name) for name in map(layer_name, declaration.layers)]
     return outputs
 
 
 def collect(declaration: Algorithm, options: dict[str, Any], report: Report) -> dict[str, Any]:
     """Return the result dictionary of a finished run.
 
-    An algorithm that writes no folder leaves its report in QGIS's temporary folder.
+    An algorithm that writes no report itself leaves it in QGIS's temporary folder.
     """
-    if not options.get("output_dir"):
+    folder = Path(options["output_dir"]) if options.get("output_dir") else None
+    if folder is None or not (folder / "report.json").exists():
         path = Path(QgsProcessingUtils.generateTempFilename("report.json"))
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(report, indent=1), encoding="utf-8")
-        return {REPORT: str(path)}
-    folder = Path(options["output_dir"])
+        return {REPORT: str(path)} | ({"OUTPUT_DIR": str(folder)} if folder else {})
     files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
-    return {"OUTPUT_DIR": str(folder)} | {name: str(path) for name, path in files.items() if path.exists()}
+    layers = {layer_name(source).upper(): source for source in _written_layers(declaration, options)}
+    return {"OUTPUT_DIR": str(folder), **layers} | {name: str(path) for name, path in files.items() if path.exists()}
+
+
+def layer_name(source: str) -> str:
+    """Return what a layer of the result is called: ``residuals_utm``."""
+    return source.partition("|layername=")[2] or Path(source).stem
+
+
+def _written_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
+    """Return the sources of the declared layers that this run has written; it may have been asked for some only."""
+    sources = [str(Path(options["output_dir"]) / layer) for layer in declaration.layers]
+    return [source for source in sources if QgsVectorLayer(source, "", "ogr").isValid()]
 
 
 def show_layers(declaration: Algorithm, options: dict[str, Any], context: QgsProcessingContext) -> None:
     """Ask QGIS to load the declared layers that this run has written, if there is a project to load them to."""
     if context.project() is None or not options.get("output_dir"):
         return
-    for layer in declaration.layers:
-        source = str(Path(options["output_dir"]) / layer)
-        if not QgsVectorLayer(source, "", "ogr").isValid():  # e.g. only one of the two residual CRS was asked for
-            continue
-        name = source.partition("|layername=")[2] or Path(source).stem
+    for source in _written_layers(declaration, options):
+        name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
         details.setPostProcessor(_stored_style())
         context.addLayerToLoadOnCompletion(source, details)

@@ -12,14 +12,19 @@ from ..hrsi_engine.progress import Progress, silent
 from . import (
     adjust,
     fit_rpc,
+    gcps_from_reference,
     interest_points,
     localize,
+    match,
     measure_targets,
+    ortho_check,
+    orthorectify,
     project,
     refine_rpc,
     register,
     rpc_info,
     simulate,
+    tie_points,
     triangulate,
     write_rpc,
 )
@@ -30,6 +35,7 @@ REGISTRY: dict[str, Algorithm] = {
     module.ALGORITHM.name: module.ALGORITHM
     for module in (
         triangulate,
+        tie_points,
         adjust,
         refine_rpc,
         simulate,
@@ -38,9 +44,13 @@ REGISTRY: dict[str, Algorithm] = {
         project,
         localize,
         fit_rpc,
+        gcps_from_reference,
         interest_points,
+        match,
         measure_targets,
         register,
+        orthorectify,
+        ortho_check,
     )
 }
 
@@ -61,4 +71,4 @@ def run(name: str, /, *, progress: Progress = silent, log: Log = lambda message:
         Unknown algorithm or option, a value out of its range, or what the algorithm itself raises.
     """
     algorithm = find_algorithm(REGISTRY, name)
-    return algorithm.run(checked_options(algorithm, options), Context(progress, log))
+    return algorithm.execute(checked_options(algorithm, options), Context(progress, log))

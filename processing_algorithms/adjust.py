@@ -9,6 +9,7 @@ from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARA
 from .block_summary import summarise
 from .declare import Algorithm, Context, Kind, Param, Report
 from .image_files import open_images
+from .terrain import DEM, DEM_DATUM
 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
@@ -45,6 +46,8 @@ ALGORITHM = Algorithm(
         IMAGES,
         *POINT_PARAMS,
         Param("tie-points", Kind.POINTS, "Further image points, measured on two or more images", metavar="FILE"),
+        DEM,
+        DEM_DATUM,
         *ADJUST_PARAMS,
         *BLOCK_OUTPUT_PARAMS,
     ),

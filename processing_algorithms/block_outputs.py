@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..hrsi_engine import residual_statistics
 from ..hrsi_engine.adjustment import Adjustment
 from ..hrsi_engine.block import Image
-from ..hrsi_engine.block_report import block_report
+from ..hrsi_engine.block_report import block_report, rejection_warnings
 from ..hrsi_engine.io.layer_styles import default_styles
 from ..hrsi_engine.io.layers import write_geopackage
 from ..hrsi_engine.io.output_dir import staged
@@ -19,9 +20,11 @@ from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.progress import advance, stage
 from ..hrsi_engine.refinement import RefinedRPC
 from ..hrsi_engine.residuals import Residuals, residuals
+from ..hrsi_engine.result_tables import thinning_warnings
 from ..hrsi_engine.version import VERSION
 from .block_layers import block_layers, block_map
 from .declare import Context, Report
+from .report_figures import report_figures
 from .rpc_outputs import IN_PLACE, clear_the_way, write_into_images, write_new_files
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
@@ -62,7 +65,9 @@ def write_results(
     clock.lap("residuals")
     report = {
         "schema": 1, "algorithm": algorithm, "version": VERSION, "seconds": {}, **block_report(result, left, refined),
-        "warnings": [*warnings, *result.warnings, *_fit_warnings(images, refined)],
+        **residual_statistics.entries(result, left),
+        "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
+                     *_fit_warnings(images, refined)],
         "versions": versions(),
         "settings": {key: value for key, value in options.items() if value is not None},
         **(more or {}),
@@ -100,7 +105,7 @@ def _name_outputs(
 
 def _write_reports(folder: Path, report: Report, result: Adjustment, left: Residuals, page: bool) -> None:
     if page:
-        write_report_html(str(folder / PAGE_FILE), report, block_map(result, left))
+        write_report_html(str(folder / PAGE_FILE), report, block_map(result, left), report_figures(result, left))
     write_report_json(str(folder / REPORT_FILE), report)
 
 

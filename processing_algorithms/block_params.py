@@ -17,6 +17,7 @@ BLOCK_MODEL_CHOICES = (
 DIRECT_MODEL_CHOICES = ("direct", "bils", "idkf", "pg", "upoe", "slss")
 MODEL_CHOICES = (*RULE_CHOICES, *BLOCK_MODEL_CHOICES)
 ROBUST_CHOICES = ("none", "huber", "cauchy", "tukey")
+VARIANCE_GROUP_CHOICES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
 WRITE_CHOICES = ("copy", "in-place", "vrt", "sidecar", "none")
 RESIDUAL_CRS_CHOICES = ("both", "wgs84", "utm")
 
@@ -69,8 +70,17 @@ ADJUST_PARAMS = (
     *SIGMA_PARAMS,
     Param(
         "variance-components", Kind.FLAG,
-        "Estimate the sigmas of image points by kind and of GCPs from the residuals, and adjust with them",
+        "Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and adjust with them",
         default=False, advanced=True,
+    ),
+    Param(
+        "variance-groups", Kind.CHOICE, "What tells groups of image points apart when their sigmas are estimated",
+        default="kind-sensor", choices=VARIANCE_GROUP_CHOICES, advanced=True,
+    ),
+    Param(
+        "sensor-images", Kind.IDS,
+        "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of like "
+        "resolution", advanced=True, metavar="A+B,C+D,…",
     ),
     Param(
         "cross-validate", Kind.FLAG, "Predict each GCP by an adjustment without it", default=False, advanced=True,

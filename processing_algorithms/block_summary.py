@@ -6,6 +6,7 @@ from .declare import Report
 
 AXES = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: report key: column width
 MOST_OUTLIERS = 5
+MOST_PARTS = 3
 
 
 def summarise(report: Report) -> str:
@@ -25,6 +26,12 @@ def summarise(report: Report) -> str:
             f"ties: {ties['points']} points, {ties['observations']} observations, "
             f"RMSE {number(ties['before_rmse_px'])} px before, {number(ties['rmse_px'])} px after"
         )
+    lines += [
+        f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
+        f"{number(part['ce90_m'])} m, LE90 {number(part['le90_m'])} m"
+        for part in report["parts"][:MOST_PARTS]
+        if not part["gcps"] and part["ce90_m"] is not None
+    ]
     lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:MOST_OUTLIERS]
     ]

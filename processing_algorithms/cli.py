@@ -71,7 +71,7 @@ def _run_algorithm(algorithm: Algorithm, words: list[str]) -> None:
     terminal = (SilentTerminal if quiet else TerminalProgress)(sys.stderr)
     try:
         with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-            report = algorithm.run(options, Context(terminal.progress, terminal.log))
+            report = algorithm.execute(options, Context(terminal.progress, terminal.log))
         terminal.finish()
     finally:
         terminal.break_line()

@@ -31,6 +31,7 @@ METAVARS: dict[Kind, str] = {
     Kind.RASTER: "FILE",
     Kind.POINTS: "FILE[|layername=L]",
     Kind.FILE: "FILE",
+    Kind.CRS: "CRS",
     Kind.TEXT: "TEXT",
     Kind.IDS: "A,B,...",
     Kind.CHOICE: "NAME",
@@ -75,14 +76,14 @@ class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
 def algorithm_parser(algorithm: Algorithm) -> CommandParser:
     """Return the parser of one algorithm's command line."""
     prog = f"hrsi {algorithm.name}"
-    images = "".join(f" {_metavar(param)}..." for param in algorithm.params if param.kind is Kind.IMAGES)
+    images = "".join(f" {value_name(param)}..." for param in algorithm.params if param.kind is Kind.IMAGES)
     parser = CommandParser(
         prog,
         usage=f"{prog} [options]{images}",
         description=_description(algorithm),
         argument_default=argparse.SUPPRESS,
     )
-    for title, params in _sections(algorithm.params).items():
+    for title, params in sections(algorithm.params).items():
         section = parser.add_argument_group(title)
         for param in params:
             add_option(section, param)
@@ -95,7 +96,7 @@ def add_option(section: argparse._ArgumentGroup, param: Param) -> None:
     positional = param.kind is Kind.IMAGES
     settings = {"help": option_help(param), **SPELLING.get(param.kind, {})}
     if param.kind is not Kind.FLAG:
-        settings["metavar"] = _metavar(param)
+        settings["metavar"] = value_name(param)
     if not positional:
         settings["dest"] = param.key
     section.add_argument(param.key if positional else f"--{param.name}", default=argparse.SUPPRESS, **settings)
@@ -110,6 +111,12 @@ def add_common_options(section: argparse._ArgumentGroup) -> None:
 
 def option_help(param: Param) -> str:
     """Return the help of an option with its choices, unit, range and default."""
+    stated = "; ".join(value_facts(param))
+    return (param.help + (f" [{stated}]" if stated else "")).replace("%", "%%")
+
+
+def value_facts(param: Param) -> list[str]:
+    """Return what the declaration says of an option's value: choices, unit, range, and default or ``required``."""
     facts = [
         f"one of {', '.join(param.choices)}" if param.choices else "",
         f"unit {param.unit}" if param.unit else "",
@@ -117,8 +124,7 @@ def option_help(param: Param) -> str:
         f"at most {param.maximum:g}" if param.maximum is not None else "",
         "required" if param.required else _default_text(param),
     ]
-    stated = "; ".join(fact for fact in facts if fact)
-    return (param.help + (f" [{stated}]" if stated else "")).replace("%", "%%")
+    return [fact for fact in facts if fact]
 
 
 def registry_help(registry: Mapping[str, Algorithm]) -> str:
@@ -138,7 +144,8 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
     )
 
 
-def _metavar(param: Param) -> str:
+def value_name(param: Param) -> str:
+    """Return what stands for an option's value: ``PX``."""
     return param.metavar or METAVARS[param.kind]
 
 
@@ -147,7 +154,7 @@ def _description(algorithm: Algorithm) -> str:
     return "\n\n".join(textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip())
 
 
-def _sections(params: Iterable[Param]) -> dict[str, list[Param]]:
+def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
     """Return the options under the headings of the help page, in this order; empty headings are left out."""
     sections: dict[str, list[Param]] = {"images": [], "options": [], "output": [], "advanced options": [], COMMON: []}
     for param in params:

@@ -20,6 +20,7 @@ class Kind(Enum):
     RASTER = "raster"  #: one raster file
     POINTS = "points"  #: a vector layer or CSV (``FILE`` or ``FILE|layername=L``)
     FILE = "file"
+    CRS = "crs"  #: a coordinate reference system: EPSG:code or WKT
     TEXT = "text"
     IDS = "ids"  #: identifiers, separated by commas
     CHOICE = "choice"
@@ -44,6 +45,13 @@ class Param:
     minimum: float | None = None
     maximum: float | None = None
     metavar: str = ""
+    piped: bool = False  #: where it is not given, standard input is read; a dialog has none and asks for it
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Words that it takes besides a file: those in lower case of a metavar like ``auto|none|FILE``."""
+        parts = self.metavar.split("|")
+        return tuple(part for part in parts if part.isalnum() and part.islower()) if "FILE" in parts else ()
 
     @property
     def key(self) -> str:
@@ -67,7 +75,8 @@ class Algorithm:
     """A declared algorithm: ``run(options, context)`` returns its report as a JSON-ready dict.
 
     ``layers`` names the layers of the result that a map should show, as ``file|layername=…`` below the output
-    directory. ``summarise`` turns the report into the few lines a person reads on the terminal.
+    directory. ``summarise`` turns the report into the few lines a person reads on the terminal. ``packages`` are
+    Python packages (by import name) for what it does with pixels, which a QGIS may lack.
     """
 
     name: str
@@ -79,6 +88,16 @@ class Algorithm:
     run: Run
     summarise: Callable[[Report], str]
     layers: tuple[str, ...] = field(default=())
+    packages: tuple[str, ...] = field(default=())
+
+    def execute(self, options: Mapping[str, Any], context: Context) -> Report:
+        """Run with checked options, and close all images afterwards: nothing stays open when the work is done."""
+        from ..hrsi_engine.io.rasters import close_images
+
+        try:
+            return self.run(options, context)
+        finally:
+            close_images()
 
     def defaults(self) -> dict[str, Any]:
         """Return every option at its default, by keyword."""

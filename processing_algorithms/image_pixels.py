@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from .declare import Kind, Param
 
@@ -12,6 +11,7 @@ if TYPE_CHECKING:
 
     from ..hrsi_engine.block import Raster
     from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.measurement.interest_points import Area
     from ..hrsi_engine.rpc import RPC
 
 IMAGES_WITH_PIXELS = Param(
@@ -58,8 +58,15 @@ def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None)
     return intersect(image.rpc, xy, surface)[0]
 
 
-def requested_threads(options: Mapping[str, Any]) -> int:
-    """Return the number of threads of the options; 0 stands for all cores."""
-    import os
+def window_area(text: str | None, option: str) -> Area | None:
+    """Return the window of ``sample,line,samples,lines``; `InputError` naming the option for another text."""
+    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.measurement.interest_points import Area
 
-    return int(options["threads"]) or os.cpu_count() or 1
+    if text is None:
+        return None
+    try:
+        sample, line, samples, lines = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} {text!r} is not SAMPLE,LINE,SAMPLES,LINES: give four whole numbers") from None
+    return Area(sample, line, sample + samples, line + lines)

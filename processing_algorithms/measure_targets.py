@@ -15,12 +15,10 @@ if TYPE_CHECKING:
 
     from ..hrsi_engine.block import ImagePoints
     from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.io.target_chips import TargetChip
     from ..hrsi_engine.measurement.targets import TargetMeasurement
 
 LAYERS_FILE, LAYER, PAGE_FILE = "targets.gpkg", "targets", "report.html"
 MOST_CHIPS = 200  # on the page
-CHIP_MARGIN_PX = 8.0
 AUTO = "auto"
 KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 
@@ -182,6 +180,7 @@ def _write(
     from ..hrsi_engine.io.report import write_report_json
     from ..hrsi_engine.io.target_chips import chip_svg
     from ..hrsi_engine.progress import advance, stage
+    from .target_chip import chip_of
 
     by_id = {image.id: image for image in images}
     with staged(options["output_dir"], [image.path for image in images]) as folder:
@@ -189,9 +188,11 @@ def _write(
             str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
         )
         if options["report"]:
+            rasters = {image.id: image.raster for image in images}
             chips = [
-                (target.id, target.image, chip_svg(_chip(target, by_id.get(target.image))))
+                (target.id, target.image, chip_svg(chip_of(target.measurement, target.approximate, raster)))
                 for target in targets[:MOST_CHIPS]
+                for raster in [rasters.get(target.image)]
             ]
             write_page(str(folder / PAGE_FILE), "targets.html.j2", report, chips=chips)
         write_report_json(str(folder / "report.json"), report)
@@ -225,26 +226,6 @@ def _layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[La
     return [Layer(LAYER, "PointZ" if located else "None", 4326, ground, fields)]
 
 
-def _chip(target: Target, image: ImagePixels | None) -> TargetChip:
-    """Return what is drawn of a target: its surroundings, edge points and fitted curve."""
-    import numpy as np
-
-    from ..hrsi_engine.io.target_chips import TargetChip
-
-    made = target.measurement
-    grey, origin = None, np.zeros(2)
-    middle = target.approximate if made.refusal else made.xy
-    if image is not None and middle is not None:
-        shown = np.vstack([made.edges, middle[None]])
-        margin = CHIP_MARGIN_PX if len(made.edges) else 3.0 * CHIP_MARGIN_PX
-        low = np.maximum(np.floor(shown.min(axis=0) - margin), 0).astype(int)
-        high = np.minimum(np.ceil(shown.max(axis=0) + margin) + 1, image.raster.size).astype(int)
-        if np.all(high > low):
-            grey, _ = image.raster.read(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
-        origin = low.astype(np.float64)
-    return TargetChip(grey, origin, made.edges, made.used, made.curves, made.xy)
-
-
 def summarise(report: Report) -> str:
     """Return one line a target."""
     lines = [f"{report['measured']} targets measured, {report['refused']} refused"]
@@ -263,8 +244,9 @@ ALGORITHM = Algorithm(
         "Measures points that were clicked roughly: the centre of a round or otherwise closed object (an ellipse or "
         "rectangle through its sub-pixel edge points), or the corner where two straight edges meet (a line through "
         "three edge points or more each). Stray edge points are left out, every point gets its standard deviation, and "
-        "a point is refused where the feature is not there. Positions come from a point file with sample and line, or "
-        "from ground points that the images' RPCs project.\n\n"
+        "a point is refused where the feature is not there; an object that does not cover the position must be a clear "
+        "one. Positions come from a point file with sample and line, or from ground points that the images' RPCs "
+        "project.\n\n"
         "With --edges no pixels are needed: the edge points of a file (id, image, sample, line) are evaluated, six or "
         "more around an ellipse, or three or more on each of two lines. The report shows a chip of every target."
     ),
@@ -286,6 +268,7 @@ ALGORITHM = Algorithm(
         *COMMON_PARAMS,
     ),
     run=run,
+    packages=("cv2",),
     summarise=summarise,
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

@@ -142,7 +142,7 @@ ALGORITHM = Algorithm(
         Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
         Param(
             "points", Kind.POINTS, "Ground points: a vector layer or CSV; by default lines on standard input",
-            metavar="FILE[|layername=L]",
+            piped=True, metavar="FILE[|layername=L]",
         ),
         GROUND_CRS,
         *TERRAIN_PARAMS,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -32,6 +31,7 @@ from ..hrsi_engine.simulation import (
 )  # fmt: skip
 from ..hrsi_engine.version import VERSION
 from .declare import Report
+from .threads import requested_threads
 
 
 def block_report(simulated: SimulatedBlock, options: Mapping[str, Any]) -> Report:
@@ -75,7 +75,7 @@ def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]
 
 def write_cameras(folder: Path, simulated: SimulatedBlock, options: Mapping[str, Any], progress: Progress) -> list[str]:
     """Write images, or RPC files in their place, and the orthophoto; return the names of the files."""
-    threads = options["threads"] or os.cpu_count() or 1
+    threads = requested_threads(options)
     count = len(simulated.views) + bool(options["ortho"])
     names: list[str] = []
     for index, image in enumerate(simulated.block.images):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .declare import Kind, Param
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.points import GroundPoints
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
 GROUND_CRS = Param(
-    "ground-crs", Kind.TEXT, "CRS of ground points whose file does not name one (EPSG:code or WKT)", metavar="CRS"
+    "ground-crs", Kind.CRS, "CRS of ground points whose file does not name one (EPSG:code or WKT)", metavar="CRS"
 )
 HEIGHT_DATUM = Param(
     "height-datum", Kind.TEXT,
@@ -36,6 +39,38 @@ TERRAIN_PARAMS = (
 def dem_datum(options: Mapping[str, Any]) -> str:
     """Return what the heights of the DEM refer to."""
     return options.get("dem_datum") or options["height_datum"]
+
+
+def datum_warning(tables: Sequence[GroundPoints], surface: HeightSurface, options: Mapping[str, Any]) -> list[str]:
+    """Return a warning where the heights of surveyed points and DEM seem to have different datums."""
+    import numpy as np
+
+    from ..hrsi_engine import height_datum
+    from ..hrsi_engine.dem import surface_heights
+
+    ground = np.concatenate([table.ground for table in tables])
+    of_dem = surface_heights(surface, ground[:, :2])
+    known = np.isfinite(of_dem) & np.isfinite(ground[:, 2])
+    if not known.any():
+        return []
+    found = height_datum.height_difference(ground[known, 2], of_dem[known], _undulations(ground[known]))
+    text = "" if found is None else height_datum.datum_warning(found, tables[0].source or "the GCPs", options["dem"])
+    return [text] if text else []
+
+
+def _undulations(ground: np.ndarray) -> np.ndarray:
+    """Return the geoid's heights by any grid that is installed, NaN without one."""
+    import numpy as np
+
+    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.geodesy import GEOID_GRIDS, geoid_heights
+
+    for name in GEOID_GRIDS:
+        try:
+            return geoid_heights(ground, name)
+        except InputError:
+            continue
+    return np.full(len(ground), np.nan)
 
 
 def open_terrain(options: Mapping[str, Any]) -> HeightSurface | None:

@@ -10,10 +10,13 @@ from .adjust import ALGORITHM as ADJUST
 from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
 from .declare import Context, Kind, Param, Report
 from .image_files import open_images
-from .terrain import DEM, DEM_DATUM
+from .reference_control import REFERENCE, REFERENCE_PARAMS
+from .terrain import DEM, DEM_DATUM, dem_datum
+from .tie_search import SEARCH_PARAMS
 
 if TYPE_CHECKING:
     from ..hrsi_engine.block import Image, ImagePoints
+    from .tie_search import Finished
 
 NO_TIE_POINTS, AUTOMATIC = "none", "auto"
 
@@ -23,38 +26,44 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.adjustment import adjust
     from ..hrsi_engine.io.output_dir import check_output_dir
     from ..hrsi_engine.progress import stage
-    from . import block_inputs, block_outputs, model_choice
+    from . import block_inputs, block_outputs, dem_offset, model_choice, reference_control
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()
     images = open_images(options["images"], context.log)
     clock.lap("read")
-    found, warnings = _automatic_ties(images, options, Context(stage(context.progress, 0.0, 0.5), context.log))
+    searching = Context(stage(context.progress, 0.0, 0.4), context.log)
+    found, warnings, finished = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
     file = None if options["tie_points"] in (NO_TIE_POINTS, AUTOMATIC) else options["tie_points"]
-    block, more = block_inputs.read_block(images, dict(options) | {"tie_points_file": file}, found)
+    reading = Context(stage(context.progress, 0.4, 0.5), context.log)
+    block, more, entries = reference_control.read_block(
+        images, dict(options) | {"tie_points_file": file}, found, reading
+    )
     chosen = model_choice.choose(block, options)
     result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.7, 1.0), context.log)
-    return block_outputs.write_results(
-        "triangulate", options, result, [*warnings, *more, *chosen.warnings], clock, rest, chosen.entries
+    warnings += [*more, *chosen.warnings, *dem_offset.offset_warning(result, options)]
+    report = block_outputs.write_results(
+        "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}
     )
+    if finished is not None:
+        finished.remove()
+    return report
 
 
 def _automatic_ties(
     images: Sequence[Image], options: Mapping[str, Any], context: Context
-) -> tuple[list[ImagePoints], list[str]]:
+) -> tuple[list[ImagePoints], list[str], Finished | None]:
     if options["tie_points"] != AUTOMATIC:
-        return [], []
-    from ..hrsi_engine.measurement.tie_points import TieOptions, find_tie_points
-    from . import block_inputs
+        return [], [], None
+    from ..hrsi_engine.io.dems import open_dem
+    from .tie_search import find
 
-    heights = block_inputs.terrain_heights(images, options)
-    found = find_tie_points(images, TieOptions(heights, margin_px=options["search_margin"]), context.progress)
-    for (first, second), count in found.matches.items():
-        context.log(f"{first} - {second}: {count} matches")
-    return [found.image_points], list(found.warnings)
+    surface = open_dem(options["dem"], dem_datum(options)) if options["dem"] else None
+    found, finished = find(images, options, surface, context)
+    return [found.image_points], list(found.warnings), finished
 
 
 ALGORITHM = replace(
@@ -65,6 +74,7 @@ ALGORITHM = replace(
     help=(
         "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
         "CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points agree. "
+        "GCPs may also come from an orthoimage (--reference, with --dem). "
         "Without any GCP the block is held where its RPCs put it, and the images fit one another. "
         "The refined images are ready for gdalwarp -rpc."
     ),
@@ -72,17 +82,17 @@ ALGORITHM = replace(
         IMAGES,
         *POINT_PARAMS,
         Param(
-            "tie-points", Kind.TEXT, "auto finds them in the images, none does without, FILE reads them",
+            "tie-points", Kind.POINTS, "auto finds them in the images, none does without, FILE reads them",
             default=AUTOMATIC, metavar="auto|none|FILE",
         ),
         DEM,
         DEM_DATUM,
-        Param(
-            "search-margin", Kind.NUMBER, "How far the RPCs may be off when tie points are searched", default=128.0,
-            minimum=0.0, unit="px", advanced=True, metavar="PX",
-        ),
+        REFERENCE,
+        *REFERENCE_PARAMS,
+        *SEARCH_PARAMS,
         *ADJUST_PARAMS,
         *BLOCK_OUTPUT_PARAMS,
     ),
     run=run,
+    packages=("cv2", "dask"),
 )  # fmt: skip

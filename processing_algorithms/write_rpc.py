@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 #: What the output of an image is called, by way of writing; None is the image itself.
 SUFFIXES: dict[str, str | None] = {
-    "copy": ".tif", "in-place": None, "vrt": ".vrt", "sidecar": "_RPC.TXT", "rpb": ".RPB",
+    "copy": ".tif", "in-place": None, "vrt": ".vrt", "sidecar": "_RPC.TXT", "rpb": ".RPB", "xml": ".xml",
+    "geom": ".geom", "json": ".json",
 }  # fmt: skip
 _NEEDS_FOLDER = ("copy", "vrt")
 Outcome = tuple[str, dict[str, Any], tuple[str, ...]]  # image id, entry of the report, notices
@@ -126,6 +127,9 @@ def _writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]
         "vrt": lambda path, output, rpc, progress: rpc_files.write_vrt(path, output, rpc),
         "sidecar": sidecar("rpc-txt"),
         "rpb": sidecar("rpb"),
+        "xml": sidecar("isd"),
+        "geom": sidecar("geom"),
+        "json": sidecar("rpcm-json"),
     }
 
 
@@ -154,12 +158,13 @@ ALGORITHM = Algorithm(
         "Writes the RPC of any file that HRSI reads (or the image's own, wherever it is kept) for one or more images. "
         "copy writes a GeoTIFF with the pixels, compression and overviews of the image; in-place changes the image "
         "itself and keeps its original RPC in it, so that --restore brings it back bit by bit; vrt writes a virtual "
-        "image; sidecar and rpb write a _RPC.TXT or .RPB file, beside the image unless an output directory is given. "
+        "image; sidecar, rpb, xml, geom and json write a _RPC.TXT, .RPB, ISD XML (ASP), .geom (Orfeo ToolBox) or rpcm "
+        "JSON file, beside the image unless an output directory is given (docs/bridges.md says who reads what). "
         "Everything is read again and compared; a file that exists is replaced in one step."
     ),
     params=(
         Param(
-            "images", Kind.IMAGES, "Images, or RPC files alone (then with --write sidecar, rpb or in-place)",
+            "images", Kind.IMAGES, "Images, or RPC files alone (then not with --write copy or vrt)",
             required=True, metavar="IMAGE",
         ),
         Param(

@@ -15,16 +15,17 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("hrsi_engine", "plugin", "processing_algorithms")
 
 #: What a part of the package may import besides itself, by the longest fitting prefix of a module's name.
-FOUNDATION = {"hrsi_engine.errors", "hrsi_engine.version"}
+FOUNDATION = {"hrsi_engine.errors", "hrsi_engine.version", "hrsi_engine.columns"}
 PROGRESS = FOUNDATION | {"hrsi_engine.progress"}
 GEODESY = PROGRESS | {"hrsi_engine.geodesy"}
 CAMERA = GEODESY | {"hrsi_engine.rpc", "hrsi_engine.rpc_terms", "hrsi_engine.rpc_inverse"}
 SURFACE = CAMERA | {"hrsi_engine.dem", "hrsi_engine.rpc_fit"}
-BLOCK = SURFACE | {"hrsi_engine.block"}
+BLOCK = SURFACE | {"hrsi_engine.points", "hrsi_engine.block", "hrsi_engine.scheduling", "hrsi_engine.orthoimage"}
 ADJUSTMENT = BLOCK | {"hrsi_engine.refinement", "hrsi_engine.adjustment"}
 ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.errors": set(),
     "hrsi_engine.version": set(),
+    "hrsi_engine.columns": set(),
     "hrsi_engine.progress": FOUNDATION,
     "hrsi_engine.geodesy": PROGRESS,
     "hrsi_engine.rpc_terms": GEODESY,
@@ -32,15 +33,20 @@ ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.rpc": CAMERA,
     "hrsi_engine.dem": CAMERA,
     "hrsi_engine.rpc_fit": CAMERA,
-    "hrsi_engine.block": SURFACE,
+    "hrsi_engine.points": FOUNDATION,
+    "hrsi_engine.scheduling": PROGRESS,
+    "hrsi_engine.block": SURFACE | {"hrsi_engine.points"},
+    "hrsi_engine.orthoimage": BLOCK,
+    "hrsi_engine.height_datum": FOUNDATION,
     "hrsi_engine.imaging_geometry": BLOCK,
     "hrsi_engine.refinement": BLOCK,
     "hrsi_engine.measurement": BLOCK,
     "hrsi_engine.simulation": BLOCK,
-    "hrsi_engine.ortho": BLOCK,
+    "hrsi_engine.ortho": BLOCK | {"hrsi_engine.measurement.orientation_correlation"},
     "hrsi_engine.adjustment": ADJUSTMENT,
     "hrsi_engine.residuals": ADJUSTMENT,
     "hrsi_engine.separate_images": ADJUSTMENT,
+    "hrsi_engine.residual_statistics": ADJUSTMENT | {"hrsi_engine.residuals"},
     "hrsi_engine.block_report": ADJUSTMENT | {"hrsi_engine.residuals"},
     "hrsi_engine.result_tables": ADJUSTMENT | {"hrsi_engine.residuals", "hrsi_engine.block_report"},
     "hrsi_engine.io": BLOCK,

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ast
 import configparser
+import importlib.util
 import re
 import subprocess
 import sys
 import tomllib
+import zipfile
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -58,6 +61,40 @@ def test_plugin_metadata(repository: Path, metadata: configparser.SectionProxy):
     assert metadata["hasProcessingProvider"] == "yes"
     assert (metadata["qgisMinimumVersion"], metadata["qgisMaximumVersion"]) == ("3.22", "4.99")
     assert (repository / metadata["icon"]).is_file()
+
+
+@pytest.fixture(scope="module")
+def make_plugin(repository: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_plugin", repository / "scripts" / "make_plugin.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_plugin_zip_holds_what_the_plugin_repository_wants(repository: Path, make_plugin: ModuleType, tmp_path: Path):
+    """One folder named like the plugin, a licence, complete metadata, nothing compiled, nothing of tests, and small."""
+    publisher = {"email": "a@b.org", "repository": "https://b.org/hrsi", "tracker": "https://b.org/hrsi/issues"}
+    make_plugin.build(tmp_path / "hrsi.zip", publisher)
+    make_plugin.build(tmp_path / "again.zip", publisher)
+    assert (tmp_path / "hrsi.zip").read_bytes() == (tmp_path / "again.zip").read_bytes()
+    assert (tmp_path / "hrsi.zip").stat().st_size < 2 * 1024**2
+    with zipfile.ZipFile(tmp_path / "hrsi.zip") as archive:
+        names = archive.namelist()
+        metadata = configparser.ConfigParser()
+        metadata.read_string(archive.read("hrsi/metadata.txt").decode())
+    assert {name.split("/")[0] for name in names} == {"hrsi"}
+    assert {"hrsi/LICENSE", "hrsi/__init__.py", "hrsi/plugin/icons/hrsi.svg"} <= set(names)
+    assert not [name for name in names if re.search(r"__pycache__|\.(pyc|so|dll|tif|csv|gpkg)$|/tests/|/\.", name)]
+    wanted = (*make_plugin.REQUIRED, *make_plugin.PUBLISHER_FIELDS)
+    assert {"about", "author", "email", "repository"} <= set(wanted)
+    assert all(metadata["general"][field] for field in wanted)
+    sources = {path.relative_to(repository) for path in (repository / "hrsi_engine").rglob("*.py")}
+    assert {f"hrsi/{path.as_posix()}" for path in sources} <= set(names)
+
+
+def test_plugin_zip_is_refused_without_a_required_field(repository: Path, make_plugin: ModuleType, tmp_path: Path):
+    with pytest.raises(ValueError, match="about"):
+        make_plugin.plugin_metadata(repository, {"about": ""})
 
 
 def test_root_imports_nothing_of_qgis(repository: Path):

@@ -16,6 +16,7 @@
 | weights             | robust weight functions                                                     |
 | snooping            | blunders among measurements and GCPs                                        |
 | variance_components | sigmas of groups of observations                                            |
+| drift_prior         | … and of the drifts of the images' corrections                              |
 | precision           | cofactors, error ellipses, reliability                                      |
 | cross_validation    | each GCP as a check point in turn                                           |
 | outcome             | the last solution as an `Adjustment`                                        |

@@ -104,8 +104,9 @@ class ArrayEquations:
             for j in range(i, 3):
                 sums = np.add.reduceat((weighted[:, :, i] * linear.by_ground[:, :, j]).sum(axis=1), first)
                 matrix[:, i, j] = matrix[:, j, i] = sums
-        matrix[:, range(3), range(3)] += priors.weight
-        right += priors.weight * priors.miss_m(linear.state.ground)
+        own, miss = priors.matrices(), priors.miss_m(linear.state.ground)
+        matrix += own
+        right += np.einsum("mij,mj->mi", own, miss)
         return np.linalg.inv(matrix), right
 
     def _subtract(

@@ -5,7 +5,8 @@ Arguments that the kernels share
     cubics (images, 20, 4) : coefficients of sample and line numerator, sample and line denominator
     constants (images, 12) : ground offsets and inverse scales (6), image offsets and scales (4), centre (2)
     coefficients (images, 2, M), powers (M, 2) : the polynomial
-    target, target weight (m, 3) : priors of the points' positions
+    camera (images,) : which set of parameters an image has
+    target, target weight (m, 3), mixed (m, 3) or (1, 3) : priors of the points' positions (`PointPriors`)
 
 Arrays are passed whole, with indices: a view costs more here than the arithmetic on it.
 """
@@ -149,7 +150,7 @@ def load(
     Returns their number k and the point's own normal matrix and right-hand side.
     """
     first, image, xy, weight = observed
-    target, target_weight = prior
+    target, target_weight, mixed = prior
     lon, lat, height = ground[point, 0], ground[point, 1], ground[point, 2]
     east, north = metres(lat, height)
     n00, n01, n02, n11, n12, n22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -179,7 +180,12 @@ def load(
         g1 += w * (u1 * r0 + v1 * r1)
         g2 += w * (u2 * r0 + v2 * r1)
     t0, t1, t2 = target_weight[point, 0], target_weight[point, 1], target_weight[point, 2]
-    g0 += t0 * _wrapped(target[point, 0] - lon) * east
-    g1 += t1 * (target[point, 1] - lat) * north
-    g2 += t2 * (target[point, 2] - height)
-    return count, (n00 + t0, n01, n02, n11 + t1, n12, n22 + t2), (g0, g1, g2)
+    k = min(point, len(mixed) - 1)
+    t01, t02, t12 = mixed[k, 0], mixed[k, 1], mixed[k, 2]
+    d0 = _wrapped(target[point, 0] - lon) * east
+    d1 = (target[point, 1] - lat) * north
+    d2 = target[point, 2] - height
+    g0 += t0 * d0 + t01 * d1 + t02 * d2
+    g1 += t01 * d0 + t1 * d1 + t12 * d2
+    g2 += t02 * d0 + t12 * d1 + t2 * d2
+    return count, (n00 + t0, n01 + t01, n02 + t02, n11 + t1, n12 + t12, n22 + t2), (g0, g1, g2)

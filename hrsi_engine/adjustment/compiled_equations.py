@@ -58,8 +58,8 @@ class CompiledEquations:
         def part(begin: int, end: int) -> None:
             blocks, right = free.pop()
             kernels.eliminate(
-                begin, end, self._most, observed, cameras, self.observations.camera_of_image, state.ground,
-                (priors.target, priors.weight), contributes, pattern.start, pattern.columns, blocks, right, out,
+                begin, end, self._most, observed, cameras, state.ground,
+                _prior_arrays(priors), contributes, pattern.start, pattern.columns, blocks, right, out,
             )  # fmt: skip
             free.append((blocks, right))
 
@@ -75,8 +75,8 @@ class CompiledEquations:
         out = np.empty_like(state.ground)
         by_coefficient = np.ascontiguousarray((step @ self._mixing.T).reshape(len(step), 2, len(self._powers)))
         self._run(
-            kernels.substitute, *self._inputs(state, weight), self.observations.camera_of_image, state.ground,
-            self._empty_priors(), normals.inverse, normals.point_right, by_coefficient, out,
+            kernels.substitute, *self._inputs(state, weight), state.ground, self._empty_priors(),
+            normals.inverse, normals.point_right, by_coefficient, out,
         )  # fmt: skip
         return out
 
@@ -98,8 +98,8 @@ class CompiledEquations:
         out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
         by_coefficient = np.ascontiguousarray(self._mixing @ cameras @ self._mixing.T)
         self._run(
-            kernels.spread, *self._inputs(state, weight), self.observations.camera_of_image, state.ground,
-            self._empty_priors(), normals.inverse, self.pattern.start, self.pattern.columns,
+            kernels.spread, *self._inputs(state, weight), state.ground, self._empty_priors(), normals.inverse,
+            self.pattern.start, self.pattern.columns,
             by_coefficient, tuple(out),
         )  # fmt: skip
         return out
@@ -107,7 +107,7 @@ class CompiledEquations:
     def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
         """See `Equations`."""
         ground = state.ground.copy()
-        self._run(kernels.intersect, *self._inputs(state, weight), ground, (priors.target, priors.weight))
+        self._run(kernels.intersect, *self._inputs(state, weight), ground, _prior_arrays(priors))
         return ground
 
     # ---- calls -----------------------------------------------------------------------------------------------------
@@ -123,14 +123,14 @@ class CompiledEquations:
                 self._constants,
                 np.ascontiguousarray(by_camera[observations.camera_of_image]),
                 self._powers,
+                observations.camera_of_image,
             ),
         )
 
-    def _empty_priors(self) -> tuple[np.ndarray, np.ndarray]:
+    def _empty_priors(self) -> tuple[np.ndarray, ...]:
         """Return point priors that say nothing, of the right length and without its memory."""
-        count = len(self.observations.points)
-        nothing = np.broadcast_to(np.zeros(3), (count, 3))
-        return nothing, nothing
+        nothing = np.broadcast_to(np.zeros(3), (len(self.observations.points), 3))
+        return nothing, nothing, np.zeros((1, 3))
 
     def _to_parameters(self, blocks: np.ndarray) -> np.ndarray:
         identity = self._mixing.shape[0] == self._mixing.shape[1] and np.array_equal(
@@ -150,6 +150,10 @@ class CompiledEquations:
         with ThreadPoolExecutor(self.threads) as pool:
             for done in [pool.submit(part, begin, end) for begin, end in pairwise(bounds)]:
                 done.result()
+
+
+def _prior_arrays(priors: PointPriors) -> tuple[np.ndarray, ...]:
+    return priors.target, priors.weight, priors.mixed
 
 
 def _cubics(image: Image) -> np.ndarray:

@@ -14,13 +14,13 @@ all observations is ever formed. Two implementations do the same: `array_equatio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..geodesy import metres_per_degree, wrap_degrees
-from .observations import Observations
+from .observations import COORDINATE_PAIRS, Observations
 
 FREE_POINT_SIGMA_M = 1e4  # prior of a point without survey about its start (C_G): only keeps V regular
 
@@ -37,13 +37,16 @@ class PointPriors:
     """Observed positions of the points: surveys, DEM heights, and a weak prior about the start for all others.
 
     target : (m, 3) lon, lat, height
-    weight : (m, 3) in 1/m² east, north, up, above zero everywhere
+    weight : (m, 3) diagonal of the weight matrices in 1/m² east, north, up, above zero everywhere
     observed : (m, 3) which of them are observations; the weak priors are none and do not count
+    mixed : (m, 3) the rest of the weight matrices: east-north, east-up, north-up; one row of zeros where no survey
+        has correlations
     """
 
     target: np.ndarray
     weight: np.ndarray
     observed: np.ndarray
+    mixed: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
 
     @classmethod
     def of(cls, observations: Observations, start: np.ndarray, weight: np.ndarray | None = None) -> PointPriors:
@@ -51,7 +54,41 @@ class PointPriors:
         weight = observations.survey_weight if weight is None else weight
         given = weight > 0.0
         free = 1.0 / FREE_POINT_SIGMA_M**2
-        return cls(np.where(given, observations.survey, start), np.where(given, weight, free), given)
+        priors = cls(np.where(given, observations.survey, start), np.where(given, weight, free), given)
+        if observations.survey_correlation is None:
+            return priors
+        return priors._correlated(observations.survey_correlation)
+
+    def _correlated(self, correlation: np.ndarray) -> PointPriors:
+        """Return the priors with surveys whose coordinates have a ``correlation (m, 3)``.
+
+        A coordinate that is not observed (any more) drops out of the covariance, so the others keep their sigmas.
+        """
+        row, column = COORDINATE_PAIRS
+        both = self.observed[:, row] & self.observed[:, column]
+        points = np.flatnonzero((both & (correlation != 0.0)).any(axis=1))
+        matrix = np.tile(np.eye(3), (len(points), 1, 1))
+        matrix[:, row, column] = matrix[:, column, row] = np.where(both[points], correlation[points], 0.0)
+        scale = np.sqrt(self.weight[points])
+        inverse = scale[:, :, None] * np.linalg.inv(matrix) * scale[:, None, :]
+        weight, mixed = self.weight.copy(), np.zeros_like(self.weight)
+        weight[points], mixed[points] = inverse[:, range(3), range(3)], inverse[:, row, column]
+        return PointPriors(self.target, weight, self.observed, mixed)
+
+    @property
+    def correlated(self) -> bool:
+        """Whether any weight matrix is more than its diagonal."""
+        return len(self.mixed) == len(self.weight)
+
+    def matrices(self, points: np.ndarray | slice = slice(None), observed: bool = False) -> np.ndarray:
+        """Return the weight matrices ``(k, 3, 3)`` of some points; zero for what is not observed, if asked for."""
+        diagonal = self.weight[points]
+        matrix = np.zeros((len(diagonal), 3, 3))
+        matrix[:, range(3), range(3)] = np.where(self.observed[points], diagonal, 0.0) if observed else diagonal
+        if self.correlated:
+            row, column = COORDINATE_PAIRS
+            matrix[:, row, column] = matrix[:, column, row] = self.mixed[points]
+        return matrix
 
     @property
     def held(self) -> np.ndarray:
@@ -67,8 +104,8 @@ class PointPriors:
     def sum_of_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
         """Return the weighted sum of squares of the observed coordinates of the points ``counting (m,)``."""
         points = np.flatnonzero(self.held & counting)
-        weight = np.where(self.observed[points], self.weight[points], 0.0)
-        return float(np.sum(weight * self.miss_m(ground[points], points) ** 2))
+        miss = self.miss_m(ground[points], points)
+        return float(np.einsum("ki,kij,kj->", miss, self.matrices(points, observed=True), miss))
 
 
 @dataclass(eq=False)

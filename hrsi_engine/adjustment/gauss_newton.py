@@ -15,6 +15,7 @@ import numpy as np
 from ..geodesy import moved_ground
 from ..progress import Progress, advance
 from .camera_system import CameraSystem, camera_system
+from .dem_heights import DemHeights
 from .equations import Equations, Normals, PointPriors, State
 from .pattern import Pattern
 from .result import Iteration
@@ -62,7 +63,7 @@ class GaussNewton:
 
     prior_weight : (cameras, p), infinite for a parameter that stays at its start
     rows_per_point : (m,) numbers of image points
-    heights : new height targets for positions (m, 3), where a DEM holds them
+    heights : those of a DEM that hold points
     """
 
     equations: Equations
@@ -70,13 +71,18 @@ class GaussNewton:
     prior_weight: np.ndarray
     rows_per_point: np.ndarray
     max_iterations: int = 30
-    heights: Callable[[np.ndarray], np.ndarray] | None = None
+    heights: DemHeights | None = None
     history: list[Iteration] = field(default_factory=list)
     solves: int = 0
 
     def __post_init__(self) -> None:
         self.system: CameraSystem = camera_system(self.pattern)
-        self._finite_prior = np.where(np.isinf(self.prior_weight), 0.0, self.prior_weight)
+        self.hold(self.prior_weight)
+
+    def hold(self, prior_weight: np.ndarray) -> None:
+        """Take other weights of the parameters' priors."""
+        self.prior_weight = prior_weight
+        self._finite_prior = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
     def run(self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress) -> Solution:
         """Iterate from a state until the predicted decrease of the cost falls below ``tolerance`` of the cost.
@@ -106,10 +112,8 @@ class GaussNewton:
         """Return the same state with robust factors from its residuals and heights from the DEM."""
         weighting = at.weighting
         if self.heights is not None:
-            points = weighting.points
-            target = points.target.copy()
-            target[:, 2] = self.heights(at.state.ground)
-            weighting = replace(weighting, points=replace(points, target=target))
+            points = self.heights.applied(weighting.points, at.state.ground, at.normals.inverse)
+            weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
         return self._at(at.state, weighting, robustly(t))
 

@@ -95,7 +95,6 @@ def eliminate(
     most: int,
     observed: Arrays,
     cameras: Arrays,
-    camera: np.ndarray,
     ground: np.ndarray,
     prior: Arrays,
     contributes: np.ndarray,
@@ -110,6 +109,7 @@ def eliminate(
     ``out`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3).
     """
     first, image, _, weight = observed
+    camera = cameras[4]
     residual, inverse, point_right = out
     terms = len(cameras[3])
     r, jac, t = np.empty((most, 2)), np.empty((most, 2, 3)), np.empty((most, terms))
@@ -152,7 +152,6 @@ def substitute(
     most: int,
     observed: Arrays,
     cameras: Arrays,
-    camera: np.ndarray,
     ground: np.ndarray,
     prior: Arrays,
     inverse: np.ndarray,
@@ -162,7 +161,7 @@ def substitute(
 ) -> None:
     """Write the points' steps in metres for the cameras' ``step (cameras, 2, M)`` of the coefficients."""
     first, image, _, weight = observed
-    terms = len(cameras[3])
+    camera, terms = cameras[4], len(cameras[3])
     r, jac, t = np.empty((most, 2)), np.empty((most, 2, 3)), np.empty((most, terms))
     for point in range(begin, end):
         count, _, _ = load(point, observed, cameras, ground, prior, r, jac, t)
@@ -230,7 +229,6 @@ def spread(
     most: int,
     observed: Arrays,
     cameras: Arrays,
-    camera: np.ndarray,
     ground: np.ndarray,
     prior: Arrays,
     inverse: np.ndarray,
@@ -247,7 +245,7 @@ def spread(
         point = V^-1 + pull' w half,   computed = A Q A' - half B' - B half' + B point B'
     """
     first, image, _, weight = observed
-    terms = len(cameras[3])
+    camera, terms = cameras[4], len(cameras[3])
     r, jac, t = np.empty((most, 2)), np.empty((most, 2, 3)), np.empty((most, terms))
     q, pull, half = np.empty((2 * most, 2 * most)), np.empty((2 * most, 3)), np.empty((2 * most, 3))
     for point in range(begin, end):

@@ -16,6 +16,8 @@ from ..block import Block, Image, Role
 from ..refinement import RefinementModel
 from ..refinement.model import Linearise
 
+COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:
@@ -27,6 +29,7 @@ class Observations:
     first : (m + 1,) measurements ``first[i]:first[i + 1]`` belong to point i
     survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 where a coordinate is
         not surveyed (an infinite sigma makes a point horizontal or height control only)
+    survey_correlation : (m, 3) of east-north, east-height, north-height of each survey; None: all zero
     contributes : (n,) whether the measurement has a say in the cameras
     camera_of_image : (images,) which set of parameters an image has; images of one strip may share one
     """
@@ -43,6 +46,7 @@ class Observations:
     survey_weight: np.ndarray
     contributes: np.ndarray
     camera_of_image: np.ndarray
+    survey_correlation: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -63,6 +67,13 @@ class Observations:
     def surveyed(self) -> np.ndarray:
         """Mask of the points with a survey of any coordinate."""
         return (self.survey_weight > 0.0).any(axis=1)
+
+    @property
+    def correlated(self) -> np.ndarray:
+        """Mask of the points whose survey has correlations."""
+        if self.survey_correlation is None:
+            return np.zeros(len(self.points), dtype=bool)
+        return (self.survey_correlation != 0.0).any(axis=1)
 
     @cached_property
     def contributing_points(self) -> np.ndarray:
@@ -98,6 +109,7 @@ class Observations:
             self.images, self.rows[keep], self.points[~lost], point, self.image[keep], self.xy[keep],
             self.sigma_px[keep], np.searchsorted(point, np.arange((~lost).sum() + 1)), self.survey[~lost],
             self.survey_weight[~lost], self.contributes[keep], self.camera_of_image,
+            None if self.survey_correlation is None else self.survey_correlation[~lost],
         )  # fmt: skip
 
     def linearisers(self, model: RefinementModel) -> list[Linearise]:
@@ -135,7 +147,7 @@ def subset(
     point = (np.cumsum(taking_part) - 1)[chosen.point]
     survey = block.points.ground[points]
     has_survey = surveyed[points][:, None] & np.isfinite(survey)
-    weight = np.where(has_survey, 1.0 / block.points.sigma_m[points][:, [0, 0, 1]] ** 2, 0.0)
+    weight, correlation = _survey_weights(block, points, surveyed[points])
     return Observations(
         images=block.images,
         rows=rows,
@@ -146,7 +158,21 @@ def subset(
         sigma_px=chosen.sigma_px,
         first=np.searchsorted(point, np.arange(len(points) + 1)),
         survey=np.where(has_survey, survey, np.nan),
-        survey_weight=weight,
+        survey_weight=np.where(has_survey, weight, 0.0),
         contributes=contributing[chosen.point],
         camera_of_image=np.arange(len(block.images), dtype=np.int32),
+        survey_correlation=correlation,
     )
+
+
+def _survey_weights(block: Block, points: np.ndarray, surveyed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return each coordinate's own weight ``(m, 3)`` and the correlations ``(m, 3)``, None where there are none."""
+    weight, correlation = np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    covariance = block.points.survey_covariance_m2(points[surveyed])
+    variance = covariance.diagonal(axis1=1, axis2=2)
+    weight[surveyed] = 1.0 / variance
+    row, column = COORDINATE_PAIRS
+    with np.errstate(invalid="ignore"):
+        pairs = covariance[:, row, column] / np.sqrt(variance[:, row] * variance[:, column])
+    correlation[surveyed] = np.nan_to_num(pairs)  # infinite variances
+    return weight, correlation if correlation.any() else None

@@ -18,6 +18,8 @@ class AdjustOptions:
     check_as_ties : the check points' image measurements take part like those of tie points (never their survey)
     reject_sigma : measurements and GCPs that fail their test at this many sigmas are left out; 0 keeps all
     variance_components : estimate the sigmas of the groups of observations
+    variance_groups : an entry of `GROUPINGS`: what tells image points apart
+    sensor_images : groups of ids whose images come from one sensor; the others are told apart by pixel size
     cross_validate : predict each GCP by an adjustment without it
     fixed_images : ids of reference images, whose RPCs stay as they are
     shared_images : groups of ids that have one set of parameters together (one strip or orbit)
@@ -32,6 +34,8 @@ class AdjustOptions:
     check_as_ties: bool = False
     reject_sigma: float = 0.0
     variance_components: bool = False
+    variance_groups: str = "kind-sensor"
+    sensor_images: tuple[tuple[str, ...], ...] = ()
     cross_validate: bool = False
     fixed_images: tuple[str, ...] = ()
     shared_images: tuple[tuple[str, ...], ...] = ()

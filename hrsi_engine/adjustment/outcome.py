@@ -9,17 +9,22 @@ import numpy as np
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests
 from .problem import Problem, named
-from .result import Adjustment, CrossValidation, DatumPart, Finding, VarianceComponent, Verdict
+from .result import Adjustment, CrossValidation, DatumPart, DemAgreement, Finding, VarianceComponent, Verdict
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
+MANY_LEFT_OUT = 0.02  # share of the DEM's heights
 HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
 
 
 @dataclass(eq=False)
 class Found:
-    """What the rounds of an adjustment found: verdicts (n,), the tie points' variance factor, findings and more."""
+    """What the rounds of an adjustment found.
+
+    Verdicts (n,), values of the tests that failed (n,), the tie points' variance factor, findings and more.
+    """
 
     verdict: np.ndarray
+    failed: np.ndarray | None = None
     tie_variance: float = 1.0
     findings: list[Finding] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -46,18 +51,25 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.surveyed | ~observations.contributing_points
     kept = (solution.weight > 0.0) & placed[observations.point]
-    covariance = sums.sigma0**2 * precise.points
+    part_of_image = _part_of_image(problem)
+    # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
+    factor = np.array([sums.sigma0**2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
+    covariance = factor[observations.image[observations.first[:-1]], None, None] * precise.points
     covariance[~placed] = np.nan
     covariance = _spread(len(block.points), points, covariance)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+    heights = problem.dem_heights
+    agreement = None if heights is None else heights.agreement(solution.weighting.points, solution.state.ground)
     redundancy_numbers, statistic = _reliability(problem, solution, precise, found.tie_variance)
+    if found.failed is not None:
+        statistic = np.where(np.isnan(statistic), found.failed, statistic)
     measurements = len(block.measurements)
     return Adjustment(
         block=block,
         model=problem.model,
         values=solution.state.values[camera],
-        values_sigma=sums.sigma0 * np.sqrt(precise.parameters[camera]),
+        values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera]),
         ground=_spread(len(block.points), points, np.where(placed[:, None], solution.state.ground, np.nan)),
         ground_sigma_m=ground_sigma,
         ground_covariance_m2=covariance,
@@ -77,9 +89,15 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         solves=loop.solves,
         findings=tuple(found.findings),
         variance_components=found.components,
-        parts=_parts(problem, ground_sigma, prior_share),
+        parts=_parts(problem, part_of_image, ground_sigma, prior_share),
         cross_validation=found.cross_validation,
-        warnings=(*problem.warnings, *found.warnings, *_undetermined(problem, prior_share)),
+        warnings=(
+            *problem.warnings,
+            *found.warnings,
+            *_undetermined(problem, loop, prior_share),
+            *_dem_warnings(agreement),
+        ),
+        dem=agreement,
     )
 
 
@@ -130,13 +148,20 @@ def _reliability(
     return redundancy, statistic
 
 
-def _parts(problem: Problem, ground_sigma: np.ndarray, prior_share: np.ndarray) -> tuple[DatumPart, ...]:
+def _part_of_image(problem: Problem) -> np.ndarray:
+    """Return the number of each image's part of the block."""
+    part_of_image = np.zeros(len(problem.observations.images), dtype=np.int64)
+    for number, part in enumerate(problem.parts):
+        part_of_image[part.images] = number
+    return part_of_image
+
+
+def _parts(
+    problem: Problem, part_of_image: np.ndarray, ground_sigma: np.ndarray, prior_share: np.ndarray
+) -> tuple[DatumPart, ...]:
     """Return what holds each part of the block, and the mean sigmas of its points."""
     observations = problem.observations
     sigma = ground_sigma[observations.points]
-    part_of_image = np.empty(len(observations.images), dtype=np.int64)
-    for number, part in enumerate(problem.parts):
-        part_of_image[part.images] = number
     known = np.flatnonzero(np.isfinite(sigma).all(axis=1))
     of_point = part_of_image[observations.image[observations.first[:-1][known]]]
     counts = np.maximum(np.bincount(of_point, minlength=len(problem.parts)), 1)
@@ -153,10 +178,14 @@ def _parts(problem: Problem, ground_sigma: np.ndarray, prior_share: np.ndarray) 
     )  # fmt: skip
 
 
-def _undetermined(problem: Problem, prior_share: np.ndarray) -> list[str]:
-    """Name parameters of images with control that nevertheless come from their priors."""
+def _undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
+    """Name parameters of images with control that nevertheless come from their priors.
+
+    Not those whose prior was estimated from the block: these are as good as the block can say.
+    """
     names, observations = problem.model.parameters, problem.observations
-    poor = (prior_share > HELD_BY_PRIOR) & ~np.isinf(problem.prior_weight)
+    given = problem.prior_weight == loop.prior_weight
+    poor = (prior_share > HELD_BY_PRIOR) & given & ~np.isinf(problem.prior_weight)
     by_set: dict[tuple[str, ...], list[str]] = {}
     for part in problem.parts:
         for index in part.images if part.gcps else ():
@@ -168,4 +197,15 @@ def _undetermined(problem: Problem, prior_share: np.ndarray) -> list[str]:
         f"{', '.join(key)} of image {named(ids)} follow from their priors: the GCPs and tie points do not "
         "determine them"
         for key, ids in by_set.items()
+    ]
+
+
+def _dem_warnings(agreement: DemAgreement | None) -> list[str]:
+    """Name a DEM many of whose heights do not fit the block."""
+    if agreement is None or agreement.left_out <= MANY_LEFT_OUT * agreement.points:
+        return []
+    return [
+        f"{agreement.left_out} of {agreement.points} heights of the DEM do not fit the points and are left out "
+        f"(the points lie {agreement.left_out_median_m:+.1f} m above it in the median): trees, buildings, or errors of "
+        "the DEM"
     ]

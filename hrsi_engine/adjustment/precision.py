@@ -82,10 +82,14 @@ def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarr
 
 
 def survey_tests(miss_m: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the same for surveys: ``miss_m (k, 3)``, their ``cofactors (k, 3, 3)``, weights 0 where not surveyed."""
-    scale = np.sqrt(weight)
-    share, axes = np.linalg.eigh(cofactors * scale[:, :, None] * scale[:, None, :])
-    along = np.einsum("kij,ki->kj", axes, miss_m * scale)
+    """Return the same for surveys ``miss_m (k, 3)``; ``cofactors`` of the misses, ``weight`` matrices (k, 3, 3).
+
+    A coordinate that is not surveyed has the weight 0.
+    """
+    values, vectors = np.linalg.eigh(weight)
+    scale = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(1, 2)  # its square root
+    share, axes = np.linalg.eigh(scale @ cofactors @ scale)
+    along = np.einsum("kij,ki->kj", axes, np.einsum("kij,kj->ki", scale, miss_m))
     return np.where(share > LEAST_REDUNDANCY, along**2 / np.maximum(share, LEAST_REDUNDANCY), 0.0).sum(axis=1)
 
 
@@ -118,17 +122,23 @@ def undetected_influence(redundancy: np.ndarray) -> np.ndarray:
         return NON_CENTRALITY * np.sqrt(np.maximum(1.0 - redundancy, 0.0) / np.maximum(redundancy, 0.0))
 
 
-def predicted_accuracy(covariance_m2: np.ndarray, sigma_survey_m: np.ndarray) -> dict[str, float | None]:
-    """Return the RMSE, CE90 and LE90 to expect at points ``(k, 3, 3)`` surveyed with ``(k, 2)`` xy and h sigmas."""
+def predicted_accuracy(covariance_m2: np.ndarray, survey_m2: np.ndarray) -> dict[str, float | None]:
+    """Return the RMSE, CE90 and LE90 to expect at points with covariances ``(k, 3, 3)`` of position and survey.
+
+    Coordinates that were not surveyed (an infinite variance) are not compared.
+    """
     known = np.isfinite(covariance_m2).all(axis=(1, 2))
     if not known.any():
         return {"rmse_east_m": None, "rmse_north_m": None, "rmse_height_m": None, "ce90_m": None, "le90_m": None}
-    variance = covariance_m2[known].diagonal(axis1=1, axis2=2) + sigma_survey_m[known][:, [0, 0, 1]] ** 2
-    east, north, height = np.sqrt(variance.mean(axis=0)).tolist()
+    variance = (covariance_m2[known] + survey_m2[known]).diagonal(axis1=1, axis2=2)
+    compared = np.isfinite(variance)
+    with np.errstate(invalid="ignore"):
+        rmse = np.sqrt(np.where(compared, variance, 0.0).sum(axis=0) / compared.sum(axis=0))
+    east, north, height = (float(value) if np.isfinite(value) else None for value in rmse)
     return {
         "rmse_east_m": east,
         "rmse_north_m": north,
         "rmse_height_m": height,
-        "ce90_m": CIRCLE_90 * float(np.sqrt(0.5 * (east**2 + north**2))),
-        "le90_m": LINE_90 * height,
+        "ce90_m": None if east is None or north is None else CIRCLE_90 * float(np.sqrt(0.5 * (east**2 + north**2))),
+        "le90_m": None if height is None else LINE_90 * height,
     }

@@ -6,8 +6,9 @@ priors of its images' RPCs; a part has its own priors accordingly, and is named 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -19,12 +20,14 @@ from ..dem import surface_heights
 from ..errors import InputError, SolveError
 from ..refinement import MODELS, RefinementModel
 from .compiled import equations_of
+from .dem_heights import DemHeights
 from .equations import Equations, PointPriors, State
 from .gauss_newton import GaussNewton, Weighting
 from .intersection import start_positions
 from .observations import Observations, select
 from .options import AdjustOptions
 from .pattern import Pattern, find_pattern
+from .variance_components import GROUPINGS
 from .weights import WEIGHTS
 
 Entry = TypeVar("Entry")
@@ -61,22 +64,17 @@ class Problem:
         """Return a Gauss-Newton loop over the problem."""
         rows = np.diff(self.observations.first)
         return GaussNewton(
-            self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self._dem_heights()
+            self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.dem_heights
         )
 
-    def _dem_heights(self) -> Callable[[np.ndarray], np.ndarray] | None:
+    @cached_property
+    def dem_heights(self) -> DemHeights | None:
+        """The DEM's heights that hold points, None without them."""
         dem = self.options.dem
         if dem is None:
             return None
         by_dem = self.weighting.points.observed[:, 2] & (self.observations.survey_weight[:, 2] == 0.0)
-        target = self.weighting.points.target[:, 2]
-
-        def heights(ground: np.ndarray) -> np.ndarray:
-            found = np.where(by_dem, np.nan, target)
-            found[by_dem] = surface_heights(dem, ground[by_dem, :2])
-            return np.where(np.isfinite(found), found, target)
-
-        return heights
+        return DemHeights(dem, np.flatnonzero(by_dem), self.options.sigma_dem_m)
 
     def survey_weighting(self, image: np.ndarray, survey: np.ndarray) -> Weighting:
         """Return a weighting with other weights of image points ``(n,)`` and of surveys ``(m, 3)``.
@@ -90,6 +88,7 @@ class Problem:
             np.where(surveyed, fresh.target, points.target),
             np.where(surveyed, fresh.weight, points.weight),
             np.where(surveyed, fresh.observed, points.observed),
+            fresh.mixed,
         )
         return Weighting(
             image, priors, self.observations.contributing_points & determined(self.observations, image, survey)
@@ -103,17 +102,12 @@ def determined(observations: Observations, image_weight: np.ndarray, survey_weig
 
 
 def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
-    """Return the problem; ``values (images, p)`` is a warm start.
-
-    Raises
-    ------
-    InputError
-        unknown model, weight function or image id
-    SolveError
-        nothing to adjust, or fewer observations than unknowns (the images are named)
-    """
+    """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
     model = choose(MODELS, options.model, "model")
     choose(WEIGHTS, options.robust, "robust weight function")
+    choose(GROUPINGS, options.variance_groups, "grouping of image points")
+    for group in options.sensor_images:
+        _image_indices(block, group, "a group of images of one sensor")
     observations = select(block, options.check_as_ties)
     camera_of_image = _cameras(block, options.shared_images)
     observations = replace(observations, camera_of_image=camera_of_image)

@@ -70,6 +70,19 @@ class DatumPart:
     sigma_m: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class DemAgreement:
+    """Points whose heights a DEM holds: how many, how many of its heights do not fit and are left out.
+
+    rmse_m : of point - DEM, of those that fit; left_out_median_m : median of point - DEM of the others
+    """
+
+    points: int
+    left_out: int
+    rmse_m: float
+    left_out_median_m: float
+
+
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
     """Survey - prediction ``error_m (g, 3)`` of each GCP by the adjustment without it; NaN where there is none."""
@@ -88,7 +101,8 @@ class Adjustment:
     residual_px : (measurements, 2) observed - computed at the adjusted position; NaN where it took no part
     weight : (measurements,) robust weight factor, 0 for rejected ones
     redundancy_numbers : (measurements, 2) share of an error in sample and in line that shows in its own residual
-    statistic : (measurements,) test value, in standard deviations, of "this measurement is a blunder"; NaN: untested
+    statistic : (measurements,) test value, in standard deviations, of "this measurement is a blunder"; of
+        those left out by data snooping the value that did it; NaN: untested
     verdict : (measurements,) a `Verdict`
     prior_share : (images, p) how much of each parameter comes from its prior (0 … 1)
     solves : linear systems solved in all; ``history`` has the passes of all rounds
@@ -120,3 +134,4 @@ class Adjustment:
     parts: tuple[DatumPart, ...]
     cross_validation: CrossValidation | None
     warnings: tuple[str, ...]
+    dem: DemAgreement | None = None

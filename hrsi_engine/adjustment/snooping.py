@@ -13,7 +13,7 @@ most is named, unless another explains the misfit as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
@@ -66,13 +66,14 @@ def tie_verdicts(
     ties: np.ndarray,
     sigmas: float,
     variance: float,
-) -> np.ndarray:
-    """Return a `Verdict` for every measurement ``(n,)``.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a `Verdict` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
 
     Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out when the
     cameras were worse may come back. ``ties (m,)`` are the points to judge.
     """
     verdict = np.full(observations.count, int(Verdict.KEPT), dtype=np.int8)
+    failed = np.full(observations.count, np.nan, dtype=np.float32)
     squares = point_squares(equations, solution, all_in, observations)
     suspicious = np.flatnonzero(ties & (squares > critical_value(sigmas, 2) * variance))
     rays = np.diff(observations.first)[suspicious]
@@ -84,8 +85,8 @@ def tie_verdicts(
             local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3),
             all_in.image[rows] / variance, all_in.points, points,
         )  # fmt: skip
-        verdict[rows] = group.judge(sigmas)
-    return verdict
+        verdict[rows], failed[rows] = group.judge(sigmas)
+    return verdict, failed
 
 
 class _Group:
@@ -97,9 +98,10 @@ class _Group:
         self.residual, self.by_ground, self.weight = residual, by_ground, weight.copy()
         self.own = priors.weight[points]
         self.verdict = np.full(weight.shape, int(Verdict.KEPT), dtype=np.int8)
+        self.failed = np.full(weight.shape, np.nan)
 
-    def judge(self, sigmas: float) -> np.ndarray:
-        """Leave out the worst measurement of each point until the rest agree; return the verdicts ``(m, k)``."""
+    def judge(self, sigmas: float) -> tuple[np.ndarray, np.ndarray]:
+        """Leave out the worst measurement of each point until the rest agree; return verdicts and tests ``(m, k)``."""
         limits = np.array([critical_value(sigmas, 2, max(k, 1)) for k in range(self.weight.shape[1] + 1)])
         pending = np.arange(len(self.weight))
         while len(pending):
@@ -108,7 +110,7 @@ class _Group:
             bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
             pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
             self._leave_out(pending, tests, squares, rays, sigmas)
-        return self.verdict
+        return self.verdict, self.failed
 
     def _leave_out(
         self, points: np.ndarray, tests: np.ndarray, squares: np.ndarray, rays: np.ndarray, sigmas: float
@@ -128,6 +130,7 @@ class _Group:
         out[lonely] = alive[lonely]
         kind = np.where(unclear, int(Verdict.DOUBTFUL), int(Verdict.BLUNDER)).astype(np.int8)
         self.verdict[points] = np.where(out, kind[:, None], self.verdict[points])
+        self.failed[points] = np.where(out, np.sqrt(tests.max(axis=1))[:, None], self.failed[points])
         self.weight[points] = np.where(out, 0.0, self.weight[points])
         # Whatever was called a blunder before was judged by measurements that agree with none.
         collapsed = points[lonely]
@@ -182,19 +185,18 @@ def control_suspect(
         return None
     rows, _ = observations.rows_of(surveyed)
     rows = rows[weight[rows] > 0.0]
-    survey_weight = np.where(priors.observed[surveyed], priors.weight[surveyed], 0.0)
+    survey_weight = priors.matrices(surveyed, observed=True)
     miss = priors.miss_m(solution.state.ground[surveyed], surveyed)
-    own = np.zeros((len(surveyed), 3, 3))
-    own[:, range(3), range(3)] = 1.0 / priors.weight[surveyed]
-    of_survey = survey_tests(miss, own - precise.points[surveyed], survey_weight)
+    of_miss = np.linalg.inv(priors.matrices(surveyed)) - precise.points[surveyed]
+    of_survey = survey_tests(miss, of_miss, survey_weight)
     of_rows = deletion_tests(solution.normals.residual[rows], precise.residuals[rows], weight[rows])
-    squares = float(np.sum(survey_weight * miss**2))
+    squares = float(np.einsum("ki,kij,kj->", miss, survey_weight, miss))
     squares += float(np.sum(weight[rows, None] * solution.normals.residual[rows] ** 2))
     freedom = float(np.sum(weight[rows] * np.trace(precise.residuals[rows], axis1=1, axis2=2)))
-    freedom += float(np.sum(survey_weight * (own - precise.points[surveyed]).diagonal(axis1=1, axis2=2)))
+    freedom += float(np.sum(survey_weight * of_miss))
     tests = np.concatenate([of_survey, of_rows])
     point = np.concatenate([surveyed, observations.point[rows]])
-    dimensions = np.concatenate([(survey_weight > 0.0).sum(axis=1), np.full(len(rows), 2)])
+    dimensions = np.concatenate([priors.observed[surveyed].sum(axis=1), np.full(len(rows), 2)])
     probability = _studentised(tests, dimensions, squares, freedom)
     worst = int(np.lexsort((tests, probability))[-1])
     if probability[worst] < 0.5 * sigmas**2:
@@ -215,8 +217,3 @@ def _studentised(tests: np.ndarray, dimensions: np.ndarray, squares: float, free
     with np.errstate(divide="ignore"):
         surprise = -np.log(special.fdtrc(dimensions, np.maximum(left, 0.5), np.where(usable, ratio, 0.0)))
     return np.where(usable, np.minimum(surprise, MOST_LOG), 0.0)
-
-
-def without_rows(weighting: Weighting, verdict: np.ndarray) -> Weighting:
-    """Return a weighting in which only kept measurements weigh."""
-    return replace(weighting, image=np.where(verdict == int(Verdict.KEPT), weighting.image, 0.0))

@@ -9,6 +9,8 @@ import numpy as np
 from ..block import Block
 from ..progress import Progress, silent, stage
 from .cross_validation import cross_validate
+from .drift_prior import DriftPrior
+from .equations import PointPriors
 from .gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
 from .options import AdjustOptions
 from .outcome import Found, outcome
@@ -16,7 +18,7 @@ from .precision import Precision, precision
 from .problem import Problem, named, prepare
 from .result import Adjustment, Finding, Verdict
 from .snooping import Suspect, control_suspect, point_squares, tie_variance, tie_verdicts
-from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary
+from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary, wrong_sigmas
 
 SNOOPING_ROUNDS = 6
 RARE = 2e-4  # share of the measurements whose change of verdict is not worth another round
@@ -48,7 +50,7 @@ class Adjuster:
         observations = problem.observations
         self.image_weight = problem.weighting.image
         self.survey_weight = observations.survey_weight.copy()
-        self.ties = observations.contributing_points & ~problem.weighting.points.held
+        self.ties = observations.contributing_points & ~observations.surveyed
         self.found = Found(np.full(observations.count, int(Verdict.KEPT), dtype=np.int8))
 
     def run(self, progress: Progress) -> Adjustment:
@@ -64,9 +66,9 @@ class Adjuster:
             solution, precise = self.without_bad_control(solution, precise, stage(progress, 0.9, 1.0))
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
-            self.found.cross_validation = cross_validate(
-                self.problem, self.problem.loop(), solution, self.survey_weight, progress
-            )
+            loop = self.problem.loop()
+            loop.hold(self.loop.prior_weight)
+            self.found.cross_validation = cross_validate(self.problem, loop, solution, self.survey_weight, progress)
         return outcome(self.problem, self.loop, self.found, solution, precise)
 
     # ---- rounds ----------------------------------------------------------------------------------------------------
@@ -90,7 +92,7 @@ class Adjuster:
         if not self.ties.any():
             return self.solve(solution, progress)
         for number in range(SNOOPING_ROUNDS):
-            verdict = self._judge(solution)
+            verdict, self.found.failed = self._judge(solution)
             changed = int((verdict != self.found.verdict).sum())
             self.found.verdict = verdict
             settled = changed <= RARE * len(verdict)
@@ -99,10 +101,13 @@ class Adjuster:
                 break
         return solution
 
-    def _judge(self, solution: Solution) -> np.ndarray:
-        """Return the verdicts for the cameras of a solution."""
+    def _judge(self, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+        """Return the verdicts for the cameras of a solution, and the values of the tests that failed."""
         observations, equations = self.problem.observations, self.problem.equations
         present = self.weighting()
+        if self.problem.dem_heights is not None:  # rays are judged by rays, not by a DEM that may be wrong here
+            free = PointPriors.of(observations, solution.state.ground, self.survey_weight)
+            present = replace(present, points=free)
         squares = point_squares(equations, solution, present, observations)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
         self.found.tie_variance = tie_variance(observations, squares, rays, self.ties)
@@ -123,7 +128,8 @@ class Adjuster:
             if suspect is None or not self._accuse(suspect):
                 break
             if self.ties.any():
-                self.found.verdict = np.where(self._control_rows(), self.found.verdict, self._judge(solution))
+                verdict, self.found.failed = self._judge(solution)
+                self.found.verdict = np.where(self._control_rows(), self.found.verdict, verdict)
             solution = self.solve(solution, progress)
             precise = precision(self.problem.equations, self.loop, solution)
         return solution, precise
@@ -154,23 +160,24 @@ class Adjuster:
     def with_estimated_sigmas(self, solution: Solution, progress: Progress) -> Solution:
         """Repeat the adjustment with the sigmas that its residuals show."""
         problem, observations = self.problem, self.problem.observations
-        groups = Groups.of(problem.block, observations)
+        groups = Groups.of(problem.block, observations, problem.options.variance_groups, problem.options.sensor_images)
         sigmas = Sigmas(np.ones(len(groups.names)))
         given_image, given_survey = self.image_weight, self.survey_weight.copy()
+        drift = DriftPrior(problem.model, problem.prior_weight)
         for _ in range(ROUNDS):
             precise = precision(problem.equations, self.loop, solution)
             sums = components(groups, observations, solution, precise)
             change = sigmas.update(sums)
+            if problem.options.sigma_drift is None:
+                change = max(change, drift.update(self.loop, solution, precise))
             self.image_weight = sigmas.image_weight(groups, given_image)
-            self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(given_survey), 0.0)
+            self.survey_weight = np.where(
+                self.survey_weight > 0.0, sigmas.survey_weight(observations, given_survey), 0.0
+            )
             solution = self.solve(solution, progress)
             if change < SETTLED:
                 break
         self.found.components = summary(groups, observations, sigmas, sums)
-        self.found.warnings += [
-            f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
-            f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
-            for part in self.found.components
-            if part.estimated and not 0.67 < part.factor < 1.5
-        ]
+        self.found.warnings += wrong_sigmas(self.found.components)
+        self.found.components += drift.summary()
         return solution

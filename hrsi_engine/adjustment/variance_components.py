@@ -2,16 +2,21 @@
 
 For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g tells
 how wrong its sigma was. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the block
-does not control (r_g small) keeps its sigma.
+does not control (r_g small) keeps its sigma. Surveys with correlated coordinates are a group of their own, whose
+covariances are scaled as a whole: east, north and height can hardly be told apart there.
+
+Image points may be told apart by what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one
+sensor where the user says so, or else where their pixels are equally large on the ground.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import Block
+from ..block import Block, Image
 from .gauss_newton import Solution
 from .observations import Observations
 from .precision import Precision
@@ -20,25 +25,93 @@ from .result import VarianceComponent
 LEAST_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
 ROUNDS = 15
 SETTLED = 0.01  # relative change of a sigma
-SURVEY_GROUPS = ("GCP east, north", "GCP height")
+SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
+SURVEYS = len(SURVEY_GROUPS)
+NAMED_GROUPS = 8
+SAME_GSD = 1.25  # ratio of pixel sizes of one sensor, seen more or less obliquely
+
+
+def gsd_m(image: Image) -> float:
+    """Return the size of a pixel on the ground, the mean of both directions (m)."""
+    rpc = image.rpc
+    middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+    by_ground = rpc.project_with_metric_jacobian(middle)[1][0, :, :2]
+    return float(1.0 / np.sqrt(np.abs(np.linalg.det(by_ground))))
+
+
+def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
+    """Return the sensor of each image ``(images,)`` and the sensors' names; one nameless one where all are alike.
+
+    ``groups`` of ids that the user named come first; the rest are joined where their pixel sizes follow each other
+    within `SAME_GSD`.
+    """
+    number = np.full(len(images), -1)
+    place = {image.id: index for index, image in enumerate(images)}
+    for group, ids in enumerate(groups):
+        number[[place[name] for name in ids]] = group
+    names = ["+".join(ids) for ids in groups]
+    rest = np.flatnonzero(number < 0)
+    size = np.array([gsd_m(images[index]) for index in rest.tolist()])
+    order = np.argsort(size)
+    another = np.r_[True, size[order][1:] > SAME_GSD * size[order][:-1]][: len(rest)]
+    number[rest[order]] = len(groups) - 1 + np.cumsum(another)
+    names += [
+        f"{np.median(size[order][part]):.2g} m" for part in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]
+    ]
+    return number, names if len(names) > 1 else [""]
+
+
+def _by_kind(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    kind = block.measurements.kind[rows]
+    if not len(kind) or (kind == kind[0]).all():  # sorting millions of equal texts takes longer than the adjustment
+        return np.zeros(len(kind), dtype=np.int64), kind[:1].tolist() or [""]
+    kinds, number = np.unique(kind, return_inverse=True)
+    return number, kinds.tolist()
+
+
+def _by_sensor(block: Block, rows: np.ndarray, groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    number, names = sensors(block.images, groups)
+    return number[block.measurements.image[rows]], names
+
+
+def _by_image(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    return block.measurements.image[rows].astype(np.int64), [image.id for image in block.images]
+
+
+Grouping = Callable[[Block, np.ndarray, Sequence[Sequence[str]]], tuple[np.ndarray, list[str]]]
+#: What tells image points apart: functions from block, rows and the user's sensors to group numbers and names.
+GROUPINGS: dict[str, tuple[Grouping, ...]] = {
+    "kind-sensor": (_by_kind, _by_sensor),
+    "kind": (_by_kind,),
+    "sensor": (_by_sensor,),
+    "image": (_by_image,),
+    "kind-image": (_by_kind, _by_image),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' two come after them."""
+    """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' come after them."""
 
     of_image_point: np.ndarray
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, block: Block, observations: Observations) -> Groups:
-        """Return the groups: image points by kind, GCPs' horizontal coordinates, GCPs' heights."""
-        kind = block.measurements.kind[observations.rows]
-        kinds, number = kind[:1], np.zeros(len(kind), dtype=np.int64)
-        if (kind != kind[0]).any():  # sorting millions of equal texts takes longer than the adjustment
-            kinds, number = np.unique(kind, return_inverse=True)
-        names = [f"image points: {name}" if name else "image points" for name in kinds.tolist()]
-        return cls(number, (*names, *SURVEY_GROUPS))
+    def of(
+        cls,
+        block: Block,
+        observations: Observations,
+        grouping: str = "kind",
+        sensor_groups: Sequence[Sequence[str]] = (),
+    ) -> Groups:
+        """Return the groups: image points as an entry of `GROUPINGS`, GCPs' horizontal coordinates, GCPs' heights."""
+        number, names = np.zeros(observations.count, dtype=np.int64), [""]
+        for split in GROUPINGS[grouping]:
+            another, more = split(block, observations.rows, sensor_groups)
+            number = number * len(more) + another
+            names = [", ".join(filter(None, (name, extra))) for name in names for extra in more]
+        titles = [f"image points: {name}" if name else "image points" for name in names]
+        return cls(number, (*titles, *SURVEY_GROUPS))
 
 
 def components(groups: Groups, observations: Observations, solution: Solution, precise: Precision) -> np.ndarray:
@@ -49,16 +122,24 @@ def components(groups: Groups, observations: Observations, solution: Solution, p
     squares = weight * np.einsum("nc,nc->n", solution.normals.residual, solution.normals.residual)
     freedom = weight * np.trace(precise.residuals, axis1=1, axis2=2)
     for column, values in enumerate((squares, freedom, np.full(len(weight), 2.0))):
-        sums = np.bincount(groups.of_image_point[used], values[used], minlength=len(groups.names) - 2)
-        result[:-2, column] = sums
+        sums = np.bincount(groups.of_image_point[used], values[used], minlength=len(groups.names) - SURVEYS)
+        result[:-SURVEYS, column] = sums
     points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
     priors = weighting.points
-    counted = np.where(priors.observed[points], priors.weight[points], 0.0)
+    counted, observed = priors.matrices(points, observed=True), observations.survey_weight[points] > 0.0
     miss = priors.miss_m(solution.state.ground[points], points)
-    share = np.where(counted > 0.0, 1.0 - counted * precise.points[points].diagonal(axis1=1, axis2=2), 0.0)
-    for axes, row in (([0, 1], -2), ([2], -1)):
-        result[row] = np.sum((counted * miss**2)[:, axes]), np.sum(share[:, axes]), np.sum(counted[:, axes] > 0.0)
+    squares = np.where(observed, miss * np.einsum("kij,kj->ki", counted, miss), 0.0)
+    share = np.where(observed, 1.0 - np.einsum("kij,kji->ki", counted, precise.points[points]), 0.0)
+    of_group = _survey_groups(observations)[points]
+    for group in range(SURVEYS):
+        here = of_group == group
+        result[group - SURVEYS] = squares[here].sum(), share[here].sum(), observed[here].sum()
     return result
+
+
+def _survey_groups(observations: Observations) -> np.ndarray:
+    """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``."""
+    return np.where(observations.correlated[:, None], 2, [0, 0, 1])
 
 
 @dataclass(eq=False)
@@ -79,9 +160,9 @@ class Sigmas:
         """Return the weights of the image points for their ``given`` ones."""
         return given / self.factor[groups.of_image_point] ** 2
 
-    def survey_weight(self, given: np.ndarray) -> np.ndarray:
-        """Return the weights of the surveys."""
-        return given / self.factor[[-2, -2, -1]] ** 2
+    def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
+        """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""
+        return given / self.factor[-SURVEYS:][_survey_groups(observations)] ** 2
 
 
 def summary(
@@ -89,12 +170,14 @@ def summary(
 ) -> tuple[VarianceComponent, ...]:
     """Return the groups that occur, with their sigmas as given and as estimated."""
     given = np.full(len(groups.names), np.nan)
-    for number in range(len(groups.names) - 2):
-        given[number] = np.median(observations.sigma_px[groups.of_image_point == number])
+    order = np.lexsort((observations.sigma_px, groups.of_image_point))
+    count = np.bincount(groups.of_image_point, minlength=len(given) - SURVEYS)
+    middle = np.cumsum(count) - count + count // 2
+    given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
     surveyed = observations.survey_weight > 0.0
-    for row, axes in ((-2, [0, 1]), (-1, [2])):
-        chosen = observations.survey_weight[:, axes][surveyed[:, axes]]
-        given[row] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
+    for group in range(SURVEYS):
+        chosen = observations.survey_weight[surveyed & (_survey_groups(observations) == group)]
+        given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
     return tuple(
         VarianceComponent(
             name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
@@ -103,3 +186,16 @@ def summary(
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0
     )  # fmt: skip
+
+
+def wrong_sigmas(found: Sequence[VarianceComponent]) -> list[str]:
+    """Say which sigmas were given wrong by half or more, the worst first and not more than `NAMED_GROUPS`."""
+    wrong = [part for part in found if part.estimated and not 0.67 < part.factor < 1.5]
+    wrong.sort(key=lambda part: -abs(np.log(part.factor)))
+    said = [
+        f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
+        f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
+        for part in wrong[:NAMED_GROUPS]
+    ]
+    more = len(wrong) - len(said)
+    return [*said, f"the sigmas of {more} more groups were given wrong: see variance_components"] if more else said

@@ -10,8 +10,9 @@ from osgeo import gdal
 
 from ..dem import GridSurface
 from ..errors import InputError
-from ..geodesy import geoid_heights, has_vertical_datum, undulations_of_crs, wrap_degrees
+from ..geodesy import geoid_heights, has_vertical_datum, undulations_of_crs
 from .datasets import gdal_messages, open_dataset
+from .georeference import Georeference
 
 #: Metres per unit of height, by the names that drivers give (lower case).
 HEIGHT_UNITS_M = {
@@ -38,22 +39,9 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
     dataset, message = open_dataset(path)
     if dataset is None:
         raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): check the file")
-    crs = _crs_of(dataset, path)
-    geotransform = dataset.GetGeoTransform(can_return_null=True)
-    if geotransform is None or gdal.InvGeoTransform(geotransform) is None:
-        raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the DEM")
-    reader = _DemReader(dataset, path, geotransform, crs, _undulations(path, crs, height_datum))
-    return GridSurface((dataset.RasterYSize, dataset.RasterXSize), reader.read, reader.to_grid)
-
-
-def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
-    wkt = dataset.GetProjection()
-    if not wkt:
-        raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
-    try:
-        return pyproj.CRS.from_wkt(wkt)
-    except pyproj.exceptions.CRSError as error:
-        raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None
+    place = Georeference(dataset, path, "DEM")
+    reader = _DemReader(dataset, path, place, _undulations(path, place.crs, height_datum))
+    return GridSurface((dataset.RasterYSize, dataset.RasterXSize), reader.read, place.to_grid)
 
 
 def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations:
@@ -83,41 +71,11 @@ def _metres_per_unit(band: gdal.Band, crs: pyproj.CRS, path: str) -> float:
 class _DemReader:
     """Reads windows of a DEM and places its cells; used by one thread at a time (`GridSurface` sees to that)."""
 
-    def __init__(
-        self,
-        dataset: gdal.Dataset,
-        path: str,
-        geotransform: tuple[float, ...],
-        crs: pyproj.CRS,
-        undulations: Undulations,
-    ) -> None:
-        self._dataset, self._path, self._undulations = dataset, path, undulations
-        self._geotransform, self._inverse = geotransform, gdal.InvGeoTransform(geotransform)
+    def __init__(self, dataset: gdal.Dataset, path: str, place: Georeference, undulations: Undulations) -> None:
+        self._dataset, self._path, self._place, self._undulations = dataset, path, place, undulations
         band = dataset.GetRasterBand(1)
         self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
-        self._metres = _metres_per_unit(band, crs, path)
-        horizontal = crs.sub_crs_list[0] if crs.sub_crs_list else crs
-        self._geographic = bool(horizontal.is_geographic)
-        self._from_wgs84 = pyproj.Transformer.from_crs(4326, horizontal, always_xy=True)
-        self._to_wgs84 = pyproj.Transformer.from_crs(horizontal, 4326, always_xy=True)
-        self._middle_x = self._xy(np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))[0, 0]
-
-    def to_grid(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return column, row, (0, 0) the centre of the first cell, of lon, lat points ``(n, 2)``."""
-        x, y = self._from_wgs84.transform(lonlat[:, 0], lonlat[:, 1])
-        x = np.asarray(x)
-        if self._geographic:
-            x = self._middle_x + wrap_degrees(x - self._middle_x)
-        x0, dx_column, dx_row, y0, dy_column, dy_row = self._inverse
-        return np.column_stack(
-            [x0 + dx_column * x + dx_row * y - 0.5, y0 + dy_column * x + dy_row * y - 0.5]
-        )  # corner to centre
-
-    def _xy(self, corner: np.ndarray) -> np.ndarray:
-        """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
-        x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
-        column, row = corner.T
-        return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
+        self._metres = _metres_per_unit(band, place.crs, path)
 
     def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
         """Return a window's ellipsoidal heights, NaN where there are none.
@@ -141,6 +99,5 @@ class _DemReader:
     def _positions(self, row: int, column: int, known: np.ndarray) -> np.ndarray:
         """Return lon, lat, 0 of the known cells of a window."""
         i, j = np.nonzero(known)
-        xy = self._xy(np.column_stack([column + j + 0.5, row + i + 0.5]))
-        lon, lat = self._to_wgs84.transform(xy[:, 0], xy[:, 1])
-        return np.column_stack([wrap_degrees(np.asarray(lon)), lat, np.zeros(len(xy))])
+        lonlat = self._place.to_lonlat(np.column_stack([column + j, row + i]).astype(np.float64))
+        return np.column_stack([lonlat, np.zeros(len(lonlat))])

@@ -16,6 +16,8 @@ import jinja2
 import numpy as np
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
+FEW = 2000  #: points that are drawn at every scale
+SCALES = (10_000, 50_000, 250_000)  #: denominators from which one of 10, of 100, of 1000 is drawn
 COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
 }  # fmt: skip
@@ -33,7 +35,27 @@ class Style:
 
 def default_styles(layers: Mapping[str, Columns]) -> dict[str, Style]:
     """Return the styles of the layers, given by name with their fields, that HRSI has one for."""
-    return {name: STYLES[name](columns) for name, columns in layers.items() if name in STYLES}
+    return {
+        name: STYLES[name](columns)
+        for name, columns in layers.items()
+        if name in STYLES and NEEDED.get(name, frozenset()) <= columns.keys()
+    }
+
+
+@dataclass(frozen=True)
+class Share:
+    """Which tie points are drawn from one map scale (its denominator) to the next: one of ``every``."""
+
+    every: int
+    nearest: int
+    farthest: int
+
+
+def shares(count: int) -> list[Share]:
+    """Return how ``count`` points are thinned by the map's scale, so that a map stays legible and quick."""
+    steps = [every for every in (1, 10, 100, 1000) if every == 1 or count > FEW * every / 10]
+    limits = [0, *SCALES[: len(steps) - 1], 0]  # 0: no limit
+    return [Share(every, limits[number], limits[number + 1]) for number, every in enumerate(steps)]
 
 
 def _residuals(fields: Columns) -> Style:
@@ -45,6 +67,7 @@ def _residuals(fields: Columns) -> Style:
         "residuals.qml.j2", "Residual arrows (observed - computed)",
         ground_scale=_scale(ground, GROUND_ARROW_MM), ground_key=_key(ground, GROUND_ARROW_MM, "m"),
         image_scale=_scale(image, IMAGE_ARROW_MM), image_key=_key(image, IMAGE_ARROW_MM, "px"),
+        image_shares=shares(int(np.sum(level == "image"))),
         has_ground=bool(np.any((level == "ground") & np.isfinite(fields["residual_east_m"]))),
     )  # fmt: skip
 
@@ -53,15 +76,67 @@ def _image_points(fields: Columns) -> Style:
     good = ~np.isin(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _rendered(
-        "image_points.qml.j2", "Image residuals",
+        "image_points.qml.j2", "Image residuals", image_shares=shares(len(good)),
         image_scale=_scale(typical, IMAGE_ARROW_MM), image_key=_key(typical, IMAGE_ARROW_MM, "px"),
     )  # fmt: skip
 
 
+def _misregistration(fields: Columns) -> Style:
+    before = np.asarray(fields["state"]) == "before"
+    typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
+    return _rendered(
+        "misregistration.qml.j2", "Shifts between orthoimages (second - first)",
+        ground_scale=_scale(typical, GROUND_ARROW_MM), ground_key=_key(typical, GROUND_ARROW_MM, "m"),
+        has_before=bool(before.any()),
+    )  # fmt: skip
+
+
+def _ground_points(fields: Columns) -> Style:
+    ties = int(np.sum(np.asarray(fields["role"]) == "tie"))
+    return _rendered("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties))
+
+
+def _tie_points(fields: Columns) -> Style:
+    pairs = int(np.sum(np.asarray(fields["views"]) == 2)) if "views" in fields else 0
+    return _rendered("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs))
+
+
+def _interest_points(fields: Columns) -> Style:
+    kind = np.asarray(fields.get("kind", np.empty(0, dtype=str)))
+    corner, strong = kind == "corner", kind == "super"
+    return _rendered(
+        "interest_points.qml.j2", "Corners and gravity centres", corner_shares=shares(int(corner.sum())),
+        super_shares=shares(int(strong.sum())), centre_shares=shares(int(np.sum(~corner & ~strong))),
+    )  # fmt: skip
+
+
+def _thinned_points(color: str, size_mm: float) -> Callable[[Columns], Style]:
+    """Return a style of many points that are all alike."""
+
+    def style(fields: Columns) -> Style:
+        count = len(next(iter(fields.values()), ()))
+        return _rendered(
+            "points.qml.j2", "Points", color=COLORS[color], size=size_mm, point_shares=shares(count),
+        )  # fmt: skip
+
+    return style
+
+
+#: Fields without which a style says nothing: other algorithms have layers of the same names for positions alone.
+NEEDED: dict[str, frozenset[str]] = {
+    "ground_points": frozenset({"role"}),
+    "image_points": frozenset({"flag", "residual_sample_px", "residual_line_px"}),
+}
 STYLES: dict[str, Callable[[Columns], Style]] = {
     "images": lambda _fields: _rendered("images.qml.j2", "Footprints"),
-    "ground_points": lambda _fields: _rendered("ground_points.qml.j2", "Control, check and tie points"),
+    "ground_points": _ground_points,
     "image_points": _image_points,
+    "interest_points": _interest_points,
+    "gcps": _thinned_points("gcp", 2.4),
+    "targets": _thinned_points("check", 2.0),
+    "tie_points": _tie_points,
+    "misregistration_utm": _misregistration,
+    "misregistration_wgs84": _misregistration,
     "residuals_wgs84": _residuals,
     "residuals_utm": _residuals,
 }

@@ -21,12 +21,12 @@ from ..progress import Progress, advance, silent
 from .datasets import gdal_messages
 from .layer_styles import Style, default_styles
 from .replacing import replacing
-from .rtree import fill_rtree
+from .rtree import empty_rtree, fill_rtree
 
 _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
 }  # fmt: skip
-_GEOMETRY_COLUMN = "geom"
+GEOMETRY_COLUMN = "geom"
 _CHUNK_ROWS = 50_000
 
 
@@ -70,10 +70,10 @@ def write_geopackage(
                 database.execute("BEGIN")
                 done = 0
                 for layer in layers:
-                    for _ in _insert(database, layer):
+                    for _ in insert_rows(database, layer):
                         done += 1
                         advance(progress, min(1.0, done * _CHUNK_ROWS / total), f"writing layer {layer.name}")
-                _insert_styles(database, layers, styles)
+                insert_styles(database, layers, styles)
                 database.execute("COMMIT")
         except sqlite3.Error as error:
             raise OutputError(f"{path}: cannot be written ({error}): check free space and permissions") from None
@@ -97,9 +97,9 @@ def _create_tables(path: str, temporary: str, layers: Sequence[Layer], with_styl
         dataset = ogr.GetDriverByName("GPKG").CreateDataSource(temporary, options=["VERSION=1.2"])
         if dataset is not None:
             for layer in layers:
-                _create_layer(dataset, layer)
+                create_layer(dataset, layer)
             if with_styles:
-                _create_style_table(dataset)
+                create_style_table(dataset)
     if dataset is None or messages:
         raise OutputError(
             f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'}): check the folder"
@@ -107,11 +107,11 @@ def _create_tables(path: str, temporary: str, layers: Sequence[Layer], with_styl
     del dataset
 
 
-def _create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
+def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
     reference = osr.SpatialReference()
     reference.ImportFromEPSG(layer.crs)
     reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
-    options = ["SPATIAL_INDEX=YES", f"GEOMETRY_NAME={_GEOMETRY_COLUMN}", "FID=fid"]
+    options = ["SPATIAL_INDEX=YES", f"GEOMETRY_NAME={GEOMETRY_COLUMN}", "FID=fid"]
     has_geometry = layer.geometry != "None"
     table = dataset.CreateLayer(
         layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
@@ -128,12 +128,15 @@ def _field_type(column: np.ndarray) -> int:
     return kinds.get(column.dtype.kind, ogr.OFTString)
 
 
-def _insert(database: sqlite3.Connection, layer: Layer) -> Iterator[None]:
+def insert_rows(database: sqlite3.Connection, layer: Layer, empty_first: bool = False) -> Iterator[None]:
     """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows."""
-    columns = ["fid", *([_GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
+    columns = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     names = ", ".join(f'"{name}"' for name in columns)
     statement = f'INSERT INTO "{layer.name}" ({names}) VALUES ({", ".join("?" * len(columns))})'
     with _without_triggers(database, layer.name):
+        if empty_first:
+            database.execute(f'DELETE FROM "{layer.name}"')
+            empty_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}")
         for start in range(0, len(layer), _CHUNK_ROWS):
             rows = slice(start, min(start + _CHUNK_ROWS, len(layer)))
             values: list[Iterable] = [np.asarray(column)[rows].tolist() for column in layer.fields.values()]
@@ -170,7 +173,7 @@ def _set_bounds(database: sqlite3.Connection, layer: Layer) -> None:
         "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
         (low[0], high[1], low[2], high[3], layer.name),
     )
-    fill_rtree(database, f"rtree_{layer.name}_{_GEOMETRY_COLUMN}", here + 1, bounds[here])
+    fill_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}", here + 1, bounds[here])
 
 
 def _bounds(layer: Layer) -> np.ndarray:
@@ -221,7 +224,7 @@ def _polygon_blob(ring: np.ndarray, crs: int) -> bytes | None:
     return header + b"\x01" + np.array([3, 1, len(ring)], dtype="<u4").tobytes() + ring.astype("<f8").tobytes()
 
 
-def _create_style_table(dataset: gdal.Dataset) -> None:
+def create_style_table(dataset: gdal.Dataset) -> None:
     """Make the table in which QGIS looks for the styles of a file's layers, as QGIS itself makes it."""
     table = dataset.CreateLayer("layer_styles", None, ogr.wkbNone, ["FID=id"])
     for name, width in (
@@ -239,18 +242,19 @@ def _create_style_table(dataset: gdal.Dataset) -> None:
     table.CreateField(ogr.FieldDefn("update_time", ogr.OFTDateTime))
 
 
-def _insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
+def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
     written = [layer.name for layer in layers if layer.name in styles]
     for name in written:
         database.execute(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName,"
             " styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"
             " VALUES ('', '', ?, ?, ?, ?, '', 1, ?, '', '', strftime('%Y-%m-%dT%H:%M:%fZ', 'now'))",
-            (name, _GEOMETRY_COLUMN, name, styles[name].qml, styles[name].description),
+            (name, GEOMETRY_COLUMN, name, styles[name].qml, styles[name].description),
         )
     if styles:
         database.execute(
-            "UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = 'layer_styles'", (len(written),)
+            "UPDATE gpkg_ogr_contents SET feature_count = (SELECT count(*) FROM layer_styles)"
+            " WHERE table_name = 'layer_styles'"
         )
 
 

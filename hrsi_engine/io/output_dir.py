@@ -1,4 +1,7 @@
-"""Results appear whole or not at all: they are written into a hidden folder and moved into place at the end."""
+"""Results appear whole or not at all: they are written into a hidden folder and moved into place at the end.
+
+A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets them as copies, one by one, the report last.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +12,26 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import InputError
+from osgeo import gdal
+
+from ..errors import InputError, OutputError
+from .datasets import gdal_messages
 from .layers import remove_old_journal
 
 RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result
+VIRTUAL = "/vsi"
+COPY_BYTES = 16 * 2**20
 
 
 def check_output_dir(path: str, overwrite: bool) -> None:
     """Raise `InputError` when the folder cannot be used: it is a file, or holds a result that may not be replaced."""
-    folder = Path(path)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{path} is a file: give --output-dir a directory")
-    found = [name for name in RESULT_FILES if (folder / name).exists()]
+    if path.startswith(VIRTUAL):
+        found = [name for name in RESULT_FILES if gdal.VSIStatL(f"{path.rstrip('/')}/{name}") is not None]
+    else:
+        folder = Path(path)
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{path} is a file: give --output-dir a directory")
+        found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
         raise InputError(
             f"{path} already holds a result ({', '.join(found)}): add --overwrite or choose another directory"
@@ -33,6 +44,11 @@ def staged(path: str, protected: list[str]) -> Iterator[Path]:
 
     ``protected`` files (the inputs) are never replaced: `InputError` when a result would take the place of one.
     """
+    if path.startswith(VIRTUAL):
+        with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:
+            yield Path(local)
+            _copy_to_virtual(Path(local), path.rstrip("/"), protected)
+        return
     folder = Path(path)
     made = not folder.exists()
     try:
@@ -53,7 +69,7 @@ def staged(path: str, protected: list[str]) -> Iterator[Path]:
 
 def _move_into_place(temporary: Path, folder: Path, protected: list[str]) -> None:
     inputs = {os.path.realpath(name) for name in protected if name}
-    files = sorted(temporary.iterdir(), key=lambda file: file.name == RESULT_FILES[0])  # the report comes last
+    files = _report_last(temporary)
     for file in files:
         if os.path.realpath(folder / file.name) in inputs:
             raise InputError(f"{folder / file.name} is an input and would be replaced: choose another --output-dir")
@@ -61,3 +77,29 @@ def _move_into_place(temporary: Path, folder: Path, protected: list[str]) -> Non
         if file.suffix == ".gpkg":
             remove_old_journal(str(folder / file.name))
         os.replace(file, folder / file.name)
+
+
+def _report_last(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir(), key=lambda file: file.name == RESULT_FILES[0])
+
+
+def _copy_to_virtual(local: Path, folder: str, protected: list[str]) -> None:
+    for file in _report_last(local):
+        if f"{folder}/{file.name}" in protected:
+            raise InputError(f"{folder}/{file.name} is an input and would be replaced: choose another --output-dir")
+    for file in _report_last(local):
+        _copy_file(file, f"{folder}/{file.name}")
+
+
+def _copy_file(file: Path, target: str) -> None:
+    """Copy a file into a virtual file system; raise `OutputError` where that takes no files."""
+    written = False
+    with gdal_messages() as messages, open(file, "rb") as source:
+        handle = gdal.VSIFOpenL(target, "wb")
+        if handle is not None:
+            parts = iter(lambda: source.read(COPY_BYTES), b"")
+            written = all(gdal.VSIFWriteL(part, 1, len(part), handle) == len(part) for part in parts)
+            written &= gdal.VSIFCloseL(handle) == 0
+    if not written:
+        reason = messages[-1] if messages else "it takes no new files"
+        raise OutputError(f"{target}: cannot be written ({reason}): choose another --output-dir")

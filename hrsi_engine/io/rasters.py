@@ -1,9 +1,11 @@
-"""Images on disk: opening one with its RPC, and reading windows of pixels from several threads."""
+"""Images on disk: opening one with its RPC, and reading windows of pixels from several threads and processes."""
 
 from __future__ import annotations
 
+import atexit
 import os
 import threading
+from collections import OrderedDict
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,9 @@ from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
 from .rpc_files.reading import FoundRpc
 
 RPC_SUFFIX = "_rpc"
+OPEN_PER_THREAD = 32  # a block of a thousand images must not hold a thousand files open
+STRIP_PIXELS = 4_000_000  # read at a time when an image is read at a lower resolution
+_open_datasets = threading.local()
 
 
 def image_id(path: str) -> str:
@@ -43,8 +48,45 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     return Image(image_id(path), found.rpc, raster.size, path, raster), found
 
 
+def file_stamp(path: str) -> tuple[int, ...]:
+    """Return what tells one state of a file from another (size, time of change); zeros where that is not known."""
+    if path.startswith("/vsi"):
+        status = gdal.VSIStatL(path)
+        return (0, 0) if status is None else (int(status.size), int(status.mtime))
+    try:
+        status = os.stat(path)
+    except OSError:  # a subdataset or connection string
+        return (0, 0)
+    return status.st_size, status.st_mtime_ns, status.st_ino
+
+
+def _dataset_of(path: str, stamp: tuple[int, ...]) -> gdal.Dataset:
+    """Return the calling thread's GDAL dataset of a file; the least used ones are closed."""
+    datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset] | None
+    datasets = getattr(_open_datasets, "by_path", None)
+    if datasets is None:
+        datasets = _open_datasets.by_path = OrderedDict()
+    dataset = datasets.pop((path, stamp), None) or open_raster(path)
+    datasets[path, stamp] = dataset
+    while len(datasets) > OPEN_PER_THREAD:
+        datasets.popitem(last=False)
+    return dataset
+
+
+@atexit.register
+def close_images() -> None:
+    """Close the images that the calling thread has open; they are opened again when they are read.
+
+    To be called at the end of a piece of work: files stay locked (Windows) while they are open, and datasets must not
+    outlive GDAL. Other threads close theirs when they end.
+    """
+    _open_datasets.__dict__.clear()
+
+
 class GdalRaster:
     """Pixels of the first band of an image. Threads may read at the same time: each has its own GDAL handle.
+
+    It can be sent to another process (pickled), which opens the file itself.
 
     Of images with several bands the first one is read: it is the panchromatic or a visible band in every product
     known, and a mean of bands would mix bands that do not lie exactly on each other.
@@ -52,7 +94,7 @@ class GdalRaster:
 
     def __init__(self, path: str, band: int = 1) -> None:
         self.path, self._band = path, band
-        self._handles = threading.local()
+        self.stamp = file_stamp(path)
         self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
         if not 1 <= band <= self.dataset.RasterCount:
             raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")
@@ -60,10 +102,7 @@ class GdalRaster:
     @property
     def dataset(self) -> gdal.Dataset:
         """The calling thread's GDAL dataset."""
-        dataset = getattr(self._handles, "dataset", None)
-        if dataset is None:
-            dataset = self._handles.dataset = open_raster(self.path)
-        return dataset
+        return _dataset_of(self.path, self.stamp)
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
         """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).
@@ -103,3 +142,36 @@ class GdalRaster:
         if np.issubdtype(grey.dtype, np.inexact):
             valid &= np.isfinite(grey)
         return grey, valid
+
+    def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the whole image as means of ``step`` x ``step`` pixels, float32 and mask, ``(lines, samples)``.
+
+        GDAL takes the image's overviews where it has them. Without, all pixels pass through, a strip at a time, and
+        leave GDAL's cache again: memory stays at the size of a strip. A mean is valid where all its pixels are.
+        """
+        samples, lines = self.size[0] // step, self.size[1] // step
+        grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)
+        strip = max(1, STRIP_PIXELS // (samples * step * step))
+        for first in range(0, lines, strip):
+            rows = slice(first, min(first + strip, lines))
+            grey[rows], valid[rows] = self._read_strip(rows, samples, step)
+        return grey, valid
+
+    def _read_strip(self, rows: slice, samples: int, step: int) -> tuple[np.ndarray, np.ndarray]:
+        dataset = self.dataset
+        band, count = dataset.GetRasterBand(self._band), rows.stop - rows.start
+        window = (0, rows.start * step, samples * step, count * step, samples, count)
+        grey = mask = None
+        masked = band.GetMaskFlags() != gdal.GMF_ALL_VALID
+        with gdal_messages() as messages:
+            grey = band.ReadAsArray(*window, buf_type=gdal.GDT_Float32, resample_alg=gdal.GRIORA_Average)
+            if masked:
+                mask = band.GetMaskBand().ReadAsArray(
+                    *window, buf_type=gdal.GDT_Float32, resample_alg=gdal.GRIORA_Average
+                )
+        dataset.FlushCache()
+        if grey is None or (masked and mask is None):
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(f"{self.path}: lines from {window[1]} on cannot be read ({reason}): get the file again")
+        valid = np.isfinite(grey) if mask is None else np.isfinite(grey) & (mask >= 254.5)
+        return np.where(valid, grey, np.float32(0.0)), valid

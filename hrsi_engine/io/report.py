@@ -8,8 +8,9 @@ from typing import Any
 
 from .block_map import BlockMap, block_map_svg
 from .pages import json_ready, write_page, write_text
+from .report_figures import ReportFigures, drawn
 
-__all__ = ["BlockMap", "write_report_html", "write_report_json"]
+__all__ = ["BlockMap", "ReportFigures", "write_report_html", "write_report_json"]
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
@@ -20,10 +21,12 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(json_ready(report), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def write_report_html(path: str, report: Mapping[str, Any], map_data: BlockMap | None = None) -> None:
-    """Write a report as one HTML file in one step, with a map of the block where ``map_data`` is given.
+def write_report_html(
+    path: str, report: Mapping[str, Any], map_data: BlockMap | None = None, figures: ReportFigures | None = None
+) -> None:
+    """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
 
     Raises `OutputError` where the file cannot be written.
     """
     drawing = None if map_data is None else block_map_svg(map_data)
-    write_page(path, "report.html.j2", report, block_map=drawing)
+    write_page(path, "report.html.j2", report, block_map=drawing, **drawn(figures or ReportFigures()))

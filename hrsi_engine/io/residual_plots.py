@@ -10,21 +10,41 @@ import numpy as np
 
 WIDTH, MARGIN = 560.0, 34.0
 TYPICAL_ARROW = 32.0  # drawing units of the 90th percentile
-COLORS = {"center": "#1a7f4b", "corner": "#1565a8"}
+COLORS = {
+    "center": "#1a7f4b", "corner": "#1565a8", "check": "#1a7f4b", "gcp": "#1565a8", "tie": "#78828c",
+    "outlier": "#d7191c",
+}  # fmt: skip
 OTHER_COLOR = "#65707a"
 
 
-def residual_vectors_svg(xy: np.ndarray, residual: np.ndarray, groups: np.ndarray, unit: str) -> str:
+def typical_length(residual: np.ndarray) -> float:
+    """Return the 90th percentile of the lengths of residuals (n, 2)."""
+    return float(np.percentile(np.hypot(*residual.T), 90.0))
+
+
+def residual_vectors_svg(
+    xy: np.ndarray,
+    residual: np.ndarray,
+    groups: np.ndarray,
+    unit: str,
+    extent: np.ndarray | None = None,
+    typical: float | None = None,
+) -> str:
     """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
 
-    ``xy`` and ``residual`` are (n, 2) with lines downwards, ``groups`` (n,) names the colour.
+    ``xy`` and ``residual`` are (n, 2) with lines downwards, ``groups`` (n,) names the colour. The drawing shows
+    ``extent`` (two corners), else the points' own; ``typical`` sets the scale of the arrows, else their own lengths.
     """
-    low, high = xy.min(axis=0), xy.max(axis=0)
+    low, high = (xy.min(axis=0), xy.max(axis=0)) if extent is None else extent
     scale = (WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
     height = float((high - low)[1]) * scale + 2.0 * MARGIN + 24.0
-    typical = float(np.percentile(np.hypot(*residual.T), 90.0))
+    typical = typical_length(residual) if typical is None else typical
     per_unit = TYPICAL_ARROW / typical if typical > 0.0 else 0.0
     parts = [f'<svg class="map" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
+    if extent is not None:
+        width, depth = (high - low) * scale
+        frame = f'x="{MARGIN}" y="{MARGIN}" width="{width:.1f}" height="{depth:.1f}"'
+        parts.append(f'<rect {frame} fill="none" stroke="#d9dee2"/>')
     for (x, y), (dx, dy), group in zip((xy - low) * scale + MARGIN, residual * per_unit, groups, strict=True):
         parts.append(_arrow(x, y, dx, dy, COLORS.get(str(group), OTHER_COLOR)))
     if typical > 0.0:

@@ -48,6 +48,16 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bou
         )
 
 
+def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
+    """Empty an R-tree, if it is there; row by row, as SQLite does it, would take minutes for a million rows."""
+    if not database.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (f"{rtree}_node",)).fetchone():
+        return
+    size = database.execute(f'SELECT length(data) FROM "{rtree}_node" WHERE nodeno = {_ROOT}').fetchone()[0]
+    for shadow in ("node", "rowid", "parent"):
+        database.execute(f'DELETE FROM "{rtree}_{shadow}"')
+    database.execute(f'INSERT INTO "{rtree}_node" (nodeno, data) VALUES ({_ROOT}, zeroblob(?))', (size,))
+
+
 def _tiled(bounds: np.ndarray) -> np.ndarray:
     """Return the order that puts neighbours together: vertical slices, each from bottom to top."""
     x, y = bounds[:, :2].sum(axis=1), bounds[:, 2:].sum(axis=1)

@@ -5,20 +5,19 @@ Nothing here knows how pixels come about: an image is anything whose windows can
 
 from __future__ import annotations
 
-import csv
 import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 from osgeo import gdal, osr
 
-from ..block import Block, GroundPoints, Raster, Role
+from ..block import Block, GroundPoints, ImagePoints, Raster, Role
 from ..errors import OutputError
 from ..progress import Progress, advance, silent
 from ..rpc import RPC
+from .csv_tables import write_csv, write_measurements
 from .datasets import gdal_messages
 from .replacing import replacing
 from .rpc_files.fields import gdal_metadata
@@ -141,22 +140,16 @@ def write_ground_points(path: str, points: GroundPoints) -> None:
     names, roles = points.ids[known].tolist(), [Role(role).label for role in points.role[known]]
     numbers = np.column_stack([points.ground, points.sigma_m])[known].tolist()
     rows = [[name, role, *values] for name, role, values in zip(names, roles, numbers, strict=True)]
-    _write_csv(path, ["id", "role", "lon", "lat", "height", "sigma_xy", "sigma_h"], rows)
+    write_csv(path, ["id", "role", "lon", "lat", "height", "sigma_xy", "sigma_h"], rows)
 
 
 def write_image_points(path: str, block: Block) -> None:
-    """Write the measurements of a block as CSV: id, image, sample, line, sigma, kind."""
+    """Write the measurements of a block as CSV: id, image, sample, line, sigma, kind, quality."""
     measured = block.measurements
-    image_ids = np.array([image.id for image in block.images])
-    columns = zip(
-        block.points.ids[measured.point].tolist(), image_ids[measured.image].tolist(), measured.xy[:, 0].tolist(),
-        measured.xy[:, 1].tolist(), measured.sigma_px.tolist(), measured.kind.tolist(), strict=True,
-    )  # fmt: skip
-    _write_csv(path, ["id", "image", "sample", "line", "sigma", "kind"], [list(row) for row in columns])
-
-
-def _write_csv(path: str, header: list[str], rows: list[list[Any]]) -> None:
-    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+    image_ids = np.array([image.id for image in block.images])[measured.image]
+    write_measurements(
+        path,
+        ImagePoints.create(
+            block.points.ids[measured.point], image_ids, measured.xy, measured.sigma_px, measured.kind, measured.quality
+        ),
+    )

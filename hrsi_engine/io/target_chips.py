@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
+import struct
+import zlib
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 SIDE_PX = 220.0  # of a chip on the page
@@ -37,7 +38,7 @@ def chip_svg(chip: TargetChip) -> str:
     if chip.grey is not None:
         parts.append(
             f'<image width="{width:.1f}" height="{height:.1f}" image-rendering="pixelated" '
-            f'preserveAspectRatio="none" href="data:image/png;base64,{_png(chip.grey)}"/>'
+            f'preserveAspectRatio="none" href="data:image/png;base64,{stretched_png(chip.grey)}"/>'
         )
 
     def place(xy: np.ndarray) -> np.ndarray:
@@ -63,8 +64,28 @@ def _extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
     return low, high - low
 
 
-def _png(grey: np.ndarray) -> str:
-    low, high = np.percentile(grey, STRETCH_PERCENT)
+def stretched_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
+    """Return grey values as the base64 text of a PNG, stretched between percentiles of the valid ones."""
+    known = grey if valid is None or not valid.any() else grey[valid]
+    low, high = np.percentile(known, STRETCH_PERCENT)
     stretched = np.clip((grey.astype(np.float64) - low) * (255.0 / max(float(high - low), 1e-9)), 0.0, 255.0)
-    _, encoded = cv2.imencode(".png", stretched.astype(np.uint8))
-    return base64.b64encode(encoded.tobytes()).decode("ascii")
+    return base64.b64encode(png_bytes(stretched.astype(np.uint8))).decode("ascii")
+
+
+def png_bytes(grey: np.ndarray) -> bytes:
+    """Return an 8-bit grey image ``(lines, samples)`` as a PNG file (ISO/IEC 15948), rows unfiltered.
+
+    Reports are written without OpenCV, which a QGIS may lack.
+    """
+    lines, samples = grey.shape
+    rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), grey])  # each begins with the number of its filter
+    parts = [
+        (b"IHDR", struct.pack(">IIBBBBB", samples, lines, 8, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(rows.tobytes())),
+        (b"IEND", b""),
+    ]
+    chunks = [
+        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        for name, content in parts
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

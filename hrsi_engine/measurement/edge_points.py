@@ -16,7 +16,7 @@ from .interest_points.outlines import SLOPE_PX, bilinear, slope_noise
 
 SLOPE_TO_NOISE = 5.0
 WEAKEST_SHARE = 0.15  # of the strongest slope in the window
-NEAR_LINE_PX, SAME_DIRECTION_DEG, LARGEST_GAP_PX = 0.8, 15.0, 2.5
+NEAR_LINE_PX, SAME_DIRECTION_DEG, LARGEST_GAP_PX = 0.8, 20.0, 2.5
 
 
 @dataclass(frozen=True, eq=False)

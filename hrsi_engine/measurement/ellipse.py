@@ -83,23 +83,20 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
 
 def _largest_agreement(xy: np.ndarray, tolerance_px: float, rng: np.random.Generator, trials: int = 60) -> np.ndarray:
     """Return the mask of the largest set of points near one ellipse; all points are the first trial."""
-    best = np.zeros(len(xy), dtype=bool)
-    for trial in range(trials):
-        chosen = np.arange(len(xy)) if trial == 0 else rng.choice(len(xy), FEWEST_POINTS, replace=False)
-        try:
-            centre, Q = _direct(xy[chosen])
-        except SolveError:
-            continue
-        near = np.abs(_distances(xy - centre, Q)[0]) < tolerance_px
-        if near.sum() > best.sum():
-            best = near
-        if best.sum() > 0.95 * len(xy):
-            break
+    chosen = np.zeros((trials, len(xy)))
+    chosen[0] = 1.0
+    for trial in range(1, trials):
+        chosen[trial, rng.choice(len(xy), FEWEST_POINTS, replace=False)] = 1.0
+    every = np.broadcast_to(xy, (trials, *xy.shape))
+    centre, Q, good = direct_ellipses(every, chosen)
+    near = (np.abs(distances(every, centre, Q)) < tolerance_px) & good[:, None]
+    agreeing = near.sum(axis=1)
+    best = near[0] if agreeing[0] > 0.95 * len(xy) else near[np.argmax(agreeing)]
     if best.sum() < FEWEST_POINTS:
         raise SolveError(
             f"no ellipse passes within {tolerance_px:g} px of {FEWEST_POINTS} of the {len(xy)} edge points"
         )
-    return best
+    return np.asarray(best)
 
 
 def _require_points(count: int) -> None:
@@ -109,90 +106,133 @@ def _require_points(count: int) -> None:
 
 def _fit(xy: np.ndarray, used: np.ndarray, fit: Fit) -> Ellipse:
     _require_points(int(used.sum()))
-    centre, Q = fit(xy[used])
-    residual, gradient = _distances(xy - centre, Q)
-    design = _design(xy[used] - centre, Q, gradient[used])
-    redundancy = int(used.sum()) - 5
-    variance = float(np.sum(residual[used] ** 2)) / redundancy
-    covariance = variance * np.linalg.pinv(design.T @ design)[:2, :2]
+    _require_spread(xy[used])
+    every = np.ones((1, int(used.sum())))
+    centres, forms, good = fit(xy[None, used], every)
+    if not good[0]:
+        raise SolveError("the edge points do not lie along an ellipse: check them, measure all around the object")
+    centre, Q = centres[0], forms[0]
+    residual, _ = _distances(xy - centre, Q)
+    covariance = centre_covariances(xy[None, used], every, centres, forms)[0]
+    semi_axes, azimuth = axes_of(Q)
+    return Ellipse(centre, semi_axes, float(azimuth), covariance, residual, used)
+
+
+def _require_spread(xy: np.ndarray) -> None:
+    spread = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+    if not spread[0] > 0.0:
+        raise SolveError("the edge points coincide: measure points around the object")
+    if not spread[1] > 1e-9 * spread[0]:
+        raise SolveError("the edge points lie on a line: measure points all around the object")
+
+
+# ---- many ellipses at once -------------------------------------------------------------------------------------
+# Points are (n, m, 2), weights (n, m) with 0 for padding and points left out; results are centres (n, 2), forms
+# Q (n, 2, 2) and the mask (n,) of those that are ellipses.
+
+
+def axes_of(Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return semi-axes ``(…, 2)``, the longer one first, and its azimuth ``(…,)`` of forms ``(…, 2, 2)``."""
     eigenvalues, axes = np.linalg.eigh(Q)  # ascending: the longer axis first
-    azimuth = float(np.arctan2(axes[1, 0], axes[0, 0]))
-    azimuth = (azimuth + np.pi / 2.0) % np.pi - np.pi / 2.0
-    return Ellipse(centre, 1.0 / np.sqrt(eigenvalues), azimuth, covariance, residual, used)
+    azimuth = np.arctan2(axes[..., 1, 0], axes[..., 0, 0])
+    return 1.0 / np.sqrt(eigenvalues), (azimuth + np.pi / 2.0) % np.pi - np.pi / 2.0
 
 
 def _distances(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return signed distances from the curve to first order (Sampson 1982), and the length of the gradient."""
-    Qd = d @ Q
-    gradient = np.maximum(2.0 * np.hypot(Qd[:, 0], Qd[:, 1]), 1e-12)
-    return (np.sum(Qd * d, axis=1) - 1.0) / gradient, gradient
+    """Return signed distances from the curve to first order (Sampson 1982), and the gradient ``2 Q d``."""
+    gradient = 2.0 * d @ Q
+    length = np.maximum(np.hypot(gradient[..., 0], gradient[..., 1]), 1e-12)
+    return (0.5 * np.sum(gradient * d, axis=-1) - 1.0) / length, gradient / length[..., None]
 
 
-def _design(d: np.ndarray, Q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Return the derivatives of the distances by centre, Qxx, Qxy and Qyy, ``(n, 5)``."""
-    Qd = d @ Q
-    columns = [-2.0 * Qd[:, 0], -2.0 * Qd[:, 1], d[:, 0] ** 2, 2.0 * d[:, 0] * d[:, 1], d[:, 1] ** 2]
-    return np.column_stack(columns) / gradient[:, None]
+def distances(xy: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Return the signed distances ``(n, m)`` of points from their ellipses, outside positive."""
+    return _distances(xy - centres[:, None], Q)[0]
 
 
-def _direct(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre and Q of the direct fit; raises `SolveError` where no ellipse comes out."""
-    middle = xy.mean(axis=0)
-    scale = float(np.abs(xy - middle).max())
-    if not scale > 0.0:
-        raise SolveError("the edge points coincide: measure points around the object")
-    x, y = ((xy - middle) / scale).T
-    quadratic, linear = np.column_stack([x * x, x * y, y * y]), np.column_stack([x, y, np.ones_like(x)])
-    try:
-        to_linear = -np.linalg.solve(linear.T @ linear, linear.T @ quadratic)
-    except np.linalg.LinAlgError:
-        raise SolveError("the edge points lie on a line: measure points all around the object") from None
-    S = quadratic.T @ quadratic + quadratic.T @ linear @ to_linear
-    _, vectors = np.linalg.eig(np.array([S[2] / 2.0, -S[1], S[0] / 2.0]))
-    vectors = np.real(vectors)
-    determinant = 4.0 * vectors[0] * vectors[2] - vectors[1] ** 2
-    if not determinant.max() > 0.0:
-        raise SolveError("the edge points do not lie along an ellipse: check them")
-    a = vectors[:, int(np.argmax(determinant))]
-    centre, Q = _normal_form(a, to_linear @ a)
-    return middle + scale * centre, Q / scale**2
+def _design(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances ``(n, m)``, and their derivatives by centre, Qxx, Qxy and Qyy ``(n, m, 5)``."""
+    distance, normal = _distances(d, Q)
+    length = 2.0 * np.maximum(np.hypot(*np.moveaxis(d @ Q, -1, 0)), 1e-12)
+    x, y = d[..., 0] / length, d[..., 1]
+    columns = [-normal[..., 0], -normal[..., 1], d[..., 0] * x, 2.0 * x * y, y * y / length]
+    return distance, np.stack(columns, axis=-1)
 
 
-def _normal_form(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre and Q of ``a0 x² + a1 xy + a2 y² + b0 x + b1 y + b2 = 0``."""
-    Q = np.array([[a[0], a[1] / 2.0], [a[1] / 2.0, a[2]]])
-    centre = np.linalg.solve(Q, -b[:2] / 2.0)
-    level = centre @ Q @ centre - b[2]
-    if not level * np.trace(Q) > 0.0:
-        raise SolveError("the edge points do not lie along an ellipse: check them")
-    return centre, Q / level
+def centre_covariances(xy: np.ndarray, weight: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Return the covariances ``(n, 2, 2)`` of the centres, from the residuals."""
+    distance, A = _design(xy - centres[:, None], Q)
+    redundancy = np.maximum((weight > 0.0).sum(axis=1) - 5, 1)
+    variance = np.sum(weight * distance**2, axis=1) / redundancy
+    N = np.swapaxes(A, 1, 2) @ (weight[..., None] * A)
+    return variance[:, None, None] * np.linalg.pinv(N)[:, :2, :2]
 
 
-def _geometric(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre and Q of the least-squares distances, by Gauss-Newton from the direct fit."""
-    centre, Q = _direct(xy)
-    for _ in range(_ITERATIONS):
-        distance, gradient = _distances(xy - centre, Q)
-        step = _least_squares(_design(xy - centre, Q, gradient), -distance)
-        moved = Q + np.array([[step[2], step[3]], [step[3], step[4]]])
-        if not (np.linalg.det(moved) > 0.0 and moved[0, 0] > 0.0):
-            break  # short arcs may open into a hyperbola: what is there is as good as it gets
-        centre, Q = centre + step[:2], moved
-        if np.abs(step[:2]).max() < _STEP_PX:
+def direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ellipses of least algebraic distance (Halir and Flusser 1998)."""
+    total = weight.sum(axis=1)
+    middle = np.sum(weight[..., None] * xy, axis=1) / total[:, None]
+    d = np.where(weight[..., None] > 0.0, xy - middle[:, None], 0.0)
+    scale = np.maximum(np.abs(d).max(axis=(1, 2)), 1e-12)
+    x, y = np.moveaxis(d / scale[:, None, None], -1, 0)
+    quadratic, linear = np.stack([x * x, x * y, y * y], axis=-1), np.stack([x, y, np.ones_like(x)], axis=-1)
+    weighted = np.swapaxes(weight[..., None] * linear, 1, 2)
+    to_linear = -_solved(weighted @ linear, weighted @ quadratic)
+    S = np.swapaxes(quadratic, 1, 2) @ (weight[..., None] * (quadratic + linear @ to_linear))
+    constrained = np.stack([S[:, 2] / 2.0, -S[:, 1], S[:, 0] / 2.0], axis=1)
+    vectors = np.real(np.linalg.eig(constrained)[1])
+    determinant = 4.0 * vectors[:, 0] * vectors[:, 2] - vectors[:, 1] ** 2
+    best = np.argmax(determinant, axis=1)
+    row = np.arange(len(xy))
+    a = vectors[row, :, best]
+    b = (to_linear @ a[..., None])[..., 0]
+    Q = np.stack([a[:, 0], a[:, 1] / 2.0, a[:, 1] / 2.0, a[:, 2]], axis=1).reshape(-1, 2, 2)
+    centre = _solved(Q, -b[:, :2, None] / 2.0)[..., 0]
+    level = np.einsum("ni,nij,nj->n", centre, Q, centre) - b[:, 2]
+    good = (determinant[row, best] > 0.0) & (level * np.trace(Q, axis1=1, axis2=2) > 0.0)
+    Q = np.where(good[:, None, None], Q / np.where(level == 0.0, 1.0, level)[:, None, None], np.eye(2))
+    return middle + scale[:, None] * centre, Q / scale[:, None, None] ** 2, good
+
+
+def geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ellipses of least squared distances, by Gauss-Newton from the direct fit."""
+    centre, Q, good = direct_ellipses(xy, weight)
+    centre[good], Q[good] = improved_ellipses(xy[good], weight[good], centre[good], Q[good])
+    return centre, Q, good
+
+
+def improved_ellipses(
+    xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = _ITERATIONS
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return centres and forms after so many Gauss-Newton steps towards least squared distances, or less."""
+    centre, Q = centre.copy(), Q.copy()
+    rows = np.arange(len(xy))  # those still moving
+    for _ in range(iterations):
+        distance, A = _design(xy[rows] - centre[rows, None], Q[rows])
+        scale = 1.0 / np.maximum(np.sqrt(np.sum(A**2, axis=1)), 1e-30)
+        A *= scale[:, None]
+        weighted = np.swapaxes(weight[rows, :, None] * A, 1, 2)
+        step = -scale * _solved(weighted @ A, weighted @ distance[..., None])[..., 0]
+        moved = Q[rows] + step[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
+        # short arcs may open into a hyperbola: what is there is as good as it gets
+        closed = (np.linalg.det(moved) > 0.0) & (moved[:, 0, 0] > 0.0)
+        rows, step, moved = rows[closed], step[closed], moved[closed]
+        centre[rows] += step[:, :2]
+        Q[rows] = moved
+        rows = rows[np.abs(step[:, :2]).max(axis=1) >= _STEP_PX]
+        if not len(rows):
             break
     return centre, Q
 
 
-def _least_squares(design: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the least-squares solution by scaled normal equations: quick, and the five unknowns are well apart."""
-    scale = 1.0 / np.maximum(np.sqrt(np.sum(design**2, axis=0)), 1e-30)
-    A = design * scale
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return solutions of systems ``(n, k, k)``; of least norm where one is singular."""
     try:
-        return scale * np.linalg.solve(A.T @ A, A.T @ wanted)
+        return np.linalg.solve(A, b)
     except np.linalg.LinAlgError:
-        raise SolveError("the edge points do not determine an ellipse: measure points all around the object") from None
+        return np.linalg.pinv(A) @ b
 
 
-Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-#: Ways to fit an ellipse: points ``(n, 2)`` to centre and Q.
-FITS: dict[str, Fit] = {"geometric": _geometric, "direct": _direct}
+Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+#: Ways to fit ellipses to points with weights.
+FITS: dict[str, Fit] = {"geometric": geometric_ellipses, "direct": direct_ellipses}

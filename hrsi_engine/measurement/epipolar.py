@@ -18,11 +18,16 @@ MIN_STRETCH = 1e-3  # px per metre: below, the views are the same and a match sa
 
 
 class EpipolarMiss(NamedTuple):
-    """Of each match: signed distance across the epipolar line (px), height (m) and px per metre along the line."""
+    """Of each match: signed distance across the epipolar line (px), height (m), px per metre along the line, and how
+    far along the line (px) the match is from where ``height_m`` puts it.
+
+    Where two images have the same view there is no line: its direction is then that of the samples.
+    """
 
     across_px: np.ndarray
     height_m: np.ndarray
     stretch: np.ndarray
+    along_px: np.ndarray
 
 
 def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
@@ -31,24 +36,30 @@ def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | fl
 
 
 def epipolar_miss(
-    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float, iterations: int = 3
+    first: RPC,
+    second: RPC,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    height_m: np.ndarray | float,
+    iterations: int = 3,
 ) -> EpipolarMiss:
     """Return distance across and height of matches; ``height_m`` is where the search along the line starts."""
     lowest, highest = first.height_range
     reach = 2.0 * (highest - lowest)
-    height = np.full(len(first_xy), height_m)
+    height = np.full(len(first_xy), height_m, dtype=np.float64)
     for _ in range(iterations):
         below = transfer(first, second, first_xy, height - HEIGHT_STEP_M)
         above = transfer(first, second, first_xy, height + HEIGHT_STEP_M)
         slope = (above - below) / (2.0 * HEIGHT_STEP_M)
         stretch = np.linalg.norm(slope, axis=1)
+        distinct = stretch > MIN_STRETCH
+        direction = np.where(distinct[:, None], slope / np.maximum(stretch, MIN_STRETCH)[:, None], (1.0, 0.0))
         miss = second_xy - 0.5 * (above + below)
-        safe = np.maximum(stretch, MIN_STRETCH)
-        along = np.einsum("ni,ni->n", miss, slope) / safe
-        across = (slope[:, 0] * miss[:, 1] - slope[:, 1] * miss[:, 0]) / safe
-        step = np.where(stretch > MIN_STRETCH, along / safe, 0.0)
+        along = np.einsum("ni,ni->n", miss, direction)
+        across = direction[:, 0] * miss[:, 1] - direction[:, 1] * miss[:, 0]
+        step = np.where(distinct, along / np.maximum(stretch, MIN_STRETCH), 0.0)
         height = np.clip(height + step, lowest - reach, highest + reach)
-    return EpipolarMiss(across, height, stretch)
+    return EpipolarMiss(across, height, stretch, np.where(distinct, (height - height_m) * stretch, along))
 
 
 def overlap_window(

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..rpc import RPC
-from .epipolar import epipolar_miss
+from .epipolar import EpipolarMiss, epipolar_miss
 
 RATIO = 0.8
 ROWS_PER_BATCH = 2048
 MODE_WIDTH_PX = 3.0  # the true matches of a pair lie this close to one another across the epipolar lines
 NEIGHBOURS = 12
+FEWEST, FEWEST_FOR_TREND = 6, 30  # matches that an offset, and a plane, can be judged by
 PARALLAX_JUMP_PX = 8.0  # difference of parallax to the neighbours' median that buildings and trees explain
 
 
@@ -42,30 +45,57 @@ def mutual_matches(first: np.ndarray, second: np.ndarray, ratio: float = RATIO) 
     return index, nearest[index]
 
 
-def rpc_consistent(
-    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float, floor_px: float = 0.5
-) -> np.ndarray:
-    """Return a mask of the matches that RPC geometry allows, whatever the RPCs' bias.
+class Consistency(NamedTuple):
+    """Of matches: which ones geometry allows, distance across the epipolar line from the trend (px), NaN where there
+    is none, its robust standard deviation, and the epipolar distances themselves."""
+
+    good: np.ndarray
+    deviation_px: np.ndarray
+    sigma_px: float
+    miss: EpipolarMiss
+
+
+def rpc_consistency(
+    first: RPC,
+    second: RPC,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    height_m: np.ndarray | float,
+    floor_px: float = 0.5,
+    unit_px: float = 1.0,
+) -> Consistency:
+    """Judge matches by RPC geometry, whatever the RPCs' bias.
 
     Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
     it is found as the mode of the distances and refined by a robust plane. Matches beyond 3.5 robust sigmas (at
     least ``floor_px``) fail. Along the lines a match must not leave its neighbours by more than terrain does.
+    ``unit_px`` is the size of a matched pixel in pixels of the image (pyramids); thresholds are in units of it.
     """
     miss = epipolar_miss(first, second, first_xy, second_xy, height_m)
-    good = np.isfinite(miss.across_px) & np.isfinite(miss.height_m)
-    if good.sum() < 6:
-        return np.zeros(len(first_xy), bool)
-    across = np.where(good, miss.across_px, np.inf)
-    good &= np.abs(across - _mode(across[good])) < MODE_WIDTH_PX
+    across, along = miss.across_px / unit_px, miss.along_px / unit_px
+    known = np.isfinite(across) & np.isfinite(miss.height_m)
+    nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
+    if known.sum() < FEWEST:
+        return nothing
+    across = np.where(known, across, np.inf)
+    good = known & (np.abs(across - _mode(across[known])) < MODE_WIDTH_PX)
     design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
     for _ in range(5):
-        if good.sum() < 6:
-            return np.zeros(len(first_xy), bool)
-        trend = design @ np.linalg.lstsq(design[good], across[good], rcond=None)[0]
-        deviation = np.abs(across - trend)
-        sigma = 1.4826 * np.median(deviation[good])
-        good = deviation < max(3.5 * sigma, floor_px)
-    return good & _like_neighbours(first_xy, miss.height_m * miss.stretch, good)
+        if good.sum() < FEWEST:
+            return nothing
+        terms = 3 if good.sum() >= FEWEST_FOR_TREND else 1
+        deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
+        sigma = float(1.4826 * np.median(np.abs(deviation[good])))
+        good = np.abs(deviation) < max(3.5 * sigma, floor_px)
+    good = good & _like_neighbours(first_xy, along, good)
+    return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
+
+
+def rpc_consistent(
+    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float, floor_px: float = 0.5
+) -> np.ndarray:
+    """Return the mask of the matches that `rpc_consistency` allows."""
+    return rpc_consistency(first, second, first_xy, second_xy, height_m, floor_px).good
 
 
 def _mode(values: np.ndarray) -> float:

@@ -6,9 +6,8 @@ not there. Hand-measured edge points are evaluated by the same fits.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ..block import Raster
 from ..errors import InputError, SolveError
 from .edge_points import EdgePoints, find_edge_points, straight_segments
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
-from .interest_points.gravity_centres import Centre, CentreOptions, gravity_centres
+from .interest_points.gravity_centres import STRONG_QUALITY, Centre, CentreOptions, gravity_centres
 from .interest_points.statistics import ImageStatistics, image_statistics
 from .interest_points.windows import Area, Window, read_window
 from .line_corner import Corner, Line, fit_line, intersect_lines, split_into_lines
@@ -26,10 +25,10 @@ WORST_SIGMA_PX = 0.5
 WORST_QUALITY = 0.4  # of a region whose centre was asked for
 WORST_EDGE_RMSE_PX = 0.5
 SMALLEST_ANGLE_DEG = 30.0
-SHORTEST_EDGE_PX = 4.0
-LARGEST_TURN_DEG = 15.0  # of the slope along an edge
+SHORTEST_EDGE_PX = 3.0
+LARGEST_TURN_DEG = 20.0  # of the slope along an edge
 EDGE_USED_PX = 20.0  # edges are used up to this far from the corner
-ROUNDED_PX = 2.0  # and from here on: nearer, the corner is rounded by the sensor
+ROUNDED_PX = 1.5  # and from here on: nearer, the corner is rounded by the sensor
 END_NEAR_PX = 4.0  # an edge begins at most so far from the corner
 NEAR_EDGE_PX = 0.6  # edge points farther from their line are stray
 STATISTICS_PX = 256  # half side of the area whose statistics hold for a target
@@ -121,15 +120,25 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     found = [
         centre
         for centre in gravity_centres(window, statistics, wanted)
-        if np.hypot(*(centre.xy - approximate)) <= options.search_px and centre.sigma_px <= WORST_SIGMA_PX
+        if np.hypot(*(centre.xy - approximate)) <= _reach(centre, options) and centre.sigma_px <= WORST_SIGMA_PX
     ]
     if not found:
         raise SolveError(
-            f"no closed bright or dark object of {options.smallest_px:g} to {options.largest_px:g} px lies within "
+            f"no clear closed object of {options.smallest_px:g} to {options.largest_px:g} px lies within "
             f"{options.search_px:g} px"
         )
     best = max(found, key=lambda centre: _preference(centre, approximate, options))
     return _from_ellipse(best) if best.kind == "ellipse" else _from_outline(best)
+
+
+def _reach(centre: Centre, options: TargetOptions) -> float:
+    """Return how far from the approximate position a centre may be: that of a weak object so far as it covers it.
+
+    Where the target itself is not seen, something weak beside it would be taken for it.
+    """
+    if centre.quality >= STRONG_QUALITY:
+        return options.search_px
+    return min(options.search_px, float(centre.size_px[0]) / 2.0)
 
 
 def _preference(centre: Centre, approximate: np.ndarray, options: TargetOptions) -> float:
@@ -174,8 +183,8 @@ def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptio
     segments = straight_segments(points, SHORTEST_EDGE_PX)
     origin = window.origin
     candidates = []
-    for first, second in combinations(segments, 2):
-        made = _corner_of(points, first, second, approximate - origin, options.search_px)
+    for first, second, rough in _crossings(points, segments, approximate - origin, options.search_px + END_NEAR_PX):
+        made = _corner_of(points, first, second, rough, approximate - origin, options.search_px)
         if made is not None:
             candidates.append(made)
     if not candidates:
@@ -184,16 +193,38 @@ def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptio
     return _corner_measurement(corner, edges, origin)
 
 
+def _crossings(
+    points: EdgePoints, segments: list[np.ndarray], approximate: np.ndarray, reach_px: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield the pairs of segments whose lines cross within a reach of a position, and where ``(2,)``."""
+    if len(segments) < 2:
+        return
+    lines = [fit_line(points.xy[segment]) for segment in segments]
+    normal = np.array([line.normal for line in lines])
+    offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
+    i, j = np.triu_indices(len(lines), 1)
+    sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
+    steep = np.abs(sine) > np.sin(np.radians(SMALLEST_ANGLE_DEG - LARGEST_TURN_DEG / 2.0))
+    i, j, sine = i[steep], j[steep], sine[steep, None]
+    across = np.column_stack([normal[:, 1], -normal[:, 0]])
+    crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
+    for k in np.flatnonzero(np.hypot(*crossing.T) <= reach_px):
+        yield segments[i[k]], segments[j[k]], crossing[k] + approximate
+
+
 def _corner_of(
-    points: EdgePoints, first: np.ndarray, second: np.ndarray, approximate: np.ndarray, search_px: float
-) -> tuple[float, Corner, np.ndarray] | None:
-    """Return score, corner and edge points of two segments; None where they make no corner near the position."""
+    points: EdgePoints, first: np.ndarray, second: np.ndarray, rough: np.ndarray, approximate: np.ndarray,
+    search_px: float,
+) -> tuple[float, Corner, np.ndarray] | None:  # fmt: skip
+    """Return score, corner and edge points of two segments that cross at a ``rough`` position near the approximate one.
+
+    None where they make no corner there.
+    """
+    one, other = (_used_part(points.xy[segment], rough) for segment in (first, second))
+    if one is None or other is None:
+        return None
     try:
-        rough = intersect_lines(fit_line(points.xy[first]), fit_line(points.xy[second])).position
-        near = [_used_part(points.xy[segment], rough) for segment in (first, second)]
-        if any(part is None for part in near):
-            return None
-        corner = intersect_lines(*(fit_line(part, tolerance_px=NEAR_EDGE_PX) for part in near if part is not None))
+        corner = intersect_lines(*(fit_line(part, tolerance_px=NEAR_EDGE_PX) for part in (one, other)))
     except SolveError:
         return None
     away = float(np.hypot(*(corner.position - approximate)))
@@ -208,7 +239,7 @@ def _corner_of(
         + 0.5 * sum(strength) / (2.0 * float(points.strength.max()))
         - 1.2 * away / search_px
     )
-    return score, corner, np.concatenate([part for part in near if part is not None])
+    return score, corner, np.concatenate([one, other])
 
 
 def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:

@@ -1,162 +1,253 @@
-"""Automatic tie points of a block: features matched in windows that the RPCs predict, joined into tracks."""
+"""Automatic tie points of a block: windows that overlap are matched where the RPCs predict, and joined into tracks.
+
+Three rounds of independent parts, run by any scheduler: features of every image at a low resolution; how the images of
+every pair lie to one another, from these; and the windows of every image with all its partners (`block_matching`).
+Memory holds a few windows a thread and the matches found, whatever the size of the images.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from ..block import Image, ImagePoints
+from ..block import Image
+from ..dem import HeightSurface
 from ..errors import InputError
-from ..progress import Progress, advance, silent
-from .epipolar import overlap_window
-from .features import FeatureStore
-from .matching import mutual_matches, rpc_consistent
-from .tracks import consistent_tracks, spread
+from ..points import ImagePoints
+from ..progress import Progress, silent, stage
+from ..scheduling import Keeper, Part, Result, Scheduler, digest, open_scheduler, run_parts
+from ..version import VERSION
+from .block_matching import coarse, joining, overlaps, plan
+from .block_matching.overview import OverviewJob, overview_features, overview_step
+from .block_matching.star import Partner, StarJob, match_stars
+from .block_matching.windows import PyramidRaster
+from .tile_types import MatchOptions
+
+AUTOMATIC = 0
+FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are
+CELLS_PER_PART = 12  # of a star job: about a second of work
+DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
 
 
 @dataclass(frozen=True)
 class TieOptions:
     """How to find tie points.
 
-    heights_m : lowest and highest terrain (ellipsoidal); None takes the RPCs' height ranges
-    margin_px : error of the RPCs that the search windows allow for
-    per_tile : features per tile of about 1024 px; tiles_per_pair : tiles of the first image that are matched
-    cells, per_cell : an image is divided into cells x cells, each of which is filled with that many points
-    sigma_px : standard deviation of a matched position
+    margin_px : error of the RPCs that the search allows for at first; it grows where nothing is found
+    cells : an image is divided into cells x cells, each of which is filled evenly
+    per_cell : points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2 from a window
+    most_partners : images with the largest overlap that each image is matched with
+    smallest_overlap : share of an image that another one must show, to be matched
+    match : how two windows are matched, of images that are matched everywhere
+    match_sampled : the same for windows of larger images, where a few points of each are enough
     """
 
-    heights_m: tuple[float, float] | None = None
     margin_px: float = 128.0
-    per_tile: int = 8000
-    tiles_per_pair: int = 25
-    cells: int = 16
-    per_cell: int = 12
-    minimum: int = 8
-    sigma_px: float = 0.3
+    cells: int = 12
+    per_cell: int = AUTOMATIC
+    most_partners: int = 8
+    smallest_overlap: float = 0.02
+    match: MatchOptions = MatchOptions()
+    match_sampled: MatchOptions = MatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
+
+    def match_options(self, image: Image) -> MatchOptions:
+        """Return how windows of a reference image are matched."""
+        return self.match if plan.is_matched_everywhere(image) else self.match_sampled
+
+    def points_of_a_cell(self, image: Image) -> int:
+        """Return how many points a cell of an image is to have."""
+        if self.per_cell != AUTOMATIC:
+            return self.per_cell
+        return FULL_PER_CELL if plan.is_matched_everywhere(image) else SAMPLED_PER_CELL
 
 
-class PairMatches(NamedTuple):
-    """Matches of two images (indices): keypoint numbers on each."""
+class PairSummary(NamedTuple):
+    """A pair of images by their ids: matches that were kept, and the offset across the epipolar lines (px)."""
 
-    first: int
-    second: int
-    first_number: np.ndarray
-    second_number: np.ndarray
+    first: str
+    second: str
+    matches: int
+    offset_px: float
 
 
 class TiePoints(NamedTuple):
-    """Image points of all tracks, matches per pair of image ids, and what a user should know."""
+    """Image points of all tracks, approximate ground ``(tracks, 3)`` in the order of ids, pairs, and warnings."""
 
     image_points: ImagePoints
-    matches: dict[tuple[str, str], int]
+    ground: np.ndarray
+    pairs: tuple[PairSummary, ...]
     warnings: tuple[str, ...]
 
 
 def find_tie_points(
-    images: Sequence[Image], options: TieOptions | None = None, progress: Progress = silent
+    images: Sequence[Image],
+    options: TieOptions | None = None,
+    progress: Progress = silent,
+    *,
+    surface: HeightSurface | None = None,
+    scheduler: Scheduler | None = None,
+    keeper: Keeper | None = None,
 ) -> TiePoints:
     """Find tie points between all overlapping images with pixels.
 
-    Raises `InputError` when fewer than two images have pixels or no two of them overlap.
+    surface : the ground, where it is known; else heights come out of the matching
+    scheduler : who does the work; threads without
+    keeper : keeps the results of finished parts, so that a run that was stopped continues
+
+    Raises `InputError` when fewer than two images have pixels or no two of them overlap, `Cancelled` when
+    ``progress`` asks to stop.
     """
-    options = options or TieOptions()
-    usable = [index for index, image in enumerate(images) if image.raster is not None]
-    if len(usable) < 2:
-        raise InputError("tie points need two images with pixels: give image files, or --tie-points none or FILE")
-    stores = {index: FeatureStore(images[index], options.per_tile) for index in usable}
-    pairs = [(a, b) for a, b in combinations(usable, 2) if _tiles_seen(stores[a], stores[b], options)]
-    if not pairs:
-        raise InputError(
-            "no two images overlap between the heights of their RPCs: check that they show the same area, or name "
-            "the terrain's heights with --dem"
+    search = _Search(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper)
+    pairs = search.estimated_pairs(stage(progress, 0.0, 0.3))
+    matches = search.matches(pairs, stage(progress, 0.3, 0.97))
+    good = joining.without_contradictions(joining.without_outliers(matches, images), images)
+    room = {k: search.options.points_of_a_cell(image) for k, image in enumerate(images)}
+    points, ground = joining.to_image_points(good, images, search.options.cells, room)
+    summaries = _summaries(pairs, good, images)
+    return TiePoints(points, ground, summaries, _warnings(images, search.usable, pairs, summaries, points))
+
+
+class _EstimatedPair(NamedTuple):
+    job: coarse.CoarseJob
+    first: int
+    second: int
+    estimate: coarse.PairEstimate | None
+
+
+class _Search:
+    """The rounds of one search."""
+
+    def __init__(
+        self,
+        images: Sequence[Image],
+        options: TieOptions,
+        surface: HeightSurface | None,
+        scheduler: Scheduler,
+        keeper: Keeper | None,
+    ) -> None:
+        self.images, self.options, self.surface = images, options, surface
+        self.usable = [index for index, image in enumerate(images) if image.raster is not None]
+        if len(self.usable) < 2:
+            raise InputError("tie points need two images with pixels: give image files, or --tie-points none or FILE")
+        self._scheduler, self._keeper = scheduler, keeper
+        self._marks = {index: _mark(images[index]) for index in self.usable}
+
+    def estimated_pairs(self, progress: Progress) -> list[_EstimatedPair]:
+        """Return the pairs to match with what is known of each; raise `InputError` where there are none."""
+        jobs = self._coarse_jobs()
+        steps = {index: overview_step(self.images[index].size) for pair in jobs for index in pair}  # type: ignore[arg-type]
+        overviews = {
+            index: Part(
+                f"overview-{digest(self._marks[index], step)}", overview_features,
+                OverviewJob(self.images[index], step), keep=False,
+            )
+            for index, step in steps.items()
+        }  # fmt: skip
+        parts = {
+            (a, b): Part(
+                f"pair-{digest(VERSION, self._marks[a], self._marks[b], job.steps, tuple(job.heights), job.margin_px)}",
+                coarse.match_overviews, job, (overviews[a].key, overviews[b].key),
+                label=f"comparing {self.images[a].id} and {self.images[b].id}",
+            )
+            for (a, b), job in jobs.items()
+        }  # fmt: skip
+        wanted = [part.key for part in parts.values()]
+        found = run_parts([*overviews.values(), *parts.values()], wanted, self._scheduler, self._keeper, progress)
+        return [_EstimatedPair(jobs[a, b], a, b, coarse.estimate_pair(jobs[a, b], found[part.key]))
+                for (a, b), part in parts.items()]  # fmt: skip
+
+    def _coarse_jobs(self) -> dict[tuple[int, int], coarse.CoarseJob]:
+        """Return the pairs that overlap, by the numbers of the reference and the other image."""
+        images = [self.images[index] for index in self.usable]
+        ranges = overlaps.ground_ranges(images, self.surface, DEM_MARGIN_M)
+        found = overlaps.find_overlaps(images, ranges, self.surface, self.options.smallest_overlap)
+        chosen = overlaps.choose_pairs(found, len(images), self.options.most_partners)
+        if not chosen:
+            raise InputError(
+                "no two images overlap between the heights of their RPCs: check that they show the same area, or name "
+                "the terrain's heights with --dem"
+            )
+        coarseness = [overlaps.coarseness(image) for image in images]
+        terrain: dict[int, np.ndarray] = {}
+        jobs = {}
+        for pair in chosen:
+            a, b = sorted((pair.first, pair.second), key=lambda index: (-coarseness[index], index))
+            if self.surface is not None and a not in terrain:
+                terrain[a] = coarse.terrain_at_nodes(images[a], self.surface)
+            steps = overview_step(images[a].size), overview_step(images[b].size)  # type: ignore[arg-type]
+            heights = overlaps.common_heights(ranges[a], ranges[b])
+            job = coarse.CoarseJob(images[a], images[b], steps, heights, self.options.margin_px, terrain.get(a))
+            jobs[self.usable[a], self.usable[b]] = job
+        return jobs
+
+    def matches(self, pairs: Sequence[_EstimatedPair], progress: Progress) -> joining.Matches:
+        """Return the matches of all windows of all references."""
+        parts = self._star_parts(pairs)
+        wanted = [part.key for part in parts]
+        found: dict[str, Result] = {}
+        if parts:
+            found = run_parts(parts, wanted, self._scheduler, self._keeper, progress)
+        return joining.collect([(part.job.number, found[part.key]) for part in parts])
+
+    def _star_parts(self, pairs: Sequence[_EstimatedPair]) -> list[Part]:
+        partners: dict[int, list[Partner]] = {}
+        for pair in pairs:
+            if pair.estimate is not None:
+                step = overlaps.resolution_step(self.images[pair.first], self.images[pair.second])
+                partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
+                partners.setdefault(pair.first, []).append(partner)
+        return [part for number, own in partners.items() for part in self._parts_of(number, own)]
+
+    def _parts_of(self, number: int, partners: list[Partner]) -> list[Part]:
+        image = self.images[number]
+        rows = plan.cell_rows(image, self.options.cells, self.options.points_of_a_cell(image))
+        cells = [cell for row in rows for cell in row]
+        known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
+        parts = []
+        for start in range(0, len(cells), CELLS_PER_PART):
+            chosen = tuple(cells[start : start + CELLS_PER_PART])
+            job = StarJob(number, image, chosen, tuple(partners), self.options.match_options(image))
+            key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
+            parts.append(Part(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
+        return parts
+
+
+def _mark(image: Image) -> str:
+    """Return what tells an image from another one, and from itself after a change of its file."""
+    stamp = image.raster.stamp if isinstance(image.raster, PyramidRaster) else ()
+    return digest(image.id, image.path, image.size, image.rpc, stamp)
+
+
+def _summaries(
+    pairs: Sequence[_EstimatedPair], good: joining.Matches, images: Sequence[Image]
+) -> tuple[PairSummary, ...]:
+    count = {pair: len(rows) for pair, rows in joining.pair_rows(good).items()}
+    return tuple(
+        PairSummary(
+            images[pair.first].id, images[pair.second].id, count.get((pair.first, pair.second), 0),
+            float("nan") if pair.estimate is None else float(np.hypot(*pair.estimate.geometry.bias_px)),
         )
-    found, warnings = [], []
-    for done, (a, b) in enumerate(pairs):
-        advance(progress, done / len(pairs), f"matching {images[a].id} and {images[b].id}")
-        matches = _match_pair(a, b, stores, options)
-        if len(matches.first_number) < options.minimum:
-            warnings.append(f"{images[a].id} and {images[b].id}: {len(matches.first_number)} matches only, not used")
-            continue
-        found.append(matches)
-    counts = {(images[m.first].id, images[m.second].id): len(m.first_number) for m in found}
-    return TiePoints(_image_points(images, stores, found, options), counts, tuple(warnings))
+        for pair in pairs
+    )  # fmt: skip
 
 
-def _heights(first: Image, second: Image, options: TieOptions) -> tuple[float, float]:
-    if options.heights_m is not None:
-        return options.heights_m
-    (low1, high1), (low2, high2) = first.rpc.height_range, second.rpc.height_range
-    low, high = max(low1, low2), min(high1, high2)
-    return (low, high) if low < high else (min(low1, low2), max(high1, high2))
-
-
-def _tiles_seen(first: FeatureStore, second: FeatureStore, options: TieOptions) -> list[tuple[int, tuple]]:
-    """Return the tiles of the first image that the second can see, with the window to search there."""
-    assert second.image.size is not None
-    columns, rows = first.tile_grid
-    width, height = second.image.size
-    heights = _heights(first.image, second.image, options)
-    seen = []
-    for tile in range(columns * rows):
-        s0, l0, samples, lines = first.window(tile)
-        window = overlap_window(
-            first.image.rpc, second.image.rpc, (s0, s0 + samples - 1, l0, l0 + lines - 1), heights, options.margin_px
-        )
-        if window[1] >= 0 and window[0] <= width - 1 and window[3] >= 0 and window[2] <= height - 1:
-            seen.append((tile, window))
-    return seen
-
-
-def _evenly(items: list, most: int) -> list:
-    """Return at most ``most`` items, evenly from the list."""
-    if len(items) <= most:
-        return items
-    return [items[int(index)] for index in np.linspace(0, len(items) - 1, most).round()]
-
-
-def _match_pair(a: int, b: int, stores: dict[int, FeatureStore], options: TieOptions) -> PairMatches:
-    first, second = stores[a], stores[b]
-    height = float(np.mean(_heights(first.image, second.image, options)))
-    numbers: list[tuple[np.ndarray, np.ndarray]] = []
-    positions: list[tuple[np.ndarray, np.ndarray]] = []
-    for tile, window in _evenly(_tiles_seen(first, second, options), options.tiles_per_pair):
-        features = first.tile(tile)
-        xy, descriptors, number = second.inside(window)
-        i, j = mutual_matches(features.descriptors, descriptors)
-        numbers.append((features.first_number + i, number[j]))
-        positions.append((features.xy[i], xy[j]))
-    first_number, second_number = (np.concatenate(part) for part in zip(*numbers, strict=True))
-    first_xy, second_xy = (np.concatenate(part) for part in zip(*positions, strict=True))
-    good = rpc_consistent(first.image.rpc, second.image.rpc, first_xy, second_xy, height)
-    return PairMatches(a, b, first_number[good], second_number[good])
-
-
-def _image_points(
-    images: Sequence[Image], stores: dict[int, FeatureStore], found: list[PairMatches], options: TieOptions
-) -> ImagePoints:
-    """Join matches into tracks, thin them out and number them."""
-    if not found:
-        return ImagePoints.create([], [], np.empty((0, 2)))
-    all_xy = {index: store.positions() for index, store in stores.items()}
-    offset = dict(zip(stores, np.cumsum([0] + [len(all_xy[k]) for k in stores])[:-1], strict=True))
-    image_of_node = np.concatenate([np.full(len(all_xy[k]), k) for k in stores])
-    xy = np.concatenate([all_xy[k] for k in stores])
-    first = np.concatenate([offset[m.first] + m.first_number for m in found])
-    second = np.concatenate([offset[m.second] + m.second_number for m in found])
-    track = consistent_tracks(first, second, image_of_node)
-    nodes = np.flatnonzero(track >= 0)
-    confirmed = np.bincount(track[first][track[first] >= 0], minlength=track.max() + 1).astype(float)
-    cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / options.cells, 1.0) for image in images])
-    keep = spread(track[nodes], image_of_node[nodes], xy[nodes], confirmed, cell_px, options.per_cell)
-    nodes = nodes[keep[track[nodes]]]
-    number = np.cumsum(keep)[track[nodes]]
-    width = len(str(int(keep.sum())))
-    ids = np.char.add("T", np.char.zfill(number.astype(str), width))
-    image_ids = np.array([image.id for image in images])[image_of_node[nodes]]
-    return ImagePoints.create(
-        ids, image_ids, xy[nodes], options.sigma_px, "sift", confirmed[track[nodes]], "tie points"
-    )
+def _warnings(
+    images: Sequence[Image],
+    usable: Sequence[int],
+    pairs: Sequence[_EstimatedPair],
+    summaries: Sequence[PairSummary],
+    points: ImagePoints,
+) -> tuple[str, ...]:
+    """Name the images without any tie point, and the pairs that overlap and gave nothing."""
+    tied = set(points.image_ids.tolist())
+    lonely = [images[index].id for index in usable if images[index].id not in tied]
+    warnings = [
+        f"{name}: no tie points: it overlaps no other image, or shows nothing that the others show" for name in lonely
+    ]
+    for pair in summaries:
+        if not pair.matches and pair.first not in lonely and pair.second not in lonely:
+            warnings.append(f"{pair.first} and {pair.second}: no matches")
+    return tuple(warnings)

@@ -1,4 +1,4 @@
-"""Tracks: the same ground point on two or more images, from pairwise matches."""
+"""Tracks: the same ground point on two or more images, from pairwise matches, and chosen to lie evenly."""
 
 from __future__ import annotations
 
@@ -25,26 +25,28 @@ def consistent_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.n
 
 
 def spread(
-    track: np.ndarray, image: np.ndarray, xy: np.ndarray, quality: np.ndarray, cell_px: np.ndarray, per_cell: int
+    track: np.ndarray, image: np.ndarray, xy: np.ndarray, quality: np.ndarray, cell_px: np.ndarray, per_cell: np.ndarray
 ) -> np.ndarray:
     """Return a mask of tracks to keep so that no image's grid cell gets more than it needs.
 
     Longer tracks come first, then those of higher quality. A track is kept when at least one of its cells still has
     room, so that images with few points keep theirs.
 
-    track, image : (n,) of each measurement; xy : (n, 2); quality : (tracks,); cell_px : (images, 2) cell sizes
+    track, image : (n,) of each measurement; xy : (n, 2); quality : (tracks,); cell_px : (images, 2) cell sizes;
+    per_cell : (images,) tracks that a cell of an image has room for
     """
     tracks = len(quality)
     length = np.bincount(track, minlength=tracks)
     cell = np.column_stack([image, np.floor(xy / cell_px[image]).astype(np.int64)])
-    _, cell_number = np.unique(cell, axis=0, return_inverse=True)
-    room = np.full(cell_number.max(initial=-1) + 1, per_cell)
+    distinct, cell_number = np.unique(cell, axis=0, return_inverse=True)
+    room = per_cell[distinct[:, 0]].tolist()
     order = np.argsort(track, kind="stable")
-    first = np.searchsorted(track[order], np.arange(tracks + 1))
+    cells = np.split(cell_number[order], np.cumsum(length)[:-1])
     keep = np.zeros(tracks, dtype=bool)
     for candidate in np.lexsort((-quality, -length)):
-        cells = cell_number[order[first[candidate] : first[candidate + 1]]]
-        if (room[cells] > 0).any():
+        own = cells[candidate].tolist()
+        if any(room[number] > 0 for number in own):
             keep[candidate] = True
-            room[cells] -= 1
+            for number in own:
+                room[number] -= 1
     return keep

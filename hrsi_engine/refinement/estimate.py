@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..block import Image
+from ..columns import Columns
 from ..errors import SolveError
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
@@ -28,7 +29,7 @@ CONTROL_ONLY = Priors(shift_px=1e6, drift=1.0, orientation=LOOSE_ORIENTATION)
 
 
 @dataclass(frozen=True, eq=False)
-class Control:
+class Control(Columns):
     """Ground points measured on one image.
 
     ids : (n,) str; ground : (n, 3); xy : (n, 2) sample, line; sigma_px : (n,); sigma_m : (n, 2) horizontal, height
@@ -58,10 +59,6 @@ class Control:
             np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (count,)),
             np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (count, 2)),
         )
-
-    def select(self, keep: np.ndarray) -> Control:
-        """Return the chosen points (mask or indices)."""
-        return Control(self.ids[keep], self.ground[keep], self.xy[keep], self.sigma_px[keep], self.sigma_m[keep])
 
 
 @dataclass(frozen=True, eq=False)

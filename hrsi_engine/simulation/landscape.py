@@ -8,11 +8,13 @@ coarser sensor sees a landscape of the same richness in pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+
+from ..columns import Columns
 
 BANDS = ("pan", "blue", "green", "red", "nir")
 BLOCK_M = 160.0
@@ -50,7 +52,7 @@ ROAD_GREY = np.array([400.0, 410.0, 420.0, 430.0, 400.0], dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
-class Objects:
+class Objects(Columns):
     """Painted objects, in the order in which they cover one another.
 
     kind : (n,) str, ``roof``, ``tank``, ``roundabout``, ``island``, ``apron`` or ``target``
@@ -71,12 +73,6 @@ class Objects:
         """Return these objects with others painted after them."""
         names = ("kind", "position_m", "size_m", "azimuth_rad", "grey")
         return Objects(*(np.concatenate([getattr(self, n), getattr(others, n)]) for n in names))
-
-    def select(self, keep: np.ndarray) -> Objects:
-        """Return some of the objects (mask or indices)."""
-        return Objects(
-            self.kind[keep], self.position_m[keep], self.size_m[keep], self.azimuth_rad[keep], self.grey[keep]
-        )
 
     def corners_m(self) -> np.ndarray:
         """Return the four corners ``(n, 4, 2)`` of each object's rectangle in chart metres."""
@@ -104,6 +100,12 @@ class Landscape:
 
     seed: int
     scale: float = 1.0
+    date: int = 0
+    change: float = 0.0
+
+    def at_date(self, date: int, change: float) -> Landscape:
+        """Return the landscape of another date: parcels differ by a share of their usual differences."""
+        return replace(self, date=date, change=change)
 
     # ---- lattice -----------------------------------------------------------------------------------------------
 
@@ -151,6 +153,9 @@ class Landscape:
             np.kron(rng.random(self.block_cover.shape) < 0.5, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool)),
         )
         variation = rng.standard_normal((PARCELS, PARCELS))
+        if self.date and self.change:
+            own = np.random.default_rng([self.seed, 13, self.date]).standard_normal((PARCELS, PARCELS))
+            variation = np.sqrt(1.0 - self.change**2) * variation + self.change * own
         rows = np.repeat(variation[:, ::PER_BLOCK], PER_BLOCK, axis=1)
         columns = np.repeat(variation[::PER_BLOCK], PER_BLOCK, axis=0)
         spread = np.array([c.parcel_spread for c in COVERS])[cover]

@@ -106,8 +106,8 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
         camera = camera.coarsened(view.sensor.ms_ratio)
     blur_m = view.radiometry.psf_px * float(np.sqrt(np.prod(camera.gsd_m())))
     painter = TilePainter.around(
-        camera.size, scene.texture.blurred(blur_m, band_index), scene.objects,
-        camera.ground_to_image(scene.object_ground()), min(camera.gsd_m()), blur_m,
+        camera.size, scene.texture.blurred(blur_m, band_index, view.date, scene.spec.change),
+        scene.objects, camera.ground_to_image(scene.object_ground()), min(camera.gsd_m()), blur_m,
     )  # fmt: skip
     return ImageRenderer(scene, camera, view.radiometry, painter, len(BANDS) * index + band_index)
 

@@ -27,7 +27,8 @@ class SceneSpec:
     """What a scene should be like; the same spec and views always give the same scene.
 
     ``half_extent_m``, ``post_m`` (spacing of the terrain) and ``scale`` (of the landscape) follow from the views where
-    they are None. ``cliff_m`` is the height of cliffs, none where 0.
+    they are None. ``cliff_m`` is the height of cliffs, none where 0. ``change``, 0 … 1, is how much of the ground looks
+    different at a `View.date` other than 0.
     """
 
     lon_deg: float = 5.45
@@ -39,6 +40,7 @@ class SceneSpec:
     half_extent_m: float | None = None
     post_m: float | None = None
     scale: float | None = None
+    change: float = 0.0
 
     def __post_init__(self) -> None:
         if not (-180.0 <= self.lon_deg <= 180.0 and -85.0 <= self.lat_deg <= 85.0):
@@ -47,6 +49,8 @@ class SceneSpec:
             )
         if self.relief_m < 0.0 or self.cliff_m < 0.0:
             raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")
+        if not 0.0 <= self.change <= 1.0:
+            raise InputError(f"change {self.change} of the scene between dates: give a share of 0 to 1")
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from .control import (
 from .pushbroom import PushbroomCamera
 from .scene import Scene, SceneSpec, make_scene
 from .sensors import OrientationError
-from .vendor import VendorRPC, fit_camera
+from .vendor import VendorRPC, fit_camera, stated_accuracy
 from .views import View
 
 
@@ -100,7 +100,12 @@ def simulate_block(
     known = role != Role.TIE
     image_points = _sorted(observe(cameras, scene.terrain, ground))
     advance(progress, 0.6, "points placed")
-    vendor_rpcs = _fit_all(vendor_cameras, scene, stage(progress, 0.6, 1.0))
+    vendor_rpcs = tuple(
+        replace(fit, rpc=stated_accuracy(fit.rpc, camera, view.sensor.accuracy, noise.vendor))
+        for fit, camera, view in zip(
+            _fit_all(vendor_cameras, scene, stage(progress, 0.6, 1.0)), vendor_cameras, views, strict=True
+        )
+    )
 
     surveyed, wrong = survey(
         ids[known], ground[known], role[known], noise, 1.0 / metres_per_degree(ground[known]),

@@ -55,16 +55,26 @@ class PeriodicField:
         return cls(spectrum / fft.irfft2(spectrum, s=(count, count)).std(), cell_m)
 
     @classmethod
-    def tree_crowns(cls, count: int, cell_m: float, crown_m: float, rng: np.random.Generator) -> PeriodicField:
-        """Return a canopy of domes, lit from one side, of zero mean and unit standard deviation."""
+    def tree_crowns(
+        cls, count: int, cell_m: float, crown_m: float, rng: np.random.Generator, sun_rad: float = 0.0
+    ) -> PeriodicField:
+        """Return a canopy of domes, lit from one side, of zero mean and unit standard deviation.
+
+        ``sun_rad`` is by how much the light has turned from the west.
+        """
         stems = np.ones((count, count), dtype=bool)
         number = int((count * cell_m / crown_m) ** 2)
         stems[tuple(rng.integers(0, count, (2, number)))] = False
         wrapped = np.pad(stems, 32, mode="wrap")
         distance = ndimage.distance_transform_edt(wrapped, sampling=cell_m)[32:-32, 32:-32]
         crown = np.sqrt(np.clip(1.0 - (distance / (0.75 * crown_m)) ** 2, 0.0, 1.0))
-        lit = crown + 0.8 * (np.roll(crown, 1, axis=1) - np.roll(crown, -1, axis=1))
+        slopes = [np.roll(crown, 1, axis=axis) - np.roll(crown, -1, axis=axis) for axis in (1, 0)]
+        lit = crown + 0.8 * (np.cos(sun_rad) * slopes[0] + np.sin(sun_rad) * slopes[1])
         return cls(fft.rfft2((lit - lit.mean()) / lit.std()), cell_m)
+
+    def mixed_with(self, other: PeriodicField, share: float) -> PeriodicField:
+        """Return a field of the same strength that has a correlation of sqrt(1 - share²) with this one."""
+        return PeriodicField(np.sqrt(1.0 - share**2) * self.spectrum + share * other.spectrum, self.cell_m)
 
     def blurred(self, sigma_m: float) -> tuple[np.ndarray, float]:
         """Return the field blurred by a Gaussian, float32, and its spacing: half the cell where the blur is fine."""
@@ -124,11 +134,23 @@ class Texture:
         """Tree crowns of about 6 m."""
         return PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([self.landscape.seed, 32]))
 
-    def blurred(self, sigma_m: float, band: int) -> BlurredTexture:
-        """Return the ground as a sensor sees it whose blur on the ground has ``sigma_m``, in one of `BANDS`."""
+    def blurred(self, sigma_m: float, band: int, date: int = 0, change: float = 0.0) -> BlurredTexture:
+        """Return the ground as a sensor sees it whose blur on the ground has ``sigma_m``, in one of `BANDS`.
+
+        At dates other than 0 the ``change``, 0 … 1, is how much of soil and plants looks different: their fine texture
+        is mixed with one of its own, parcels have other grey values, and the sun lights the crowns from elsewhere.
+        """
         sigma = sigma_m / self.landscape.scale
-        fields = tuple(field.blurred(sigma) for field in (self.fine, self.broad, self.canopy))
-        return BlurredTexture(self.landscape, fields, sigma, band)
+        landscape, fine, canopy = self.landscape, self.fine, self.canopy
+        if date and change:
+            seed = self.landscape.seed
+            other = PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 33, date]))
+            fine = fine.mixed_with(other, change)
+            sun = change * np.random.default_rng([seed, 34, date]).uniform(-np.pi, np.pi)
+            canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), sun)
+            landscape = self.landscape.at_date(date, change)
+        fields = tuple(field.blurred(sigma) for field in (fine, self.broad, canopy))
+        return BlurredTexture(landscape, fields, sigma, band)
 
 
 @dataclass(frozen=True, eq=False)

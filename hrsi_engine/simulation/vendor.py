@@ -9,6 +9,7 @@ import numpy as np
 from ..rpc import RPC
 from ..rpc_fit import fit_rpc
 from .pushbroom import PushbroomCamera
+from .sensors import Accuracy
 
 CONTROL_GRID = (15, 15, 7)  # samples, lines, heights
 CHECK_GRID = (22, 23, 10)  # shares no node with the control grid
@@ -37,6 +38,22 @@ def fit_camera(camera: PushbroomCamera, height_range_m: tuple[float, float]) -> 
     image, ground = virtual_grid(camera, CHECK_GRID, (low, high), 0.0)
     distance = np.hypot(*(rpc.project(ground) - image).T)
     return VendorRPC(rpc, max(float(distance.max()), RESOLVED_PX), float(np.sqrt(np.mean(distance**2))))
+
+
+def stated_accuracy(rpc: RPC, camera: PushbroomCamera, accuracy: Accuracy, scale: float) -> RPC:
+    """Return the RPC with ERR_BIAS, the standard deviation of each horizontal coordinate that the vendor states.
+
+    It follows from the sensor's accuracy, ``scale`` times: an attitude error moves the ground by the distance across
+    the line of sight, and by more along it where that is oblique. An accuracy of 0 is not stated.
+    """
+    if scale <= 0.0:
+        return rpc
+    position = camera.exterior(np.array([camera.middle[1]]))[0][0]
+    sight = camera.centre - position
+    distance = float(np.linalg.norm(sight))
+    cosine = -float(sight @ camera.normal) / distance
+    by_attitude = distance * accuracy.attitude_rad * np.sqrt(0.5 + 0.5 / cosine**2)
+    return replace(rpc, err_bias=scale * float(np.hypot(accuracy.position_m, by_attitude)))
 
 
 def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:

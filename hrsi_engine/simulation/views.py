@@ -21,7 +21,8 @@ class View:
 
     ``size`` is (samples, lines); angles are those of `pushbroom.aim`; ``offset_m`` is where the middle of the image
     lies, east and north of the scene centre. ``jitter`` belongs to the true camera; ``vendor_error`` is what the
-    vendor's orientation is wrong by, None draws it from the sensor's accuracy.
+    vendor's orientation is wrong by, None draws it from the sensor's accuracy. Views of another ``date`` see the ground
+    changed by `SceneSpec.change`.
     """
 
     id: str
@@ -35,6 +36,7 @@ class View:
     jitter: OrientationError = OrientationError()
     vendor_error: OrientationError | None = None
     radiometry: Radiometry = Radiometry()
+    date: int = 0
 
     def camera(self, chart: Chart, height_m: float) -> PushbroomCamera:
         """Return the true camera over a chart, aimed at a height."""

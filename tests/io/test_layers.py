@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -223,8 +224,25 @@ def test_the_typical_arrow_has_the_typical_length() -> None:
 
 @pytest.mark.parametrize("name", STYLES)
 def test_every_style_is_made_without_residuals_too(name: str) -> None:
-    empty = {field: column[:0] for field, column in residual_fields(4).items()}
-    for fields in (empty, residual_fields(4)):
+    shifts = {"state": np.array(["before", "after"] * 2), "east_m": np.ones(4), "north_m": np.full(4, np.nan)}
+    full = residual_fields(4) | shifts
+    empty = {field: column[:0] for field, column in full.items()}
+    for fields in (empty, full):
         style = STYLES[name](fields)
         assert isinstance(style, Style)
         ET.fromstring(style.qml)
+
+
+def test_many_points_are_thinned_by_scale(tmp_path: Path) -> None:
+    """Each tie point is drawn at every scale while they are few, and one of ten, of a hundred farther away."""
+    for count, rules in ((100, 1), (3000, 2), (30_000, 3)):
+        qml = default_styles({"ground_points": {"role": np.full(count, "tie")}})["ground_points"].qml
+        ties = [rule for rule in ET.fromstring(qml).iter("rule") if "'tie'" in (rule.get("filter") or "")]
+        limits = [(rule.get("scalemindenom"), rule.get("scalemaxdenom")) for rule in ties]
+        assert len(ties) == rules
+        assert limits[0][0] is None and limits[-1][1] is None
+        assert all(near[1] == far[0] for near, far in pairwise(limits))  # no gap, no overlap
+
+
+def test_layers_of_the_same_name_without_residuals_have_no_style() -> None:
+    assert default_styles({"image_points": {"id": np.array(["A"])}, "ground_points": {"id": np.array(["A"])}}) == {}

@@ -299,10 +299,21 @@ def test_ames_stereo_pipeline_gcps(tmp_path: Path) -> None:
     assert tables.ground is not None
     assert tables.image is not None
     assert tables.ground.ground.tolist() == [[160.1, 23.7, 427.1], [10.25, -23.5, 1.5]]
-    np.testing.assert_allclose(tables.ground.sigma_m, [[1.0, 1.0], [np.sqrt(12.5), 0.5]])
+    covariance = tables.ground.survey_covariance_m2()
+    np.testing.assert_allclose(covariance[0], np.eye(3), atol=1e-12)
+    # the same numbers by finite differences of PROJ's geocentric coordinates
+    to_xyz = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    here = np.array([10.25, -23.5, 1.5])
+    axes = []
+    for axis in np.eye(3) * [1e-5, 1e-5, 1.0]:
+        step = np.subtract(to_xyz.transform(*(here + axis)), to_xyz.transform(*(here - axis)))
+        axes.append(step / np.linalg.norm(step))
+    rotation = np.array(axes)
+    np.testing.assert_allclose(covariance[1], rotation @ np.diag([9.0, 16.0, 0.25]) @ rotation.T, atol=1e-5)
     assert tables.image.image_ids.tolist() == ["image1", "image2"]
     assert tables.image.xy.tolist() == [[124.5, 19.7], [254.3, 73.9]]
-    assert tables.warnings == ()
+    assert len(tables.warnings) == 1
+    assert "geocentric" in tables.warnings[0]
 
 
 def test_csv_details(tmp_path: Path) -> None:
@@ -451,5 +462,5 @@ def test_mutated_files_give_points_or_an_input_error(
 
 
 def test_every_reader_is_described() -> None:
-    assert {"csv", "ogr", "qgis-points", "image-gcps", "orthority", "asp-gcp"} == set(READERS)
+    assert {"csv", "micmac", "ogr", "qgis-points", "image-gcps", "orthority", "asp-gcp", "asp-match"} == set(READERS)
     assert all(reader.title for reader in READERS.values())

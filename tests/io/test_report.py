@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from hrsi.hrsi_engine.errors import OutputError
 from hrsi.hrsi_engine.io.block_map import block_map_svg
 from hrsi.hrsi_engine.io.pages import figure, json_ready
 from hrsi.hrsi_engine.io.report import BlockMap, write_report_html, write_report_json
+from hrsi.hrsi_engine.io.target_chips import png_bytes
 
 EVIL = '<script>alert("1")</script>&'
 
@@ -186,3 +188,9 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     for write in (write_report_json, write_report_html):
         with pytest.raises(OutputError, match="cannot be written"):
             write(str(tmp_path / "none" / "report"), report())
+
+
+def test_chip_pixels_are_a_png_that_others_read() -> None:
+    grey = np.random.default_rng(3).integers(0, 256, (37, 52)).astype(np.uint8)
+    decoded = cv2.imdecode(np.frombuffer(png_bytes(grey), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(decoded, grey)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hrsi.benchmarks.chapter2 import ellipse_agreement
 from hrsi.hrsi_engine.errors import SolveError
-from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.measurement.ellipse import FITS, fit_ellipse, fit_ellipse_robust
 
 METHODS = pytest.mark.parametrize("method", FITS)
@@ -71,14 +71,7 @@ def test_what_is_no_ellipse(method: str, edges: np.ndarray, reason: str):
 @pytest.mark.parametrize(("method", "median_px", "most_px"), [("direct", 0.001, 0.05), ("geometric", 0.05, 0.2)])
 def test_hobart_roundabouts(thesis_data, method: str, median_px: float, most_px: float):
     """Centres agree with table 2.6: the direct fit is the thesis's own, the geometric within sigma (0.2 px)."""
-    edges = read_points(str(thesis_data / "hobart_roundabout_edges.csv")).image
-    printed = read_points(str(thesis_data / "hobart_image_points.csv")).image
-    known = {(i, k): xy for i, k, xy in zip(printed.ids, printed.image_ids, printed.xy, strict=True)}
-    away, sigmas = [], []
-    for key in dict.fromkeys(zip(edges.ids.tolist(), edges.image_ids.tolist(), strict=True)):
-        ellipse = fit_ellipse(edges.xy[(edges.ids == key[0]) & (edges.image_ids == key[1])], method)
-        away.append(float(np.hypot(*(ellipse.centre - known[key]))))
-        sigmas.append(ellipse.sigma_px)
+    away, sigmas = ellipse_agreement(thesis_data, method)
     print(
         f"{method}: {len(away)} centres, median {np.median(away):.3f} px, 90 % {np.percentile(away, 90):.3f} px, "
         f"sigma {np.median(sigmas):.2f} px"

@@ -81,6 +81,14 @@ def test_a_disc_has_no_corner_and_far_objects_do_not_count():
     assert measure_target(image(disc(12.0)), CENTRE + 30.0, "center", TargetOptions(search_px=10.0)).refusal
 
 
+def test_weak_objects_beside_the_position_are_not_taken_for_the_target():
+    faint = image(disc(4.0), 40.0)  # 7 times the noise
+    on_it, beside = (measure_target(faint, CENTRE + [shift, 0.0]) for shift in (2.0, 9.0))
+    assert np.hypot(*(on_it.xy - CENTRE)) < 0.5
+    assert "no clear closed object" in beside.refusal
+    assert not measure_target(image(disc(4.0)), CENTRE + [9.0, 0.0]).refusal
+
+
 def test_hand_measured_edges():
     t = np.radians(np.arange(0, 360, 45))
     ring = CENTRE + 9.0 * np.column_stack([np.cos(t), np.sin(t)])

@@ -419,11 +419,17 @@ def pair(real_data, tmp_path) -> list[str]:
     return [str(tmp_path / f"img_0{k}.tif") for k in (1, 2)]
 
 
+@pytest.fixture
+def ties(triplet) -> str:
+    """Tie points of the triplet, found once."""
+    return str(triplet[1] / "block.gpkg")
+
+
 @pytest.mark.parametrize("how", ["copy", "vrt", "sidecar", "in-place"])
-def test_every_way_of_writing_gives_the_same_camera(how, pair, tmp_path):
+def test_every_way_of_writing_gives_the_same_camera(how, pair, ties, tmp_path):
     before = [Path(path).read_bytes() for path in pair]
-    report = run("triangulate", images=pair, write=how, output_dir=str(tmp_path / "result"))
-    reference = run("triangulate", images=pair, write="none", output_dir=str(tmp_path / "reference"))
+    report = run("triangulate", images=pair, tie_points=ties, write=how, output_dir=str(tmp_path / "result"))
+    reference = run("triangulate", images=pair, tie_points=ties, write="none", output_dir=str(tmp_path / "reference"))
     for path, original in zip(pair, before, strict=True):
         image = report["images"][Path(path).stem]
         shift = [image["parameters"][name]["value"] for name in ("sample_0", "line_0")]
@@ -437,21 +443,27 @@ def test_every_way_of_writing_gives_the_same_camera(how, pair, tmp_path):
         assert (Path(path).read_bytes() == original) == (how != "in-place")
 
 
-def test_a_sidecar_of_an_earlier_run_does_not_win_over_the_copy(pair, tmp_path):
+def test_tie_points_of_a_larger_block_serve_a_part_of_it(pair, ties, tmp_path):
+    report = run("triangulate", images=pair, tie_points=ties, write="none", output_dir=str(tmp_path / "result"))
+    assert report["ties"]["points"] > 3000
+    assert any("img_03" in warning for warning in report["warnings"])
+
+
+def test_a_sidecar_of_an_earlier_run_does_not_win_over_the_copy(pair, ties, tmp_path):
     folder = str(tmp_path / "result")
-    run("triangulate", images=pair, write="sidecar", sigma_image=0.2, output_dir=folder)
+    run("triangulate", images=pair, tie_points=ties, write="sidecar", sigma_image=0.2, output_dir=folder)
     stale = tmp_path / "result" / "img_01_RPC.TXT"
     stale.write_text(stale.read_text().replace("LINE_OFF: ", "LINE_OFF: 9"))
-    report = run("triangulate", images=pair, write="copy", output_dir=folder, overwrite=True)
+    report = run("triangulate", images=pair, tie_points=ties, write="copy", output_dir=folder, overwrite=True)
     shift = report["images"]["img_01"]["parameters"]["line_0"]["value"]
     with rasterio.open(report["images"]["img_01"]["output"]) as copy, rasterio.open(pair[0]) as source:
         assert copy.rpcs.line_off - source.rpcs.line_off == pytest.approx(shift, abs=1e-6)
     assert any("img_01_RPC.TXT" in warning for warning in report["warnings"])
 
 
-def test_original_comes_back_after_writing_in_place(pair, tmp_path):
+def test_original_comes_back_after_writing_in_place(pair, ties, tmp_path):
     before = [read_rpc(path).rpc for path in pair]
-    run("triangulate", images=pair, write="in-place", output_dir=str(tmp_path / "result"))
+    run("triangulate", images=pair, tie_points=ties, write="in-place", output_dir=str(tmp_path / "result"))
     assert [read_rpc(path).rpc for path in pair] != before
     from hrsi.hrsi_engine.io.rpc_files import restore
 

@@ -12,10 +12,10 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.measurement.interest_points import DETECTORS
+from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.registration import FORMS
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interest_points import DETECTOR_SETS
+from hrsi.processing_algorithms.interest_points import ALGORITHM, DETECTOR_SETS
 from hrsi.processing_algorithms.register import MODELS
 from hrsi.tests.measurement.test_targets import CENTRE, disc, image
 
@@ -39,6 +39,7 @@ def features(path: Path, layer: str) -> list[dict]:
 def test_choices_are_the_engine_s():
     assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
     assert {form for form, _ in MODELS.values()} == set(FORMS)
+    assert next(param.default for param in ALGORITHM.params if param.name == "quality") == STRONG_QUALITY
 
 
 def test_interest_points_with_rpc_lie_on_the_ground(real_data: Path, tmp_path: Path):

@@ -20,7 +20,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 def make_profile(folder: Path) -> dict[str, str]:
     """Make a profile below ``folder``, with the plugin linked and enabled; return the environment that uses it.
 
-    QGIS's Python is the interpreter that runs this function, through PATH.
+    A plugin that is installed there already stays. QGIS's Python is the interpreter that runs this function, through
+    PATH.
     """
     default = folder / "profiles" / "default"
     plugins, settings = default / "python" / "plugins", default / "QGIS"
@@ -45,12 +46,14 @@ def qgis_process_program() -> str | None:
     return shutil.which("qgis_process.bin") or shutil.which("qgis_process")
 
 
-def qgis_process(folder: Path, *arguments: str, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
-    """Run ``qgis_process`` with a fresh profile below ``folder`` and return what it printed."""
+def qgis_process(
+    folder: Path, *arguments: str, timeout_s: float = 300.0, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run ``qgis_process`` with a profile below ``folder`` and more environment variables; return what it printed."""
     program = qgis_process_program()
     if program is None:
         raise FileNotFoundError("qgis_process is not installed: apt-get install qgis python3-qgis")
-    environment = make_profile(folder)
+    environment = make_profile(folder) | variables
     return subprocess.run(
         [program, *arguments], env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
     )

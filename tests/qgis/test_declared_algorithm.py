@@ -13,6 +13,7 @@ from qgis.core import (
 from hrsi.plugin.algorithm import DeclaredAlgorithm
 from hrsi.plugin.enums import ADVANCED, OPTIONAL
 from hrsi.plugin.parameters import BINDINGS
+from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.declare import Algorithm, Kind, Param
 from hrsi.tests.qgis.tiny import TINY
@@ -51,7 +52,8 @@ def test_texts_and_outputs(declaration: Algorithm) -> None:
     assert not algorithm.icon().isNull()
     outputs = {output.name() for output in algorithm.outputDefinitions()}
     writes_folder = any(param.kind is Kind.OUTPUT_DIR for param in declaration.params)
-    assert outputs == ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
+    layers = {layer_name(source).upper() for source in declaration.layers}
+    assert outputs == layers | ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
 
 
 @pytest.mark.parametrize(("declaration", "param"), PARAMS)
@@ -63,8 +65,8 @@ def test_parameter(declaration: Algorithm, param: Param) -> None:
     assert definition.help() == f"{param.help}."
     flags = definition.flags()
     optional = bool(flags & OPTIONAL)
-    assert not (optional and param.required)
-    assert optional or param.required or param.default is not None
+    assert not (optional and (param.required or param.piped))
+    assert optional or param.required or param.piped or param.default is not None
     assert bool(flags & ADVANCED) == param.advanced
     if param.default is not None:
         assert definition.checkValueIsAcceptable(param.default)

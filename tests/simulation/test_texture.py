@@ -58,6 +58,20 @@ def test_periodic_sampling_is_bilinear_and_wraps():
     np.testing.assert_allclose(sample_periodic(field, 1.5, east, north), oracle, atol=2e-4)
 
 
+def test_another_date_looks_different_by_the_share_asked_for():
+    """Correlation of the fine textures sqrt(1 - change²); the first date and a change of 0 stay as they are."""
+    texture = Texture(Landscape(seed=5))
+    rng = np.random.default_rng(4)
+    east, north = rng.uniform(-900.0, 900.0, (2, 20000)).astype(np.float32)
+    first = texture.blurred(0.3, 0)
+    for unchanged in (texture.blurred(0.3, 0, date=0, change=0.6), texture.blurred(0.3, 0, date=1, change=0.0)):
+        np.testing.assert_array_equal(first.grey(east, north), unchanged.grey(east, north))
+    second = texture.blurred(0.3, 0, date=1, change=0.6)
+    fields = [sample_periodic(*view.fields[0], east, north) for view in (first, second)]
+    assert np.corrcoef(fields)[0, 1] == pytest.approx(0.8, abs=0.05)
+    assert fields[1].std() == pytest.approx(fields[0].std(), rel=0.1)
+
+
 def test_lattice_is_undone():
     landscape = Landscape(seed=3)
     lattice = np.random.default_rng(3).uniform(-8000.0, 8000.0, (1000, 2))

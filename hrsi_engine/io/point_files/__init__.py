@@ -5,8 +5,9 @@
 field names of `columns.FIELDS`, and one place (`interpret`) checks them and makes points of them.
 """
 
-from .find import READERS, read_points
+from .find import READERS, read_points, several_specs
 from .interpret import PointTables
+from .ogr_layer import measurements_of
 from .table import Reader, Table
 
-__all__ = ["READERS", "PointTables", "Reader", "Table", "read_points"]
+__all__ = ["READERS", "PointTables", "Reader", "Table", "measurements_of", "read_points", "several_specs"]

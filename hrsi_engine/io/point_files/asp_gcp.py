@@ -1,7 +1,8 @@
 """``.gcp`` of the Ames Stereo Pipeline, one point a line.
 
 id, lat, lon, height above the ellipsoid, three sigmas (m), then for each image its name, column and row from the centre
-of the first pixel, and their sigmas (px). Fields are separated by blanks or commas.
+of the first pixel, and their sigmas (px). Fields are separated by blanks or commas. The sigmas are those of the
+geocentric x, y and z, as bundle_adjust takes them by default; where they differ, east, north and height are correlated.
 """
 
 from __future__ import annotations
@@ -11,10 +12,15 @@ import math
 import numpy as np
 
 from ...errors import InputError
+from ...geodesy import east_north_up
 from .table import Reader, Table
 
 _POINT_FIELDS, _IMAGE_FIELDS = 7, 5
 _NAMES = ("id", "lat", "lon", "height", "sigma_xy", "sigma_h", "image", "sample", "line", "sigma")
+_GEOCENTRIC = (
+    "{path}: the three sigmas of a point differ: they are taken along the geocentric x, y and z axes, as bundle_adjust "
+    "does unless told otherwise"
+)
 _Row = tuple[int, str, str, list[float]]
 
 
@@ -41,11 +47,23 @@ def _table(path: str, rows: list[_Row]) -> Table:
         "sample": sample,
         "line": line,
         "sigma": np.hypot(s_sample, s_line) / math.sqrt(2.0),
-        "sigma_xy": np.hypot(sx, sy) / math.sqrt(2.0),
-        "sigma_h": sz,
     }
+    geocentric = np.column_stack([sx, sy, sz])
+    columns |= _accuracy(lon, lat, geocentric)
+    notes = (_GEOCENTRIC.format(path=path),) if "cov_en" in columns else ()
     geometry = np.column_stack([lon, lat, height])
-    return Table(path, columns, _NAMES, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979")
+    return Table(path, columns, _NAMES, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
+
+
+def _accuracy(lon: np.ndarray, lat: np.ndarray, geocentric: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the sigmas, or the covariance of east, north and height where those of x, y, z ``(n, 3)`` differ."""
+    if (geocentric == geocentric[:, :1]).all():
+        return {"sigma_xy": geocentric[:, 0], "sigma_h": geocentric[:, 2]}
+    axes = east_north_up(lon, lat)
+    covariance = (axes * geocentric[:, None, :] ** 2) @ axes.swapaxes(1, 2)
+    return {
+        f"cov_{'enh'[row]}{'enh'[column]}": covariance[:, row, column] for row in range(3) for column in range(row, 3)
+    }
 
 
 def _rows(path: str, number: int, fields: list[str]) -> list[_Row]:

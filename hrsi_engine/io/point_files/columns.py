@@ -26,14 +26,30 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
     "height": ("height", "h", "z", "elev", "elevation", "altitude"),
+    "survey_lon": ("survey_lon",),
+    "survey_lat": ("survey_lat",),
+    "survey_height": ("survey_height",),
     "sigma_xy": ("sigma_xy",),
     "sigma_h": ("sigma_h", "sigma_z"),
+    "sigma_east": ("sigma_east", "sigma_e", "sigma_x"),
+    "sigma_north": ("sigma_north", "sigma_n", "sigma_y"),
+    "corr_en": ("corr_en",),
+    "corr_eh": ("corr_eh",),
+    "corr_nh": ("corr_nh",),
+    "cov_ee": ("cov_ee",),
+    "cov_nn": ("cov_nn",),
+    "cov_hh": ("cov_hh",),
+    "cov_en": ("cov_en",),
+    "cov_eh": ("cov_eh",),
+    "cov_nh": ("cov_nh",),
     "sample": ("sample", "samp", "column", "col", "sample_px", "x_px"),
     "line": ("line", "row", "line_px", "y_px"),
     "sigma": ("sigma", "sigma_px"),
     "quality": ("quality",),
 }
 FIELDS = TEXT_FIELDS | NUMBER_FIELDS
+#: Fields where ``inf`` means something: a coordinate that was not surveyed.
+MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})
 
 _EMPTY = frozenset({"", "null", "none", "na", "n/a", "nan"})
 
@@ -56,10 +72,13 @@ def stripped(texts: Sequence[str]) -> np.ndarray:
     return np.array(list(map(str.strip, texts)), dtype=str)
 
 
-def numbers(texts: Sequence[str], where: Callable[[int], str], decimal_comma: bool = False) -> np.ndarray:
+def numbers(
+    texts: Sequence[str], where: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
+) -> np.ndarray:
     """Return a number column, ``(n,)`` float64, NaN where the field is empty.
 
-    ``where`` names the field and the row of an index. Raises `InputError` for a text that is no finite number.
+    ``where`` names the field and the row of an index. Raises `InputError` for a text that is no number, or not finite
+    where ``infinite`` ones mean nothing.
     """
     try:
         values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
@@ -68,10 +87,11 @@ def numbers(texts: Sequence[str], where: Callable[[int], str], decimal_comma: bo
     else:
         if np.isfinite(values).all() and "_" not in "".join(texts):  # Python reads 1_000 as a number
             return values
-    return np.array([_number(text, index, where, decimal_comma) for index, text in enumerate(texts)], dtype=np.float64)
+    one_by_one = [_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]
+    return np.array(one_by_one, dtype=np.float64)
 
 
-def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool) -> float:
+def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
     text = text.strip()
     if text.lower() in _EMPTY:
         return np.nan
@@ -79,6 +99,6 @@ def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: b
         value = float(text.replace(",", ".") if decimal_comma else text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value) or "_" in text:
+    if not (np.isfinite(value) or (infinite and value == np.inf)) or "_" in text:
         raise InputError(f"{where(index)}: {text[:40]!r} is not a number: correct it, or leave an optional field empty")
     return value

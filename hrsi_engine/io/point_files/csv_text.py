@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import codecs
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
 from ...errors import InputError
-from .columns import NUMBER_FIELDS, match_fields, numbers, stripped
+from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
 from .table import Reader, Table
 
 EXTENSIONS = (".csv", ".tsv", ".txt", ".tab")
@@ -24,18 +24,21 @@ _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as
 _BOMS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
-def read(path: str, _layer: str = "") -> Table:
-    """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged."""
+def read(path: str, _layer: str = "", renamed: Mapping[str, str] | None = None) -> Table:
+    """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged.
+
+    ``renamed`` are fields (lower case) that a program calls otherwise.
+    """
     try:
-        return _read(path, _encoding(path))
+        return _read(path, _encoding(path), renamed or {})
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read(path: str, encoding: str) -> Table:
+def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> Table:
     rows = _rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
-    found = match_fields(names)
+    found = match_fields([renamed.get(name.lower(), name) for name in names])
     if not found:
         raise InputError(
             f"{path}: the first line names none of the fields of points (id, lon, lat, height, image, sample, line): "
@@ -59,7 +62,8 @@ def _values(
     source: str, field: str, texts: tuple[str, ...], row_name: Callable[[int], str], decimal_comma: bool
 ) -> np.ndarray:
     if field in NUMBER_FIELDS:
-        return numbers(texts, lambda index: f"{source}, {row_name(index)}", decimal_comma)
+        named = lambda index: f"{source}, {row_name(index)}"  # noqa: E731  # a name for the line's sake
+        return numbers(texts, named, decimal_comma, field in MAY_BE_INFINITE)
     return stripped(texts)
 
 

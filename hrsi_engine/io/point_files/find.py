@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from ...errors import InputError
-from . import asp_gcp, csv_text, image_gcps, ogr_layer, orthority, qgis_points
+from . import asp_gcp, asp_match, csv_text, image_gcps, micmac, ogr_layer, orthority, qgis_points
+from .columns import match_fields
 from .interpret import PointTables, interpret
 from .positions import Reference, Surface
-from .table import Reader
+from .table import Reader, Table
 
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
 READERS: dict[str, Reader] = {
+    "micmac": micmac.READER,
     "csv": csv_text.READER,
     "qgis-points": qgis_points.READER,
     "asp-gcp": asp_gcp.READER,
+    "asp-match": asp_match.READER,
     "orthority": orthority.READER,
     "ogr": ogr_layer.READER,
     "image-gcps": image_gcps.READER,
 }
 _HEAD_BYTES = 65536
+_SPEC_OPTIONS = ("layername", "layerid", "geometrytype", "image")
 
 
 def read_points(
@@ -30,16 +38,19 @@ def read_points(
     height_datum: str = "layer",
     image_ids: Sequence[str] = (),
     surface: Surface | None = None,
+    adjusted: bool = False,
 ) -> PointTables:
     """Return the ground points and the image points of a file.
 
     Parameters
     ----------
-    spec : ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``
+    spec : ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|image=ID`` says on which
+        image the points were measured, where the file does not say it
     ground_crs : CRS of positions in a file that names none, anything PROJ reads
     height_datum : ``layer`` (what the CRS says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file
     image_ids : ids of the block's images; an image named by file name or path gets the id that fits
     surface : ellipsoidal heights (n,) at lon, lat (n, 2), for points without a height
+    adjusted : whether points of HRSI's own layers lie where the adjustment put them, not where they were surveyed
 
     Raises
     ------
@@ -48,19 +59,57 @@ def read_points(
     """
     path, layer = split_spec(spec)
     table = reader_of(path).read(path, layer)
-    return interpret(table, Reference(ground_crs or "", height_datum, surface), image_ids)
+    image = _options(spec).get("image")
+    if image is not None:
+        table = _on_image(table, image, image_ids)
+    return interpret(table, Reference(ground_crs or "", height_datum, surface, adjusted), image_ids)
+
+
+def several_specs(text: str) -> list[str]:
+    """Return the files of a text ``FILE[|…][;FILE[|…]…]``, wildcards in names replaced by the files that fit.
+
+    Raises `InputError` where none does.
+    """
+    text = str(text)
+    path, _, rest = text.partition("|")
+    if os.path.exists(path) and ";" not in rest:  # a name may hold what else would be a separator
+        return [text]
+    specs = []
+    for part in filter(None, map(str.strip, text.split(";"))):
+        path, bar, rest = part.partition("|")
+        found = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path))
+        if not found:
+            raise InputError(f"{path}: no file has such a name: check the path")
+        specs += [f"{name}{bar}{rest}" for name in found]
+    return specs
 
 
 def split_spec(spec: str) -> tuple[str, str]:
     """Return file and layer (its name, ``#number``, or empty) of a point file as the user names it."""
-    path, *parts = str(spec).split("|")
-    layer = ""
-    for part in parts:
+    options = _options(spec)
+    number = f"#{options['layerid']}" if "layerid" in options else ""
+    return str(spec).split("|")[0], options.get("layername", number)
+
+
+def _options(spec: str) -> dict[str, str]:
+    """Return what stands behind the file name: ``|layername=L|image=ID``."""
+    options = {}
+    for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
-        if key.lower() not in ("layername", "layerid", "geometrytype") or not value:
-            raise InputError(f"{spec}: {part!r} is not understood: write FILE or FILE|layername=LAYER")
-        layer = {"layername": value, "layerid": f"#{value}"}.get(key.lower(), layer)
-    return path, layer
+        if key.lower() not in _SPEC_OPTIONS or not value:
+            raise InputError(f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER or FILE|image=ID")
+        options[key.lower()] = value
+    return options
+
+
+def _on_image(table: Table, image: str, image_ids: Sequence[str]) -> Table:
+    """Return the table with all points measured on one image."""
+    if "image" in match_fields(table.field_names) or table.pairwise:
+        raise InputError(f"{table.source}: says itself on which image a point was measured: leave |image= out")
+    if image not in image_ids:
+        listed = ", ".join(image_ids) or "none"
+        raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
+    return replace(table, columns=table.columns | {"image": np.full(len(table), image)})
 
 
 def reader_of(path: str) -> Reader:

@@ -11,6 +11,7 @@ from ...block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
 from ...errors import InputError
 from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
+from .survey_accuracy import positive, survey_accuracy
 from .table import Table
 
 _CHUNK_ROWS = 100_000
@@ -19,11 +20,12 @@ _SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
 
 @dataclass(frozen=True)
 class PointTables:
-    """What one file holds; None for what it does not hold."""
+    """What one file holds; None for what it does not hold. ``pairwise``: ids join two images only, see `Table`."""
 
     ground: GroundPoints | None
     image: ImagePoints | None
     warnings: tuple[str, ...] = ()
+    pairwise: bool = False
 
 
 def interpret(table: Table, reference: Reference, image_ids: Sequence[str]) -> PointTables:
@@ -40,7 +42,7 @@ def interpret(table: Table, reference: Reference, image_ids: Sequence[str]) -> P
     _require_text(table, "id")
     image = _image_points(table, known, image_ids) if measures else None
     ground, warnings = _ground_points(table, measures, reference) if known else (None, [])
-    return PointTables(ground, image, (*table.notes, *warnings))
+    return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
 
 
 def _require_field(table: Table, field: str) -> np.ndarray:
@@ -75,7 +77,7 @@ def _image_points(table: Table, known: bool, image_ids: Sequence[str]) -> ImageP
     everything = len(rows) == len(table)  # millions of rows are not copied without need
     columns = table.columns if everything else {name: column[rows] for name, column in table.columns.items()}
     images = image_names(table, rows, image_ids)
-    sigma = _positive(table, "sigma")
+    sigma = positive(table, "sigma")
     return ImagePoints(
         columns["id"],
         images,
@@ -98,7 +100,7 @@ def image_names(table: Table, rows: np.ndarray, image_ids: Sequence[str]) -> np.
     wanted, known = set(image_ids), dict[str, str]()
     for start in range(0, len(given), _CHUNK_ROWS):  # sorting millions of names would take more memory than the table
         for name in set(given[start : start + _CHUNK_ROWS].tolist()) - known.keys():
-            known[name] = _matching_id(name, wanted)
+            known[name] = _matching_id(name, wanted, table.pairwise)
     if all(name == image for name, image in known.items()):
         return given
     return np.concatenate([
@@ -107,19 +109,23 @@ def image_names(table: Table, rows: np.ndarray, image_ids: Sequence[str]) -> np.
     ])  # fmt: skip
 
 
-def _matching_id(name: str, image_ids: set[str]) -> str:
+def _matching_id(name: str, image_ids: set[str], prefixed: bool) -> str:
     """Return the id of the image that a file calls by id, file name or path; the name itself where there is none."""
     if name in image_ids:
         return name
     stem = image_id(name.replace("\\", "/"))
-    return stem if stem in image_ids else name
+    if stem in image_ids:
+        return stem
+    # ``PREFIX-IMAGE``, as matchers call their files: the longest id that fits
+    behind = [image for image in image_ids if name.endswith(f"-{image}")] if prefixed else []
+    return max(behind, key=len, default=name)
 
 
 def _ground_points(table: Table, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
     """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
     ground, warnings = ground_positions(table, reference)
     role = _roles(table)
-    sigma = np.column_stack([_positive(table, "sigma_xy"), _positive(table, "sigma_h")])
+    sigma, covariance = survey_accuracy(table)
     rows = np.flatnonzero(~np.isnan(ground[:, 0]))
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
     chosen = rows[first]
@@ -128,7 +134,8 @@ def _ground_points(table: Table, measures: bool, reference: Reference) -> tuple[
     if not len(ids):
         return None, warnings
     order = np.sort(chosen)
-    return GroundPoints(table.columns["id"][order], ground[order], role[order], sigma[order], table.source), warnings
+    points = GroundPoints(table.columns["id"], ground, role, sigma, table.source, covariance)
+    return points.select(order), warnings
 
 
 def _require_same_position(
@@ -156,15 +163,3 @@ def _roles(table: Table) -> np.ndarray:
             raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check or tie") from None
         role[index == number] = UNSET if parsed is None else parsed
     return role
-
-
-def _positive(table: Table, field: str) -> np.ndarray:
-    """Return a column of standard deviations, NaN where there is none."""
-    sigma = table.columns.get(field)
-    if sigma is None:
-        return np.full(len(table), np.nan)
-    wrong = sigma <= 0.0  # NaN: not given
-    if wrong.any():
-        row = np.flatnonzero(wrong)[0]
-        raise InputError(f"{table.at(row)}: field {field!r} is {sigma[row]:g}: give a number above 0 or leave it empty")
-    return sigma

@@ -10,10 +10,12 @@ from osgeo import gdal, ogr
 
 from ...errors import InputError
 from ..datasets import gdal_messages
-from .columns import NUMBER_FIELDS, match_fields, numbers, stripped
+from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
+from .ogr_arrow import arrow_columns
 from .table import Reader, Table
 
 _NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
+_MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
 _NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
 
 
@@ -62,6 +64,12 @@ def _read_layer(source: str, layer: ogr.Layer) -> Table:
     found = match_fields(names)
     types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
+    layer.ResetReading()
+    quick = arrow_columns(layer, {field: names[index] for field, index in found.items()}, has_geometry)
+    if quick is not None:
+        ids = quick.feature_ids
+        columns = {f: _column(source, f, names[found[f]], quick.values[f], ids) for f in found}
+        return Table(source, columns, tuple(names), lambda row: f"feature {ids[row]}", quick.geometry, _crs(layer))
     values: dict[str, list] = {field: [] for field in found}
     positions: list[tuple[float, float, float]] = []
     feature_ids: list[int] = []
@@ -90,14 +98,20 @@ def _text(feature: ogr.Feature, index: int) -> str:
     return feature.GetFieldAsString(index) if feature.IsFieldSetAndNotNull(index) else ""
 
 
-def _column(source: str, field: str, name: str, values: Sequence, feature_ids: list[int]) -> np.ndarray:
+def _column(
+    source: str, field: str, name: str, values: Sequence | np.ndarray, feature_ids: Sequence[int] | np.ndarray
+) -> np.ndarray:
     if field not in NUMBER_FIELDS:
-        return stripped(values)
+        return np.char.strip(values) if isinstance(values, np.ndarray) else stripped(values)
     where = f"field {name!r}"
-    if values and isinstance(values[0], str):
-        return numbers(values, lambda row: f"{source}, feature {feature_ids[row]}, {where}")
+    if len(values) and isinstance(values[0], str):
+        return numbers(
+            list(values),
+            lambda row: f"{source}, feature {feature_ids[row]}, {where}",
+            infinite=field in MAY_BE_INFINITE,
+        )
     column = np.array(values, dtype=np.float64)
-    if np.isinf(column).any():
+    if np.isinf(column).any() and field not in MAY_BE_INFINITE:
         row = int(np.flatnonzero(np.isinf(column))[0])
         raise InputError(f"{source}, feature {feature_ids[row]}, {where}: is infinite: give a number")
     return column
@@ -129,3 +143,12 @@ def _recognises(path: str, _name: str, _head: bytes) -> bool:
 
 
 READER = Reader("vector layer", _recognises, read)
+
+
+def measurements_of(spec: str) -> str:
+    """Return the name of a point file with the layer ``image_points``, where it has several and none is named."""
+    if "|" in spec or not (spec.startswith("/vsi") or os.path.isfile(spec)):
+        return spec
+    dataset = open_vector(spec)
+    names = [dataset.GetLayer(index).GetName() for index in range(dataset.GetLayerCount())] if dataset else []
+    return f"{spec}|layername={_MEASUREMENTS}" if len(names) > 1 and _MEASUREMENTS in names else spec

@@ -19,6 +19,8 @@ from .table import Table
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
 Surface = Callable[[np.ndarray], np.ndarray]
 
+#: Fields of HRSI's own layers, whose geometry is the adjusted position: the surveyed one, lon, lat, ellipsoidal height.
+SURVEYED = ("survey_lon", "survey_lat", "survey_height")
 _ADD_HEIGHTS = "add a field 'height' or points with z, or name a DEM with --dem"
 
 
@@ -27,12 +29,14 @@ class Reference:
     """What the coordinates of a file refer to where the file leaves it open.
 
     ground_crs : CRS of a file that names none; height_datum : ``layer``, ``ellipsoidal``, ``egm96``, ``egm2008`` or
-    a geoid grid; surface : where the heights of points without one come from
+    a geoid grid; surface : where the heights of points without one come from; adjusted : of HRSI's own layers, take the
+    adjusted positions instead of the surveyed ones
     """
 
     ground_crs: str = ""
     height_datum: str = "layer"
     surface: Surface | None = None
+    adjusted: bool = False
 
 
 def has_positions(table: Table) -> bool:
@@ -46,6 +50,8 @@ def ground_positions(table: Table, reference: Reference) -> tuple[np.ndarray, li
 
     Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
     """
+    if table.columns.keys() >= set(SURVEYED) and not reference.adjusted:
+        return np.column_stack([table.columns[name] for name in SURVEYED]), []
     xyz, crs, warnings = _given_positions(table, reference)
     present = np.isfinite(xyz[:, :2]).all(axis=1)
     _require_whole(table, xyz, present)

@@ -18,6 +18,7 @@ class Table:
     row_name : name of a row in messages (``line 12``, ``feature 3``)
     geometry : (n, 3) x, y, z in ``crs``, NaN where missing; None where the file has no geometry
     crs : anything PROJ reads; empty where the file says nothing
+    pairwise : matches of two images; the same point may stand in other files under another id
     """
 
     source: str
@@ -27,6 +28,7 @@ class Table:
     geometry: np.ndarray | None = None
     crs: str = ""
     notes: tuple[str, ...] = field(default=())
+    pairwise: bool = False
 
     def __len__(self) -> int:
         columns = [*self.columns.values(), *([] if self.geometry is None else [self.geometry])]

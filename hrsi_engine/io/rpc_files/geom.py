@@ -5,11 +5,14 @@ The file describes the full scene, also beside a crop; 0 for an accuracy means t
 
 from __future__ import annotations
 
+from ...rpc import RPC
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, numbered, rpc_from_text
 from .reading import Reader, Reading
 
 NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name in POLYNOMIALS}
+#: In files from here: they may be replaced.
+WRITTEN_BY = "written_by:  HRSI"
 NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
 
 
@@ -23,6 +26,16 @@ def read(path: str) -> Reading:
     return Reading(
         rpc_from_text(path, values, NAMES), positive_size(entries.get("number_samples"), entries.get("number_lines"))
     )
+
+
+def text_of(rpc: RPC) -> str:
+    """Return the content of a ``.geom`` file, all digits: OSSIM's projection of an RPC, which OTB takes as a sensor."""
+    lines = ["type:  ossimRpcProjection", "polynomial_format:  B", WRITTEN_BY]
+    lines += [f"{NAMES[name]}:  {getattr(rpc, name) or 0.0!r}" for name in ERRORS]
+    lines += [f"{NAMES[name]}:  {getattr(rpc, name)!r}" for name in SCALARS]
+    for name in POLYNOMIALS:
+        lines += [f"{NAMES[name]}_{i:02d}:  {value!r}" for i, value in enumerate(getattr(rpc, name).tolist())]
+    return "\n".join(lines) + "\n"
 
 
 def _recognises(name: str, head: bytes) -> bool:

@@ -21,10 +21,17 @@ from .fields import numbers_of
 from .find import READERS, open_raster, read_rpc, reader_of, side_files
 from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
 from .tiff_directory import read_directory
-from .write import write_rpb, write_rpc_text
+from .write import write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json
 
 #: Format of a sidecar -> what follows the image's stem, and the function that writes it.
-SIDECARS = {"rpc-txt": ("_RPC.TXT", write_rpc_text), "rpb": (".RPB", write_rpb)}
+SIDECARS = {
+    "rpc-txt": ("_RPC.TXT", write_rpc_text), "rpb": (".RPB", write_rpb), "isd": (".xml", write_isd_xml),
+    "geom": (".geom", write_geom), "rpcm-json": (".json", write_rpcm_json),
+}  # fmt: skip
+#: Formats that hold nothing but the RPC, so that a vendor's file may be rewritten.
+_RPC_ONLY = ("rpc-txt", "rpb")
+#: Sidecars that GDAL reads, but takes after an ``.RPB``; it does not read the rest.
+_AFTER_RPB = ("rpc-txt", "isd")
 
 
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
@@ -48,7 +55,7 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
 
 def _write_rpc_file_in_place(path: str, rpc: RPC) -> tuple[str, ...]:
     key = next(key for key, reader in READERS.items() if reader is reader_of(path))
-    if key not in SIDECARS:
+    if key not in _RPC_ONLY:
         raise InputError(f"{path}: {READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
     keep_original(path)
     SIDECARS[key][1](path, rpc)
@@ -72,19 +79,21 @@ def _rewrite_tag(path: str, rpc: RPC, progress: Progress) -> tuple[str, ...]:
 
 
 def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]:
-    """Write a ``_RPC.TXT`` (``kind`` ``rpc-txt``) or ``.RPB`` (``rpb``) file; return notices for the log.
+    """Write an RPC file of a ``kind`` of `SIDECARS`; return notices for the log.
 
     A vendor's file of that name, in whatever case, is kept as ``<name>.original``. An ``.RPB`` of the same image, which
-    would win over a new ``_RPC.TXT`` with another RPC, is set aside.
+    would win over a new ``_RPC.TXT`` or ISD XML with another RPC, is set aside.
     """
     suffix, write = SIDECARS[kind]
     path = siblings(path).get(os.path.basename(path).lower(), path)
     keep_original(path)
     write(path, rpc)
-    if kind == "rpb":
+    if kind not in _AFTER_RPB:
         return ()
     image = f"{path[: -len(suffix)]}.tif"
     stale = [set_aside(file) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
+    if kind == "isd":
+        return tuple(stale)
     winning = [f"{file}: wins over a _RPC.TXT in GDAL; an .RPB would win over it" for file in side_files(image)["isd"]]
     return (*stale, *winning)
 

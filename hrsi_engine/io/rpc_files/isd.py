@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from ...errors import InputError
+from ...rpc import RPC
 from .content import element_text, positive_size, read_xml
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import Reader, Reading
 
+#: In files from here: they may be replaced.
+WRITTEN_BY = "<!-- writtenBy HRSI -->"
 NAMES = {
     "err_bias": "ERRBIAS", "err_rand": "ERRRAND",
     "line_off": "LINEOFFSET", "samp_off": "SAMPOFFSET",
@@ -23,11 +26,24 @@ def read(path: str) -> Reading:
     part = next(root.iter("RPB"), None)
     if part is None:
         raise InputError(f"{path}: the RPB element is missing: this product was delivered without RPC")
-    values: dict[str, str | list[str] | None] = {name: element_text(part, NAMES[name]) for name in (*ERRORS, *SCALARS)}
+    values: dict[str, str | list[str] | None] = {name: element_text(part, NAMES[name]) for name in SCALARS}
+    values |= {name: text for name in ERRORS if (text := element_text(part, NAMES[name]) or "").strip("0. ")}
     for name in POLYNOMIALS:
         values[name] = (element_text(part, NAMES[name]) or "").split()
     size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
     return Reading(rpc_from_text(path, values, NAMES), size)
+
+
+def text_of(rpc: RPC) -> str:
+    """Return the content of an ISD XML file that holds an RPC and nothing else, all digits."""
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<isd>", f" {WRITTEN_BY}", " <RPB>", "  <SPECID>RPC00B</SPECID>"]
+    lines.append("  <IMAGE>")
+    for name in (*ERRORS, *SCALARS):  # GDAL wants all of them; an accuracy that is not known is 0
+        lines.append(f"   <{NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{NAMES[name]}>")
+    for name in POLYNOMIALS:
+        numbers = " ".join(map(repr, getattr(rpc, name).tolist()))
+        lines.append(f"   <{NAMES[name]}List><{NAMES[name]}>{numbers}</{NAMES[name]}></{NAMES[name]}List>")
+    return "\n".join([*lines, "  </IMAGE>", " </RPB>", "</isd>"]) + "\n"
 
 
 def _recognises(name: str, head: bytes) -> bool:

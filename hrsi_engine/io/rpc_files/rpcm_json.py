@@ -6,10 +6,13 @@ import json
 from typing import Any
 
 from ...errors import InputError
+from ...rpc import RPC
 from .content import positive_size, read_text
-from .fields import POLYNOMIALS, SCALARS, rpc_from_text
+from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import Reader, Reading
 
+#: In files from here: they may be replaced.
+WRITTEN_BY = '"written_by": "HRSI"'
 _PARTS = {
     "line": "row", "samp": "col", "lat": "lat", "long": "lon", "height": "alt",
     "off": "offset", "scale": "scale", "num": "num", "den": "den",
@@ -32,6 +35,13 @@ def read(path: str) -> Reading:
     values = {name: _text(members.get(NAMES[name])) for name in NAMES}
     size = positive_size(str(document.get("width")), str(document.get("height")))
     return Reading(rpc_from_text(path, values, NAMES), size)
+
+
+def text_of(rpc: RPC) -> str:
+    """Return the content of an rpcm JSON file, all digits; unknown errors are left out."""
+    members = {NAMES[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
+    members |= {NAMES[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
+    return json.dumps({"written_by": "HRSI", "rpc": members}, indent=1) + "\n"
 
 
 def _text(value: Any) -> str | list[str] | None:

@@ -11,7 +11,7 @@ import os
 from ...errors import InputError, OutputError
 from ...rpc import RPC
 from ..replacing import copy_bytes, replacing
-from . import rpb, rpc_txt
+from . import geom, isd, rpb, rpc_txt, rpcm_json
 from .compare import same_numbers
 from .content import read_head, siblings
 from .find import read_rpc, side_files
@@ -20,7 +20,8 @@ ORIGINAL = ".original"
 #: Formats that can be set aside; the vendor's XML is left alone, because it holds more than the RPC.
 PLAIN = ("rpb", "rpc-txt", "kompsat")
 VENDOR_XML = ("isd", "dimap")
-_MARKS = tuple(mark.encode() for mark in (rpb.WRITTEN_BY, rpc_txt.WRITTEN_BY))
+_FORMATS = (rpb, rpc_txt, isd, geom, rpcm_json)
+_MARKS = tuple(module.WRITTEN_BY.encode() for module in _FORMATS)
 
 
 def is_ours(path: str) -> bool:

@@ -13,7 +13,7 @@ from ...progress import Progress, silent
 from ...rpc import RPC
 from ..datasets import gdal_messages, metadata_of, open_dataset
 from ..replacing import copy_bytes, replacing
-from . import pam, rpb, rpc_txt, tiff_tag
+from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .compare import require_same
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal
 from .find import open_raster, read_rpc
@@ -30,6 +30,21 @@ def write_rpc_text(path: str, rpc: RPC) -> None:
 def write_rpb(path: str, rpc: RPC) -> None:
     """Write an ``.RPB`` file with all digits, read it again and compare."""
     _write_text(path, rpc, rpb.text_of(rpc), rpb.READER.read)
+
+
+def write_isd_xml(path: str, rpc: RPC) -> None:
+    """Write an ISD XML file with all digits, read it again and compare."""
+    _write_text(path, rpc, isd.text_of(rpc), isd.READER.read)
+
+
+def write_geom(path: str, rpc: RPC) -> None:
+    """Write a ``.geom`` file of the Orfeo ToolBox with all digits, read it again and compare."""
+    _write_text(path, rpc, geom.text_of(rpc), geom.READER.read)
+
+
+def write_rpcm_json(path: str, rpc: RPC) -> None:
+    """Write an rpcm JSON file with all digits, read it again and compare."""
+    _write_text(path, rpc, rpcm_json.text_of(rpc), rpcm_json.READER.read)
 
 
 def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], Reading]) -> None:

@@ -27,6 +27,7 @@ from .statistics import ImageStatistics, image_statistics, sample_areas
 from .windows import Area, Window, cores, read_window
 
 SMALLEST_IMAGE_PX = 32
+SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
 
 
 @dataclass(frozen=True)
@@ -69,22 +70,28 @@ class CornerDetector:
     def prepared(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[Window], InterestPoints]:
-        thresholds = self._thresholds(raster, region, statistics, options.corners)
-        return partial(self._find, statistics=statistics, options=thresholds)
+        known: dict[tuple[int, int, int, int], Peaks] = {}
+        thresholds = self._thresholds(raster, region, statistics, options.corners, known)
+        return partial(self._find, statistics=statistics, options=thresholds, known=known)
 
     def _thresholds(
-        self, raster: Raster, region: Area, statistics: ImageStatistics, options: CornerOptions
-    ) -> CornerOptions:
-        """Return the options with TA and TB set from the strengths of the local maxima in the sample windows."""
+        self, raster: Raster, region: Area, statistics: ImageStatistics, options: CornerOptions,
+        known: dict[tuple[int, int, int, int], Peaks],
+    ) -> CornerOptions:  # fmt: skip
+        """Return the options with TA and TB set from the strengths of the local maxima in sample windows.
+
+        The peaks of small images are kept in ``known``, to be found only once.
+        """
         if options.interest_threshold is not None and options.super_threshold is not None:
             return options
-        strengths = [
-            corner_peaks(
-                read_window(raster, area, corner_halo_px(options), statistics.saturation), statistics, options,
-                self.strength,
-            ).strength
-            for area in sample_areas(region)
-        ]  # fmt: skip
+        small = (region.right - region.left) * (region.bottom - region.top) <= SMALL_IMAGE_PX
+        strengths = []
+        for area in cores(region) if small else sample_areas(region):
+            window = read_window(raster, area, corner_halo_px(options), statistics.saturation)
+            peaks = corner_peaks(window, statistics, options, self.strength)
+            strengths.append(peaks.strength)
+            if small:
+                known[area.bounds] = peaks
         every = np.concatenate(strengths)
         if not len(every):
             return replace(options, interest_threshold=0.0, super_threshold=0.0)
@@ -95,8 +102,11 @@ class CornerDetector:
             super_threshold=high if options.super_threshold is None else options.super_threshold,
         )
 
-    def _find(self, window: Window, statistics: ImageStatistics, options: CornerOptions) -> InterestPoints:
-        peaks = corner_peaks(window, statistics, options, self.strength)
+    def _find(
+        self, window: Window, statistics: ImageStatistics, options: CornerOptions,
+        known: dict[tuple[int, int, int, int], Peaks],
+    ) -> InterestPoints:  # fmt: skip
+        peaks = known.pop(window.core.bounds, None) or corner_peaks(window, statistics, options, self.strength)
         strong = peaks.strength > (options.interest_threshold or 0.0)
         return _corner_table(Peaks(*(column[strong] for column in peaks)), options.super_threshold or 0.0)
 
@@ -161,7 +171,7 @@ def detect_interest_points(
     options = options or DetectionOptions()
     if detector not in DETECTORS:
         raise InputError(f"no interest point detector {detector!r}: choose one of {', '.join(DETECTORS)}")
-    region = _inside(region, raster)
+    region = inside(region, raster)
     statistics = image_statistics(raster, region, options.mask_saturated)
     find = DETECTORS[detector].prepared(raster, region, statistics, options)
     halo = DETECTORS[detector].halo_px(options)
@@ -192,8 +202,8 @@ def _in_order(work: Callable[[Area], InterestPoints], areas: list[Area], threads
             running += [pool.submit(work, area) for area in islice(waiting, 1)]
 
 
-def _inside(region: Area | None, raster: Raster) -> Area:
-    """Return the part of a region that lies inside the image."""
+def inside(region: Area | None, raster: Raster) -> Area:
+    """Return the part of a region that lies inside the image, all of it for None; `InputError` where it is nothing."""
     width, height = raster.size
     wanted = region or Area(0, 0, width, height)
     cut = Area(max(wanted.left, 0), max(wanted.top, 0), min(wanted.right, width), min(wanted.bottom, height))

@@ -1,88 +1,86 @@
-"""Closed bright or dark regions at many grey levels and several scales: candidates for gravity centres.
+"""Candidate regions: compact areas that are brighter or darker than, or more even than, all around them.
 
-A region is a connected component of ``z >= t`` (bright) or ``-z >= t`` (dark) of the normalised image z. From level to
-level regions shrink and are nested in each other; the one that shrinks least is the most stable (Matas et al. 2002).
-Large regions are looked for in the image reduced by 2 and 4. Only compact regions are kept: the second moments of an
-ellipse or a rectangle fit their area.
+Bright and dark regions are maximally stable extremal regions (Matas et al. 2002) of the image in local standard
+deviations; large ones are also looked for in the image reduced by 4. Even regions are those of the slope of the
+grey values, whatever lies around: a grey roof between bright crowns and dark shadows has no closed grey level but a
+closed edge. Only compact regions are kept: the second moments of an ellipse or a rectangle fit their area.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-LEVELS = np.arange(-0.8, 3.61, 0.2)
-SCALES = (1, 2, 4)
+from .corners import gaussian_kernels
+
+BRIGHT, DARK, EVEN = 1, -1, 0
+SCALES = (1, 4)
 SMOOTHING_PX = 0.7
-LARGEST_AT_SCALE_PX = 48  # side of a region in the pixels of its scale
+LEVEL_STEP = 0.05  # of the grey levels in standard deviations, from -6.4 to 6.4
+STABLE_STEPS = 4  # levels outwards and inwards over which a region must change little
+LARGEST_CHANGE = 0.7  # of its area over them
+EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE = 16, 1.0  # of 255 steps of the slope
+HALF_SLOPE = 0.5  # standard deviations per pixel in the middle of those steps
+FEWEST_DIFFERENT = 0.2  # share of the area by which nested regions differ
+EVEN_WITHIN_PX = 1.5  # an even region ends so far inside its edge
 SMALLEST_AT_SCALE_PX = 12  # smaller ones are found at the finer scale
 FEWEST_PIXELS = 12
 COMPACTNESS = 0.86  # area over the area of the ellipse with the same moments: 1 ellipse, 0.955 rectangle
-LARGEST_GROWTH = 0.35  # of the area, to the next level outwards
 SLENDEREST = 4.0  # longer regions are roads and shadows
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
-    """A compact region: its pixels ``(k, 2)`` column, row in the window reduced by ``scale``.
+class Regions:
+    """Compact regions of a window.
 
-    bright : brighter than its surroundings; levels : how many neighbouring levels it persists on
-    growth : relative increase of the area to the next level outwards
+    pixels : (k, 2) column, row of the pixels, region after region, in the window reduced by ``scale``
+    bounds : (n + 1,) where each region begins and ends in them; scale : (n,); sign : (n,) `BRIGHT`, `DARK` or `EVEN`
     """
 
     pixels: np.ndarray
-    scale: int
-    bright: bool
-    levels: int
-    growth: float
+    bounds: np.ndarray
+    scale: np.ndarray
+    sign: np.ndarray
 
-    @property
-    def centre(self) -> np.ndarray:
-        """Mean of the pixels in full-resolution pixels of the window, ``(2,)``."""
-        return (self.pixels.mean(axis=0) + 0.5) * self.scale - 0.5
+    def __len__(self) -> int:
+        return len(self.scale)
 
-    @property
-    def area_px(self) -> float:
-        """Area in full-resolution pixels."""
-        return float(len(self.pixels) * self.scale**2)
+    def centres(self) -> np.ndarray:
+        """Return the mean of each region's pixels in full-resolution pixels of the window, ``(n, 2)``."""
+        total = np.add.reduceat(self.pixels.astype(np.float64), self.bounds[:-1]) if len(self) else np.empty((0, 2))
+        return (total / np.diff(self.bounds)[:, None] + 0.5) * self.scale[:, None] - 0.5
 
-
-@dataclass(eq=False)
-class _Level:
-    """Components of one level: ``labels`` of the image; rows of kept components in `_Tree`, -1 for others."""
-
-    labels: np.ndarray
-    areas: np.ndarray
-    row: np.ndarray
+    def select(self, keep: np.ndarray) -> Regions:
+        """Return some regions (mask)."""
+        counts = np.diff(self.bounds)
+        return Regions(
+            self.pixels[np.repeat(keep, counts)], np.r_[0, np.cumsum(counts[keep])], self.scale[keep], self.sign[keep]
+        )
 
 
-@dataclass(eq=False)
-class _Tree:
-    """Kept components of all levels: area, growth to the next level outwards, row of the parent (-1), pixels."""
+def compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Regions:
+    """Return the compact regions of a normalised image with sides up to ``largest_px``.
 
-    area: list[int]
-    growth: list[float]
-    parent: list[int]
-    pixels: list[np.ndarray]
-
-
-def stable_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> list[Region]:
-    """Return the most stable compact regions of a normalised image with sides up to ``largest_px``.
-
-    ``usable`` masks pixels: regions that touch others, or the edge of the image, are left out.
+    ``usable`` masks pixels: regions that contain others, or lie at the edge of the window, are left out.
     """
-    found: list[Region] = []
+    return _joined(list(_regions_by_kind(z, usable, largest_px)))
+
+
+def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[Regions]:
     for scale in SCALES:
         if scale > 1 and largest_px < SMALLEST_AT_SCALE_PX * scale:
             break
         reduced, closed = _reduced(z, usable, scale)
-        reach = min(LARGEST_AT_SCALE_PX if scale < SCALES[-1] else np.inf, largest_px / scale)
-        for bright in (True, False):
-            signed = reduced if bright else -reduced
-            found += _regions_of(np.where(closed, signed, np.float32(99.0)), closed, reach, scale, bright)
-    return found
+        reach = largest_px / scale
+        level = _in_steps(reduced)
+        for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
+            yield _compact(_stable(steps, STABLE_STEPS, LARGEST_CHANGE, reach), closed, reach, scale, sign)
+        if scale == SCALES[0]:
+            even = _stable(_evenness(reduced), EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE, reach)
+            yield _compact(even, closed, reach - 2.0 * EVEN_WITHIN_PX, scale, EVEN)
 
 
 def _reduced(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, np.ndarray]:
@@ -94,90 +92,85 @@ def _reduced(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray,
     return cv2.GaussianBlur(z, (0, 0), SMOOTHING_PX), usable
 
 
-def _regions_of(signed: np.ndarray, usable: np.ndarray, largest: float, scale: int, bright: bool) -> list[Region]:
-    """Return the stable regions ``signed >= t`` of all levels; unusable pixels belong to everything and spoil it."""
-    tree = _Tree([], [], [], [])
-    outer: _Level | None = None
-    spoilt = _spoilt(usable)
-    smallest = FEWEST_PIXELS if scale == SCALES[0] else SMALLEST_AT_SCALE_PX**2 // 2
-    for level in LEVELS:
-        outer = _add_level(tree, signed >= np.float32(level), outer, spoilt, smallest, largest)
-    return [Region(tree.pixels[row], scale, bright, levels, tree.growth[row]) for row, levels in _most_stable(tree)]
+def _in_steps(z: np.ndarray) -> np.ndarray:
+    """Return a normalised image in steps of `LEVEL_STEP`, 0 … 255."""
+    return cv2.convertScaleAbs(np.clip(z / LEVEL_STEP + 128.0, 0.0, 255.0))
 
 
-def _spoilt(usable: np.ndarray) -> np.ndarray:
-    """Return the flat indices of pixels that no region may contain: unusable ones and the border."""
-    wrong = ~usable
-    wrong[[0, -1], :] = True
-    wrong[:, [0, -1]] = True
-    return np.flatnonzero(wrong)
+def _evenness(z: np.ndarray) -> np.ndarray:
+    """Return 255 where a (smoothed) image has no slope, falling to 0 for very steep ones."""
+    smooth, slope = gaussian_kernels(0.5)
+    by_x = cv2.sepFilter2D(z, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
+    by_y = cv2.sepFilter2D(z, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+    steepness = cv2.magnitude(by_x, by_y)
+    return cv2.convertScaleAbs(255.0 * HALF_SLOPE / (steepness + np.float32(HALF_SLOPE)))
 
 
-def _add_level(
-    tree: _Tree, above: np.ndarray, outer: _Level | None, spoilt: np.ndarray, smallest: float, largest: float
-) -> _Level:
-    """Enter a level's compact components into the tree, linked to those of the level outwards."""
-    count, labels, box, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8), connectivity=4, ltype=cv2.CV_32S)
-    areas = box[:, cv2.CC_STAT_AREA]
-    keep = (areas >= smallest) & (box[:, cv2.CC_STAT_WIDTH] <= largest) & (box[:, cv2.CC_STAT_HEIGHT] <= largest)
-    # an ellipse fills 0.785 of an upright box, a square on its corner 0.5, a slender slanted region less
-    keep &= areas > 0.3 * box[:, cv2.CC_STAT_WIDTH] * box[:, cv2.CC_STAT_HEIGHT]
-    keep[0] = False
-    keep[labels.ravel()[spoilt]] = False
-    level = _Level(labels, areas, np.full(count, -1))
-    pixel = np.flatnonzero(keep[labels].ravel())
-    if not len(pixel):
-        return level
-    order = np.argsort(labels.ravel()[pixel], kind="stable")
-    pixel = pixel[order]
-    label = labels.ravel()[pixel]
-    starts = np.flatnonzero(np.r_[True, label[1:] != label[:-1]])
-    rows, columns = np.divmod(pixel, labels.shape[1])
-    compact = _compact(columns, rows, starts)
-    parents = outer.labels.ravel()[pixel[starts]] if outer is not None else np.zeros(len(starts), dtype=int)
-    ends = np.r_[starts[1:], len(pixel)]
-    for k in np.flatnonzero(compact):
-        level.row[label[starts[k]]] = len(tree.area)
-        tree.area.append(int(ends[k] - starts[k]))
-        tree.growth.append(float(outer.areas[parents[k]] / tree.area[-1] - 1.0) if outer is not None else np.inf)
-        tree.parent.append(int(outer.row[parents[k]]) if outer is not None else -1)
-        tree.pixels.append(np.column_stack([columns[starts[k] : ends[k]], rows[starts[k] : ends[k]]]))
-    return level
+def _stable(steps: np.ndarray, stable_steps: int, largest_change: float, reach: float) -> tuple[list, np.ndarray]:
+    """Return pixels and boxes of the maximally stable regions that are brighter than their surroundings."""
+    finder = cv2.MSER_create(
+        delta=stable_steps, min_area=FEWEST_PIXELS, max_area=int(reach**2), max_variation=largest_change,
+        min_diversity=FEWEST_DIFFERENT,
+    )  # fmt: skip
+    finder.setPass2Only(True)
+    pixels, boxes = finder.detectRegions(steps)
+    return list(pixels), np.asarray(boxes, dtype=np.int64).reshape(-1, 4)
 
 
-def _compact(columns: np.ndarray, rows: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return the mask of components, given by their first pixel in sorted order, whose moments fit their area."""
-    count = np.diff(np.r_[starts, len(columns)])
+def _compact(
+    found: tuple[list, np.ndarray], usable: np.ndarray, reach: float, scale: int, sign: int
+) -> Regions:  # fmt: skip
+    """Return the regions of usable pixels, away from the edges, whose moments fit their area."""
+    pixels, boxes = found
+    left, top, width, height = boxes.T
+    count = np.array([len(p) for p in pixels], dtype=np.int64)
+    keep = (width <= reach) & (height <= reach) & (left > 0) & (top > 0)
+    keep &= (left + width < usable.shape[1]) & (top + height < usable.shape[0])
+    keep &= count > 0.3 * width * height  # an ellipse fills 0.785 of an upright box, a square on its corner 0.5
+    if scale > SCALES[0]:
+        keep &= count >= SMALLEST_AT_SCALE_PX**2 // 2
+    chosen = [pixels[k] for k in np.flatnonzero(keep)]
+    if not chosen:
+        return _no_regions()
+    regions = Regions(
+        np.concatenate(chosen),
+        np.r_[0, np.cumsum(count[keep])],
+        np.full(len(chosen), scale),
+        np.full(len(chosen), sign),
+    )
+    good = _moments_fit(regions, EVEN_WITHIN_PX if sign == EVEN else 0.0)
+    if not usable.all():
+        free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
+        good &= np.logical_and.reduceat(free, regions.bounds[:-1])
+    return regions.select(good)
+
+
+def _moments_fit(regions: Regions, within_px: float) -> np.ndarray:
+    """Return the mask of compact regions; ``within_px`` is what is missing all around before they are slender."""
+    starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.add.reduceat(values.astype(np.float64), starts) / count
+        return np.add.reduceat(values, starts) / count
 
+    columns, rows = regions.pixels.astype(np.float64).T
     x, y = mean(columns), mean(rows)
-    group = np.repeat(np.arange(len(starts)), count)
-    dx, dy = columns - x[group], rows - y[group]
+    dx, dy = columns - np.repeat(x, count), rows - np.repeat(y, count)
     xx, yy, xy = mean(dx * dx) + 1.0 / 12.0, mean(dy * dy) + 1.0 / 12.0, mean(dx * dy)
     determinant, half_trace = xx * yy - xy * xy, (xx + yy) / 2.0
     root = np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
-    slender = np.sqrt((half_trace + root) / np.maximum(half_trace - root, 1e-9))
+    longer, shorter = np.sqrt(half_trace + root), np.sqrt(np.maximum(half_trace - root, 1e-9))
+    slender = (2.0 * longer + within_px) / (2.0 * shorter + within_px)
     return (count >= COMPACTNESS * 4.0 * np.pi * np.sqrt(determinant)) & (slender < SLENDEREST)
 
 
-def _most_stable(tree: _Tree) -> list[tuple[int, int]]:
-    """Return rows of regions whose growth is smallest along their chain, and how many levels the chain has nearby."""
-    growth, parent = np.array(tree.growth), np.array(tree.parent, dtype=int)
-    if not len(growth):
-        return []
-    child_growth = np.full(len(growth), np.inf)
-    inner, outer = np.flatnonzero(parent >= 0), parent[parent >= 0]
-    np.minimum.at(child_growth, outer, growth[inner])
-    parent_growth = np.where(parent >= 0, growth[parent], np.inf)
-    stable = (growth <= LARGEST_GROWTH) & (growth <= parent_growth) & (growth < child_growth)
-    depth = np.ones(len(growth), dtype=int)  # levels outwards with small growth
-    for row in range(len(growth)):  # parents stand before their children
-        if parent[row] >= 0 and growth[row] <= LARGEST_GROWTH:
-            depth[row] = depth[parent[row]] + 1
-    deepest = depth.copy()
-    for row in range(len(growth) - 1, -1, -1):
-        if parent[row] >= 0 and growth[row] <= LARGEST_GROWTH:
-            deepest[parent[row]] = max(deepest[parent[row]], deepest[row])
-    return [(int(row), int(deepest[row])) for row in np.flatnonzero(stable & (deepest >= 2))]
+def _joined(tables: list[Regions]) -> Regions:
+    counts = np.concatenate([np.diff(table.bounds) for table in tables])
+    return Regions(
+        np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
+        np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
+    )  # fmt: skip
+
+
+def _no_regions() -> Regions:
+    nothing = np.empty(0, dtype=np.int64)
+    return Regions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)

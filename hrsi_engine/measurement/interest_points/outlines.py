@@ -2,59 +2,80 @@
 
 The pixel outline is smoothed and cut into points of equal distance; along the normal of each the slope of the grey
 values (Gaussian derivative) is sampled, and the edge is the peak of the parabola through the largest slope. All regions
-of a window are measured in one go.
+of a window are measured in one go, large ones first in the reduced image that they were found in.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 
+from ...columns import Columns
 from .corners import gaussian_kernels
-from .level_regions import Region
+from .level_regions import EVEN, EVEN_WITHIN_PX, Regions
 
-SLOPE_PX = 1.0  # standard deviation of the Gaussian
-STEP_PX = 0.25  # between samples along a normal
+SLOPE_PX = 0.7  # standard deviation of the Gaussian: little of what lies beside an edge is mixed in
+STEP_PX = 0.5  # between samples along a normal
 REACH_PX = 2.5  # along a normal to each side, in pixels of the region's scale
+FINE_REACH = 0.75  # of the scale, from an edge measured in the reduced image
+FIRST_SHARE = 0.5  # of the largest slope, from which an edge of an even region is its edge
 SMOOTHED_POINTS = 1.5  # standard deviation of the outline's smoothing, in points
 OPENED_PIXELS = 60
 FEWEST_POINTS, MOST_POINTS = 16, 96
+SLOPE_TO_NOISE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Outlines:
-    """Edge points of many regions, in order around each.
+class Slopes:
+    """Grey values of a window, reduced by ``scale``, their slope and its noise; unusable pixels have no slope."""
 
-    xy : (n, 2) in the window; normal : (n, 2) unit vectors outwards; slope : (n,) grey values per px, the right sign
-    positive; found : (n,) mask of clear edges; region : (n,) index of the region, sorted
+    grey: np.ndarray
+    usable: np.ndarray
+    noise: float
+    scale: int = 1
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """Slope by column + 1j * slope by row, complex64."""
+        smooth, slope = gaussian_kernels(SLOPE_PX)
+        by = np.empty((*self.grey.shape, 2), dtype=np.float32)
+        by[..., 0] = cv2.sepFilter2D(self.grey, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
+        by[..., 1] = cv2.sepFilter2D(self.grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+        if not self.usable.all():
+            by[cv2.dilate((~self.usable).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)] = 0.0
+        return by.view(np.complex64)[..., 0]
+
+    @property
+    def threshold(self) -> float:
+        """Smallest slope of a clear edge."""
+        return SLOPE_TO_NOISE * self.noise * slope_noise()
+
+    def reduced(self, scale: int) -> Slopes:
+        """Return the same of the image reduced by averaging ``scale`` x ``scale`` pixels."""
+        if scale == 1:
+            return self
+        size = self.grey.shape[1] // scale, self.grey.shape[0] // scale
+        grey = cv2.resize(self.grey, size, interpolation=cv2.INTER_AREA)
+        usable = cv2.resize(self.usable.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
+        return Slopes(grey, usable, self.noise / scale, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines(Columns):
+    """Edge points of n regions in order around each, padded to m points.
+
+    xy : (n, m, 2) in the window; normal : (n, m, 2) unit vectors outwards; slope : (n, m) grey values per px, of the
+    right sign positive; found : (n, m) mask of clear edges; count : (n,) points of each outline, the others are padding
     """
 
     xy: np.ndarray
     normal: np.ndarray
     slope: np.ndarray
     found: np.ndarray
-    region: np.ndarray
-
-
-def measure_outlines(grey: np.ndarray, regions: list[Region], noise: float) -> Outlines:
-    """Return the edge points of all regions in a window's grey values (float32)."""
-    starts = [_outline_points(region) for region in regions]
-    counts = [len(points) for points, _ in starts]
-    index = np.repeat(np.arange(len(regions)), counts)
-    if not len(index):
-        return Outlines(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0, bool), index)
-    points = np.concatenate([points for points, _ in starts])
-    normals = np.concatenate([normals for _, normals in starts])
-    scale = np.array([region.scale for region in regions], dtype=np.float64)[index]
-    sign = np.where([region.bright for region in regions], -1.0, 1.0)[index]  # of the slope outwards
-    offset, slope, inside = _steepest(grey, points, normals, sign, scale)
-    found = inside & (slope > SLOPE_TO_NOISE * noise * slope_noise())
-    return Outlines(points + offset[:, None] * normals, normals, slope, found, index)
-
-
-SLOPE_TO_NOISE = 4.0
+    count: np.ndarray
 
 
 def slope_noise() -> float:
@@ -63,67 +84,147 @@ def slope_noise() -> float:
     return float(np.sqrt(np.sum(smooth**2) * np.sum(slope**2)))
 
 
-def _outline_points(region: Region) -> tuple[np.ndarray, np.ndarray]:
-    """Return points around a region and their outward normals, both ``(n, 2)``, in full-resolution pixels."""
-    low = region.pixels.min(axis=0)
-    size = region.pixels.max(axis=0) - low + 3
-    mask = np.zeros((size[1], size[0]), dtype=np.uint8)
-    mask[region.pixels[:, 1] - low[1] + 1, region.pixels[:, 0] - low[0] + 1] = 1
-    if len(region.pixels) >= OPENED_PIXELS:  # cut off threads by which a region leaks into its surroundings
-        opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        mask = opened if opened.any() else mask
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(contours, key=len)[:, 0].astype(np.float64) + low - 1
-    points = _evenly_spaced(contour, region.scale)
-    points = _smoothed(points)
-    tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    length = np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)
-    normal = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / length[:, None]
-    if np.sum((points - points.mean(axis=0)) * normal) < 0.0:
-        normal = -normal
-    outer = points + 0.5 * normal  # the contour runs through pixel middles, the edge lies half a pixel outside
-    return (outer + 0.5) * region.scale - 0.5, normal
+def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
+    """Return the edge points of all regions."""
+    points, normals, counts = _pixel_outlines(regions)
+    region = np.repeat(np.arange(len(regions)), counts)
+    sign = -regions.sign[region].astype(np.float64)  # of the slope outwards
+    scale = regions.scale[region]
+    slope, found = np.zeros(len(points)), np.zeros(len(points), dtype=bool)
+    for factor in np.unique(scale).tolist():
+        here = scale == factor
+        level = slopes.reduced(factor)
+        at, steep, clear = edges_along(level, points[here], normals[here], sign[here], REACH_PX)
+        at = (at + 0.5) * factor - 0.5
+        if factor > 1:
+            at, steep, fine = edges_along(slopes, at, normals[here], sign[here], FINE_REACH * factor)
+            clear &= fine
+        points[here], slope[here], found[here] = at, steep, clear
+    place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
+    xy, normal, steepness, clear = (_padded(a, place, len(regions)) for a in (points, normals, slope, found))
+    return Outlines(xy, normal, steepness, clear, counts)
 
 
-def _evenly_spaced(contour: np.ndarray, scale: int) -> np.ndarray:
-    """Return points about 1 px apart along a closed contour, `FEWEST_POINTS` … `MOST_POINTS`."""
-    closed = np.vstack([contour, contour[:1]])
-    along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(closed, axis=0).T))]
-    count = int(np.clip(round(along[-1]), FEWEST_POINTS, MOST_POINTS))
-    at = along[-1] * np.arange(count) / count
-    return np.column_stack([np.interp(at, along, closed[:, axis]) for axis in (0, 1)])
+def _padded(values: np.ndarray, place: tuple[np.ndarray, np.ndarray], regions: int) -> np.ndarray:
+    table = np.zeros((regions, MOST_POINTS, *values.shape[1:]), dtype=values.dtype)
+    table[place] = values
+    return table
 
 
-def _smoothed(points: np.ndarray) -> np.ndarray:
-    """Return a closed outline smoothed by a Gaussian, in the frequency domain."""
-    frequency = np.fft.fftfreq(len(points))
-    gain = np.exp(-2.0 * (np.pi * SMOOTHED_POINTS * frequency) ** 2)
-    spectrum = np.fft.fft(points[:, 0] + 1j * points[:, 1]) * gain
-    smooth = np.fft.ifft(spectrum)
-    return np.column_stack([smooth.real, smooth.imag])
-
-
-def _steepest(
-    grey: np.ndarray, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, scale: np.ndarray
+def edges_along(
+    slopes: Slopes, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where along each normal the signed slope is largest, that slope, and whether it peaks inside the reach."""
-    smooth, derivative = gaussian_kernels(SLOPE_PX)
-    by_x = cv2.sepFilter2D(grey, cv2.CV_32F, derivative, smooth, borderType=cv2.BORDER_REFLECT)
-    by_y = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, derivative, borderType=cv2.BORDER_REFLECT)
-    steps = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2.0, STEP_PX)
-    offsets = scale[:, None] * steps
-    x = points[:, :1] + offsets * normals[:, :1]
-    y = points[:, 1:] + offsets * normals[:, 1:]
-    along = sign[:, None] * (normals[:, :1] * bilinear(by_x, x, y) + normals[:, 1:] * bilinear(by_y, x, y))
-    best = np.argmax(along, axis=1)
-    inside = (best > 0) & (best < len(steps) - 1)
-    middle = np.clip(best, 1, len(steps) - 2)
-    row = np.arange(len(points))
+    """Return where along each normal the edge is ``(n, 2)``, its slope ``(n,)`` and whether it is clear ``(n,)``.
+
+    The edge is the largest slope of a ``sign``; where that is 0, the first one from inside that is nearly as large as
+    any, whatever its sign. It must lie inside the reach. Positions are pixels of the slopes' image.
+    """
+    steps = np.arange(-reach_px, reach_px + STEP_PX / 2.0, STEP_PX)
+    x = points[:, :1] + steps * normals[:, :1]
+    y = points[:, 1:] + steps * normals[:, 1:]
+    gradient = bilinear(slopes.gradient, x, y)
+    along = normals[:, :1] * gradient.real + normals[:, 1:] * gradient.imag
+    along = np.where(sign[:, None] == 0.0, np.abs(along), sign[:, None] * along)
+    row, last = np.arange(len(points)), len(steps) - 1
+    peak = along.copy()
+    unsigned = sign == 0.0
+    peak[unsigned] = _first_peaks(along[unsigned])
+    best = np.argmax(peak, axis=1)
+    middle = np.clip(best, 1, last - 1)
     before, at, after = along[row, middle - 1], along[row, middle], along[row, middle + 1]
     bend = before - 2.0 * at + after
     shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    offset = scale * STEP_PX * (middle - (len(steps) - 1) / 2.0 + np.clip(shift, -0.5, 0.5))
-    return offset, along[row, best], inside
+    offset = STEP_PX * (middle - last / 2.0 + np.clip(shift, -0.5, 0.5))
+    clear = (best > 0) & (best < last) & (at > slopes.threshold)
+    return points + offset[:, None] * normals, at, clear
+
+
+def _first_peaks(along: np.ndarray) -> np.ndarray:
+    """Return 1 at the first local maximum of each row that is `FIRST_SHARE` of the largest, else 0."""
+    peak = np.zeros(along.shape, dtype=np.float32)
+    inner = along[:, 1:-1]
+    large = inner >= FIRST_SHARE * along.max(axis=1, initial=0.0)[:, None]
+    peak[:, 1:-1] = (inner >= along[:, :-2]) & (inner >= along[:, 2:]) & large
+    return peak
+
+
+# ---- pixel outlines --------------------------------------------------------------------------------------------
+
+
+def _pixel_outlines(regions: Regions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points around the regions and outward normals ``(k, 2)``, in pixels of their scale; counts ``(n,)``."""
+    points, counts = _evenly_spaced(_contours(regions))
+    _smooth(points, counts)
+    starts = np.r_[0, np.cumsum(counts)[:-1]]
+    after, before = np.arange(len(points)) + 1, np.arange(len(points)) - 1
+    after[starts + counts - 1], before[starts] = starts, starts + counts - 1
+    tangent = points[after] - points[before]
+    length = np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)
+    normal = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / length[:, None]
+    region = np.repeat(np.arange(len(counts)), counts)
+    middle = np.add.reduceat(points, starts) / counts[:, None]
+    outwards = np.add.reduceat(np.sum((points - middle[region]) * normal, axis=1), starts)
+    normal *= np.where(outwards < 0.0, -1.0, 1.0)[region, None]
+    # the contour runs through pixel middles, the edge lies half a pixel outside, that of an even region farther
+    outside = np.where(regions.sign == EVEN, EVEN_WITHIN_PX, 0.5)[region]
+    return points + outside[:, None] * normal, normal, counts
+
+
+def _contours(regions: Regions) -> list[np.ndarray]:
+    """Return the middles of each region's outermost pixels in order, ``(k, 2)``."""
+    starts = regions.bounds[:-1]
+    low = np.minimum.reduceat(regions.pixels, starts) - 1
+    width, height = (np.maximum.reduceat(regions.pixels, starts) - low + 2).T
+    region = np.repeat(np.arange(len(starts)), np.diff(regions.bounds))
+    column, row = (regions.pixels - low[region]).T
+    place = row * width[region] + column
+    contours = []
+    for first, last, lines, samples in zip(starts, regions.bounds[1:], height, width, strict=True):
+        mask = np.zeros(lines * samples, dtype=np.uint8)
+        mask[place[first:last]] = 1
+        contours.append(_longest_contour(mask.reshape(lines, samples), last - first >= OPENED_PIXELS))
+    return [contour + corner for contour, corner in zip(contours, low, strict=True)]
+
+
+def _longest_contour(mask: np.ndarray, opened: bool) -> np.ndarray:
+    """Return the contour of a mask; ``opened`` cuts off threads by which a region leaks into its surroundings."""
+    if opened:
+        core = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SQUARE)
+        mask = core if core.any() else mask
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return max(contours, key=len)[:, 0]
+
+
+_SQUARE = np.ones((3, 3), np.uint8)
+
+
+def _evenly_spaced(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return points about 1 px apart along closed contours, and their numbers: multiples of 4 in the limits."""
+    lengths = np.array([len(contour) for contour in contours])
+    starts = np.r_[0, np.cumsum(lengths)[:-1]]
+    every = np.concatenate(contours).astype(np.float64)
+    following = np.arange(len(every)) + 1
+    following[starts + lengths - 1] = starts
+    step = every[following] - every
+    way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # over all contours, one after the other
+    around = way[starts + lengths] - way[starts]
+    counts = (4 * np.clip(np.rint(around / 4.0), FEWEST_POINTS / 4, MOST_POINTS / 4)).astype(np.int64)
+    region = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(region)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
+    wanted = way[starts][region] + around[region] * number / counts[region]
+    segment = np.searchsorted(way, wanted, side="right") - 1
+    share = (wanted - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
+    return every[segment] + share[:, None] * step[segment], counts
+
+
+def _smooth(points: np.ndarray, counts: np.ndarray) -> None:
+    """Smooth closed outlines by a Gaussian, in the frequency domain, in place."""
+    starts = np.r_[0, np.cumsum(counts)[:-1]]
+    for count in np.unique(counts).tolist():
+        rows = starts[counts == count][:, None] + np.arange(count)
+        gain = np.exp(-2.0 * (np.pi * SMOOTHED_POINTS * np.fft.fftfreq(count)) ** 2)
+        smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
+        points[rows, 0], points[rows, 1] = smooth.real, smooth.imag
 
 
 def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -131,8 +232,11 @@ def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     x = np.clip(x, 0.0, image.shape[1] - 1.001)
     y = np.clip(y, 0.0, image.shape[0] - 1.001)
     column, row = x.astype(np.int64), y.astype(np.int64)
-    x, y = x - column, y - row
+    x, y = (x - column).astype(np.float32), (y - row).astype(np.float32)
     flat, first = image.ravel(), row * image.shape[1] + column
-    upper = flat[first] * (1.0 - x) + flat[first + 1] * x
-    lower = flat[first + image.shape[1]] * (1.0 - x) + flat[first + image.shape[1] + 1] * x
-    return upper * (1.0 - y) + lower * y
+    upper = flat.take(first)
+    upper += x * (flat.take(first + 1) - upper)
+    first += image.shape[1]
+    lower = flat.take(first)
+    lower += x * (flat.take(first + 1) - lower)
+    return upper + y * (lower - upper)

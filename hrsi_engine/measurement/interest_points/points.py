@@ -8,12 +8,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ...block import ImagePoints
+from ...columns import Columns
 
 CORNER, SUPER = "corner", "super"
 
 
 @dataclass(frozen=True, eq=False)
-class InterestPoints:
+class InterestPoints(Columns):
     """Interest points of one image, columns of length n.
 
     xy : (n, 2) sample, line; kind : ``super``, ``corner``, ``ellipse``, ``rectangle`` or ``region``
@@ -44,10 +45,6 @@ class InterestPoints:
     def is_centre(self) -> np.ndarray:
         """Mask of gravity centres, ``(n,)``."""
         return ~np.isin(self.kind, (CORNER, SUPER))
-
-    def select(self, keep: np.ndarray) -> InterestPoints:
-        """Return the chosen rows (mask or indices)."""
-        return InterestPoints(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def to_image_points(self, image_id: str, prefix: str = "P") -> ImagePoints:
         """Return the points as image points with ids ``P1 …``."""

@@ -30,6 +30,11 @@ class Area:
     right: int
     bottom: int
 
+    @property
+    def bounds(self) -> tuple[int, int, int, int]:
+        """The four numbers."""
+        return self.left, self.top, self.right, self.bottom
+
     def contains(self, xy: np.ndarray) -> np.ndarray:
         """Return the mask of the points ``(n, 2)`` whose pixel is inside."""
         pixel = np.floor(xy + 0.5)
@@ -75,11 +80,14 @@ def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | No
         -(-min(end + halo_px, size) // GRID_PX) * GRID_PX
         for end, size in zip((core.right, core.bottom), raster.size, strict=True)
     )
-    pixels, valid = _read_padded(raster, left, top, right - left, bottom - top)
-    grey = pixels.astype(np.float32)
+    s0, l0 = max(left, 0), max(top, 0)
+    s1, l1 = min(right, raster.size[0]), min(bottom, raster.size[1])
+    pixels, valid = raster.read(s0, l0, s1 - s0, l1 - l0)
+    grey = _filled(pixels.astype(np.float32), valid)
     usable = valid & ~saturated_areas(grey, saturation)
-    if not usable.all():
-        grey = _filled(grey, valid)
+    if grey.shape != (bottom - top, right - left):
+        edges = ((l0 - top, bottom - l1), (s0 - left, right - s1))
+        grey, usable = np.pad(grey, edges, mode="edge"), np.pad(usable, edges)
     return Window(Area(left, top, right, bottom), core, grey, usable)
 
 
@@ -87,17 +95,6 @@ def windows(raster: Raster, region: Area, halo_px: int, saturation: float | None
     """Yield the windows of all cores of a region, one in memory at a time."""
     for core in cores(region):
         yield read_window(raster, core, halo_px, saturation)
-
-
-def _read_padded(raster: Raster, left: int, top: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-    """Read a window that may reach over the image's edges, where the mask is False."""
-    s0, l0 = max(left, 0), max(top, 0)
-    s1, l1 = min(left + samples, raster.size[0]), min(top + lines, raster.size[1])
-    grey, valid = raster.read(s0, l0, s1 - s0, l1 - l0)
-    if (s1 - s0, l1 - l0) == (samples, lines):
-        return grey, valid
-    edges = ((l0 - top, top + lines - l1), (s0 - left, left + samples - s1))
-    return np.pad(grey, edges), np.pad(valid, edges)
 
 
 def saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:

@@ -1,0 +1,52 @@
+"""Results of finished parts of a long run, one file each, so that a run that was stopped continues."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from .replacing import replacing
+
+_KEY = re.compile(r"[A-Za-z0-9_.-]+")
+
+
+class FinishedParts:
+    """A folder of finished parts, made with the first: ``KEY.npz`` each. A file appears whole or not at all."""
+
+    def __init__(self, folder: str) -> None:
+        self.folder = Path(folder)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self.folder.glob("*.npz"))
+
+    def load(self, key: str) -> dict[str, np.ndarray] | None:
+        """Return what was kept under a key; None where there is no file, or a damaged one."""
+        try:
+            with np.load(self._path(key), allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+            return None
+
+    def save(self, key: str, result: dict[str, np.ndarray]) -> None:
+        """Keep a result under a key; raise `InputError` where the folder cannot be made."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be made ({error.strerror}): choose another directory") from error
+        with replacing(str(self._path(key))) as temporary:
+            np.savez(temporary, **result)
+
+    def remove(self) -> None:
+        """Remove the folder with all that it keeps."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _path(self, key: str) -> Path:
+        if not _KEY.fullmatch(key):
+            raise ValueError(f"{key!r} is no key")
+        return Path(os.path.realpath(self.folder)) / f"{key}.npz"

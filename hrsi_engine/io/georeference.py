@@ -1,0 +1,63 @@
+"""Where the pixels of a georeferenced raster lie: longitude and latitude to column and row, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyproj
+from osgeo import gdal
+
+from ..errors import InputError
+from ..geodesy import wrap_degrees
+
+
+class Georeference:
+    """A raster's geotransform and CRS; columns and rows count from the centre of the first pixel.
+
+    ``what`` names its kind in messages: DEM, orthoimage. Raises `InputError` where CRS or geotransform is missing.
+    """
+
+    def __init__(self, dataset: gdal.Dataset, path: str, what: str) -> None:
+        self.crs = _crs_of(dataset, path)
+        geotransform = dataset.GetGeoTransform(can_return_null=True)
+        inverse = None if geotransform is None else gdal.InvGeoTransform(geotransform)
+        if geotransform is None or inverse is None:
+            raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the {what}")
+        self._geotransform, self._inverse = geotransform, inverse
+        self.horizontal = self.crs.sub_crs_list[0] if self.crs.sub_crs_list else self.crs
+        self._geographic = bool(self.horizontal.is_geographic)
+        self._from_wgs84 = pyproj.Transformer.from_crs(4326, self.horizontal, always_xy=True)
+        self._to_wgs84 = pyproj.Transformer.from_crs(self.horizontal, 4326, always_xy=True)
+        self._middle_x = self._xy(np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))[0, 0]
+
+    def to_grid(self, lonlat: np.ndarray) -> np.ndarray:
+        """Return column, row, (0, 0) the centre of the first cell, of lon, lat points ``(n, 2)``."""
+        x, y = self._from_wgs84.transform(lonlat[:, 0], lonlat[:, 1])
+        x = np.asarray(x)
+        if self._geographic:
+            x = self._middle_x + wrap_degrees(x - self._middle_x)
+        x0, dx_column, dx_row, y0, dy_column, dy_row = self._inverse
+        return np.column_stack(
+            [x0 + dx_column * x + dx_row * y - 0.5, y0 + dy_column * x + dy_row * y - 0.5]
+        )  # corner to centre
+
+    def to_lonlat(self, grid: np.ndarray) -> np.ndarray:
+        """Return lon, lat ``(n, 2)`` of columns and rows ``(n, 2)``."""
+        xy = self._xy(grid + 0.5)
+        lon, lat = self._to_wgs84.transform(xy[:, 0], xy[:, 1])
+        return np.column_stack([wrap_degrees(np.asarray(lon)), lat])
+
+    def _xy(self, corner: np.ndarray) -> np.ndarray:
+        """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
+        x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
+        column, row = corner.T
+        return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
+
+
+def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
+    wkt = dataset.GetProjection()
+    if not wkt:
+        raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
+    try:
+        return pyproj.CRS.from_wkt(wkt)
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None

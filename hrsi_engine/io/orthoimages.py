@@ -1,0 +1,295 @@
+"""Orthoimages on disk: made chunk by chunk by several threads, finished as COG or GeoTIFF, replaced in one step.
+
+An orthoimage carries the fingerprint of what it was made from and how in its metadata: a later run with the same
+fingerprint keeps it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, Protocol
+
+import numpy as np
+from osgeo import gdal
+
+from ..errors import Cancelled, OutputError
+from ..progress import Progress, advance, stage
+from .datasets import gdal_messages, metadata_of, open_dataset
+from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
+from .replacing import replacing
+
+#: Metadata items; in the default domain, because GDAL's COG driver drops others.
+FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
+TILE = 512
+CHUNK = 512  # pixels along the side of a chunk
+AHEAD = 2  # chunks in work per thread
+WARPED = 0.85  # share of the time that the chunks take, the rest goes into the finished format
+
+_PREDICTED = ("deflate", "lzw", "zstd")
+#: By the choice of ``--format``: GDAL driver, its options besides the compression.
+FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "cog": ("COG", (f"BLOCKSIZE={TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # copies overviews that are there
+    "gtiff": ("GTiff", ("TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER")),
+}
+COMPRESSION = ("deflate", "lzw", "zstd", "none")
+#: Resampling of overviews by that of the orthoimage, where it is not the mean: values that may not be mixed stay whole.
+OVERVIEW_RESAMPLING = {"near": "NEAREST", "mode": "MODE"}
+
+
+class Grid(Protocol):
+    """The map grid of an orthoimage: `ortho.MapGrid`."""
+
+    crs: str
+    columns: int
+    rows: int
+
+    @property
+    def geotransform(self) -> tuple[float, float, float, float, float, float]:
+        """GDAL's geotransform."""
+
+    def chunks(self, side: int) -> Iterable[Any]:
+        """Yield windows (column, row, columns, rows) that cover the grid."""
+
+
+MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where the image shows nothing
+
+
+@dataclass(frozen=True)
+class OrthoFormat:
+    """How orthoimages are stored: names of `FORMATS` and `COMPRESSION`."""
+
+    name: str = "cog"
+    compression: str = "deflate"
+
+    def creation_options(self, is_integer: bool, threads: int) -> list[str]:
+        """Return GDAL's creation options."""
+        driver, options = FORMATS[self.name]
+        found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
+        if self.compression in _PREDICTED:
+            found.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={2 if is_integer else 3}")
+        return found
+
+
+@dataclass
+class OrthoFigures:
+    """What came of an orthoimage: pixels shown, pixels without terrain, position errors at random pixels, steps."""
+
+    shown: int = 0
+    unknown: int = 0
+    errors_px: list[np.ndarray] = field(default_factory=list)
+    pixels_by_step: dict[int, int] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures as the report has them."""
+        errors = np.concatenate([np.empty(0), *self.errors_px])
+        none = not len(errors)
+        return {
+            "shown_pixels": self.shown,
+            "unknown_pixels": self.unknown,
+            "checked": len(errors),
+            "position_error_max_px": None if none else float(errors.max()),
+            "position_error_p99_px": None if none else float(np.percentile(errors, 99.0)),
+            "position_error_rms_px": None if none else float(np.sqrt(np.mean(errors**2))),
+            "pixels_by_step": {str(step): count for step, count in sorted(self.pixels_by_step.items())},
+        }
+
+
+def fingerprint(made_from: Mapping[str, Any]) -> str:
+    """Return a short text that differs when anything differs that an orthoimage is made from."""
+    text = json.dumps(made_from, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def stamp_of(path: str) -> str | None:
+    """Return the fingerprint that an orthoimage carries; None without one, or where there is no readable image."""
+    dataset, _ = open_dataset(path) if os.path.exists(path) else (None, "")
+    return None if dataset is None else metadata_of(dataset).get(FINGERPRINT)
+
+
+def stored_figures(path: str) -> dict[str, Any]:
+    """Return the figures that an orthoimage carries: `OrthoFigures.summary` of its making."""
+    dataset, message = open_dataset(path)
+    if dataset is None:
+        raise OutputError(f"{path}: cannot be read ({message}): remove it and run again")
+    return dict(json.loads(metadata_of(dataset)[FIGURES]))
+
+
+def file_state(path: str) -> list[Any]:
+    """Return name, size and time of change of a file."""
+    state = os.stat(path)
+    return [os.path.abspath(path), state.st_size, state.st_mtime_ns]
+
+
+def write_orthoimage(
+    path: str, source: OrthoSource, grid: Grid, map_chunk: MapChunk, warp: Warp, form: OrthoFormat,
+    made_from: Mapping[str, Any], threads: int, progress: Progress,
+) -> OrthoFigures:  # fmt: skip
+    """Make an orthoimage; return its figures. ``path`` is replaced in one step.
+
+    Raises `OutputError` where it cannot be written, `Cancelled` where ``progress`` asks to stop.
+    """
+    figures = OrthoFigures()
+    folder = os.path.dirname(os.path.abspath(path))
+    try:
+        temporary = tempfile.mkdtemp(prefix=".hrsi-unfinished-", dir=folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another --output-dir") from None
+    try:
+        plain = os.path.join(temporary, "chunks.tif")
+        with gdal_messages() as messages:
+            dataset = _create(plain, source, grid, warp)
+            if dataset is not None:
+                _fill(dataset, source, grid, map_chunk, warp, threads, figures, stage(progress, 0.0, WARPED))
+                dataset.SetMetadata(_metadata(made_from, figures))
+                dataset.FlushCache()
+        if dataset is None or messages:
+            raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+        del dataset
+        if form.name == "cog":
+            _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
+        _finish(plain, path, source.is_integer, form, threads, stage(progress, WARPED, 1.0))
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return figures
+
+
+def _create(path: str, source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
+    """Create the tiled, uncompressed file that the chunks go into, with the bands' descriptions."""
+    options = ["TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER", "SPARSE_OK=TRUE"]
+    count = len(source.bands)
+    dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, count, source.data_type, options)
+    if dataset is None:
+        return None
+    dataset.SetProjection(grid.crs)
+    dataset.SetGeoTransform(grid.geotransform)
+    for number, origin in enumerate(source.bands, 1):
+        old, new = source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number)
+        new.SetDescription(old.GetDescription())
+        new.SetColorInterpretation(old.GetColorInterpretation())
+        if old.GetScale() is not None:
+            new.SetScale(old.GetScale())
+        if old.GetOffset() is not None:
+            new.SetOffset(old.GetOffset())
+        if old.GetUnitType():
+            new.SetUnitType(old.GetUnitType())
+        if warp.nodata is not None:
+            new.SetNoDataValue(warp.nodata)
+    if warp.nodata is None:
+        dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
+    return dataset
+
+
+def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
+    return {
+        FINGERPRINT: fingerprint(made_from),
+        FIGURES: json.dumps(figures.summary()),
+    }
+
+
+def _fill(
+    dataset: gdal.Dataset, source: OrthoSource, grid: Grid, map_chunk: MapChunk, warp: Warp, threads: int,
+    figures: OrthoFigures, progress: Progress,
+) -> None:  # fmt: skip
+    """Have threads warp the chunks, and write them as they come."""
+
+    def make(window: Any) -> tuple[Any, Any, Pixels | None]:
+        mapping = map_chunk(window)
+        if mapping is None:
+            return window, None, None
+        return window, mapping, warp_chunk(source, mapping.positions, mapping.step, window.columns, window.rows, warp)
+
+    side = chunk_side(warp.scale)
+    total = -(-grid.columns // side) * -(-grid.rows // side)
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for done, (window, mapping, pixels) in enumerate(_in_turn(pool, make, grid.chunks(side), AHEAD * threads)):
+                advance(progress, done / total, f"warping {os.path.basename(source.path)}")
+                if mapping is not None:
+                    _count(figures, window, mapping)
+                if pixels is not None:
+                    figures.shown += _write_chunk(dataset, window, pixels, warp)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def chunk_side(scale: float) -> int:
+    """Return the side of a chunk whose part of the image is no larger than for equal pixels."""
+    return max(128, min(CHUNK, int(CHUNK / max(scale, 1.0)) // 128 * 128))
+
+
+def _in_turn(pool: ThreadPoolExecutor, make: Callable[[Any], Any], jobs: Iterable[Any], ahead: int) -> Iterator[Any]:
+    """Yield results in the order in which they come, with no more than ``ahead`` jobs in the pool."""
+    waiting = iter(jobs)
+    running: set[Future[Any]] = {pool.submit(make, job) for job in islice(waiting, ahead)}
+    while running:
+        finished, running = wait(running, return_when=FIRST_COMPLETED)
+        running |= {pool.submit(make, job) for job in islice(waiting, len(finished))}
+        for future in finished:
+            yield future.result()
+
+
+def _count(figures: OrthoFigures, window: Any, mapping: Any) -> None:
+    figures.unknown += mapping.unknown
+    figures.errors_px.append(mapping.errors_px)
+    pixels = window.columns * window.rows
+    figures.pixels_by_step[mapping.step] = figures.pixels_by_step.get(mapping.step, 0) + pixels
+
+
+def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp) -> int:
+    """Write a chunk; return how many of its pixels show the image."""
+    for number, values in enumerate(pixels.values, 1):
+        dataset.GetRasterBand(number).WriteArray(values, window.column, window.row)
+    if pixels.valid is not None:
+        mask = dataset.GetRasterBand(1).GetMaskBand()
+        mask.WriteArray(np.where(pixels.valid, 255, 0).astype(np.uint8), window.column, window.row)
+        return int(np.count_nonzero(pixels.valid))
+    assert warp.nodata is not None
+    empty = np.isnan(pixels.values[0]) if np.isnan(warp.nodata) else pixels.values[0] == warp.nodata
+    return int(empty.size - np.count_nonzero(empty))
+
+
+def _add_overviews(plain: str, resampling: str) -> None:
+    """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
+    dataset = gdal.Open(plain, gdal.GA_Update)
+    factors: list[int] = []
+    while max(dataset.RasterXSize, dataset.RasterYSize) > TILE << len(factors):
+        factors.append(2 << len(factors))
+    if not factors:
+        return
+    with gdal_messages() as messages:
+        dataset.BuildOverviews(resampling, factors)
+        dataset.FlushCache()
+    if messages:
+        raise OutputError(f"{plain}: cannot be written ({messages[-1]})")
+
+
+def _finish(plain: str, path: str, is_integer: bool, form: OrthoFormat, threads: int, progress: Progress) -> None:
+    """Bring the chunks into the wanted format, with overviews, and put the file in its place."""
+    cancelled = False
+
+    def tell(fraction: float, _message: str, _data: object) -> int:
+        nonlocal cancelled
+        cancelled = progress(fraction, f"writing {os.path.basename(path)}") is False
+        return 0 if cancelled else 1
+
+    driver = gdal.GetDriverByName(FORMATS[form.name][0])
+    with replacing(path) as temporary:
+        copy = None
+        with gdal_messages() as messages:
+            source = gdal.Open(plain)
+            options = form.creation_options(is_integer, threads)
+            copy = driver.CreateCopy(temporary, source, 0, options, callback=tell)
+        if cancelled:
+            raise Cancelled("cancelled")
+        if copy is None or messages:
+            raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+        del copy

@@ -1,0 +1,82 @@
+"""Two windows side by side with their correspondences drawn over the pixels, as SVG."""
+
+from __future__ import annotations
+
+import colorsys
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .target_chips import stretched_png
+
+LONGEST_PX = 900  # pixels of a picture along its longer side
+GAP = 12.0
+LABELS = 40  # numbered correspondences
+LABEL_CELLS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class PictureSide:
+    """One window: grey values and valid pixels (lines, samples), sample and line of the first pixel, points (k, 2)."""
+
+    grey: np.ndarray
+    valid: np.ndarray
+    origin: np.ndarray
+    points: np.ndarray
+
+
+def pair_svg(first: PictureSide, second: PictureSide) -> str:
+    """Return the picture: corresponding points have the same colour and some the same number.
+
+    Colours follow the position in the first window, so that wrong neighbours would show.
+    """
+    scale = LONGEST_PX / float(max(*first.grey.shape, *second.grey.shape))
+    sizes = [np.array(side.grey.shape[::-1]) * scale for side in (first, second)]
+    width, height = sizes[0][0] + GAP + sizes[1][0], max(size[1] for size in sizes)
+    colours, numbered = _colours(first), _numbered(first)
+    parts = [f'<svg class="plot" viewBox="0 0 {width:.1f} {height:.1f}">']
+    for left, side, size in zip((0.0, sizes[0][0] + GAP), (first, second), sizes, strict=True):
+        places = (side.points - side.origin + 0.5) * scale + (left, 0.0)
+        parts += [_image(side, scale, left, size), *_marks(places, colours), *_numbers(places[numbered])]
+    return "".join([*parts, "</svg>"])
+
+
+def _image(side: PictureSide, scale: float, left: float, size: np.ndarray) -> str:
+    grey, valid = np.where(side.valid, side.grey, 0).astype(np.float32), side.valid
+    if scale < 1.0:
+        grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        valid = cv2.resize(valid.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    return (
+        f'<image x="{left:.1f}" width="{size[0]:.1f}" height="{size[1]:.1f}" preserveAspectRatio="none" '
+        f'href="data:image/png;base64,{stretched_png(grey, valid)}"/>'
+    )
+
+
+def _colours(side: PictureSide) -> list[str]:
+    """Return a colour for each point: the hue runs with the sample, the lightness with the line."""
+    share = (side.points - side.origin) / np.maximum(np.array(side.grey.shape[::-1]), 1)
+    rgb = [colorsys.hls_to_rgb(0.85 * float(x), 0.4 + 0.3 * float(y), 1.0) for x, y in np.clip(share, 0.0, 1.0)]
+    return ["#" + "".join(f"{round(255 * channel):02x}" for channel in colour) for colour in rgb]
+
+
+def _marks(places: np.ndarray, colours: list[str]) -> list[str]:
+    radius = 3.4 if len(places) < 800 else 1.9
+    return [
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>'
+        for (x, y), colour in zip(places, colours, strict=True)
+    ]
+
+
+def _numbered(side: PictureSide) -> np.ndarray:
+    """Return the rows of some correspondences spread over the window: the first one of every cell."""
+    cell = np.floor((side.points - side.origin) / (max(side.grey.shape) / LABEL_CELLS)).astype(int)
+    return np.sort(np.unique(cell, axis=0, return_index=True)[1])[:LABELS] if len(cell) else np.empty(0, dtype=int)
+
+
+def _numbers(places: np.ndarray) -> list[str]:
+    return [
+        f'<text x="{x + 4:.1f}" y="{y - 4:.1f}" style="font-size:16px;fill:#fff;stroke:#000;stroke-width:3px;'
+        f'paint-order:stroke">{number + 1}</text>'
+        for number, (x, y) in enumerate(places)
+    ]

@@ -1,0 +1,66 @@
+"""``.match`` of the Ames Stereo Pipeline: matched interest points of two images, ``PREFIX-IMAGE1__IMAGE2.match``.
+
+Little-endian: the numbers of interest points of both images (uint64), then their records, the first image first: x, y
+(float32, from the centre of the first pixel), their integer parts (int32), orientation, scale, interest (float32),
+polarity (1 byte), octave, level (uint32), length of the descriptor (uint64), descriptor (float32). The k-th records
+of both images match.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+
+import numpy as np
+
+from ...errors import InputError
+from .table import Reader, Table
+
+_COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")
+_NAME = re.compile(r"(.+)__(.+?)(-clean)?\.match$", re.IGNORECASE)
+
+
+def read(path: str, _layer: str = "") -> Table:
+    """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
+    named = _NAME.match(os.path.basename(path))
+    if named is None:
+        raise InputError(f"{path}: its name does not say its images: call it PREFIX-IMAGE1__IMAGE2.match")
+    try:
+        with open(path, "rb") as file:
+            content = file.read()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error}): check the file") from None
+    xy = _interest_points(path, content)
+    count = len(xy) // 2
+    pair = f"{named[1]}__{named[2]}"
+    columns = {
+        "id": np.tile(np.char.add(f"{pair}:", np.arange(count).astype(str)), 2),
+        "image": np.repeat([named[1], named[2]], count),
+        "sample": xy[:, 0],
+        "line": xy[:, 1],
+    }
+    return Table(path, columns, ("x", "y"), lambda row: f"match {row % max(count, 1) + 1}", pairwise=True)
+
+
+def _interest_points(path: str, content: bytes) -> np.ndarray:
+    """Return x and y of all records ``(2 k, 2)``."""
+    try:
+        first, second = _COUNTS.unpack_from(content)
+        if first != second or _COUNTS.size + 2 * first * _RECORD.size > len(content):
+            raise ValueError(f"it tells of {first} and {second} interest points")
+        xy, offset = np.empty((2 * first, 2)), _COUNTS.size
+        for row in range(2 * first):
+            record = _RECORD.unpack_from(content, offset)
+            xy[row] = record[:2]
+            offset += _RECORD.size + 4 * record[-1]
+        if offset != len(content):
+            raise ValueError(f"{len(content)} bytes instead of {offset}")
+    except (struct.error, ValueError) as error:
+        raise InputError(f"{path}: is no complete match file ({error}): get it again") from None
+    if not np.isfinite(xy).all():
+        raise InputError(f"{path}: holds positions that are no numbers: get it again")
+    return xy
+
+
+READER = Reader("Ames Stereo Pipeline matches", lambda _path, name, _head: name.endswith(".match"), read)

@@ -1,0 +1,284 @@
+"""How two images lie to one another: what their RPCs are off, and how high the ground is that they show.
+
+Features of the two overviews are matched within bands along the epipolar lines; the band's width is what the RPCs may
+be off, and grows where nothing is found. What agrees with one offset across the lines gives that offset, and by
+its place along the lines the heights of the ground: *apparent* heights, which take up what the RPCs are off along the
+lines. A DEM gives their shape, where there is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...block import Image
+from ...dem import HeightSurface, Status, intersect
+from ...rpc import RPC
+from ...scheduling import Result
+from ..epipolar import epipolar_miss, transfer
+from ..features import root_sift
+from ..matching import rpc_consistent
+from ..tile_types import HeightGrid, PairGeometry
+from .overlaps import GroundRange
+from .overview import features_of
+from .windows import Window, predicted_window, read_window
+
+RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
+ROWS = 512  # compared at a time
+FEWEST = 10  # matches that agree, to believe them
+GROWTH = (1.0, 4.0, 16.0)  # of the band
+NODES = 24  # of the height grid along the longer side of an image
+NEIGHBOURS = 7
+FLOOR_PX = 1.0  # pixels of the overview that matches are off at least
+SAFETY = 3.0  # sigmas
+FINER = 4  # times the resolution of the overviews, where these have too little in common
+PROBES, PROBE_PX = 3, 512  # windows along each side of an image that are compared then, and their side
+PROBE_FEATURES = 1000
+SAME_VIEW_PX = 2.0  # parallax of all heights below which heights say nothing
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseJob:
+    """Two images with the pixels per pixel of their overviews, the heights of the ground, what the RPCs may be off."""
+
+    first: Image
+    second: Image
+    steps: tuple[int, int]
+    heights: GroundRange
+    margin_px: float
+    terrain_m: np.ndarray | None = None  #: heights at `height_nodes` of the first image by a DEM, NaN where unknown
+
+
+class Lines(NamedTuple):
+    """Epipolar lines in the second image: a point, a unit direction, and the stretch that is searched, (n, …)."""
+
+    origin: np.ndarray
+    direction: np.ndarray
+    reach: np.ndarray
+
+
+def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
+    """Return the positions ``(n, 2)`` of the nodes of an image's height grid, its shape and its spacing (px)."""
+    spacing = max(max(size) / (NODES - 1.0), 32.0)
+    columns, rows = (int(np.ceil(length / spacing)) + 1 for length in size)
+    nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
+    return nodes, (rows, columns), spacing
+
+
+def terrain_at_nodes(image: Image, surface: HeightSurface) -> np.ndarray:
+    """Return the heights of a surface at an image's nodes; NaN where it has none."""
+    assert image.size is not None
+    ground, status = intersect(image.rpc, height_nodes(image.size)[0], surface)
+    return np.where(status == Status.FOUND, ground[:, 2], np.nan)
+
+
+def reduced(rpc: RPC, step: int) -> RPC:
+    """Return the RPC of an image's overview, whose pixels are means of ``step`` x ``step``."""
+    middle = (step - 1) / 2.0
+    return replace(
+        rpc, samp_off=(rpc.samp_off - middle) / step, line_off=(rpc.line_off - middle) / step,
+        samp_scale=rpc.samp_scale / step, line_scale=rpc.line_scale / step,
+    )  # fmt: skip
+
+
+def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
+    """Return ``first_xy``, ``second_xy (n, 2)`` of the matches that agree, in full-resolution pixels.
+
+    Where the overviews have too little in common, windows of a finer resolution are compared.
+    """
+    found = _agreeing(job, first, second)
+    if len(found["first_xy"]) < FEWEST and max(job.steps) > 1:
+        finer = replace(job, steps=(max(1, job.steps[0] // FINER), max(1, job.steps[1] // FINER)))
+        probed = _agreeing(finer, *_probes(finer))
+        found = max(found, probed, key=lambda matches: len(matches["first_xy"]))
+    return found
+
+
+def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
+    """Return the matches of features that agree with one offset between the images."""
+    rpcs = [reduced(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
+    xy = [(part["xy"] - (step - 1) / 2.0) / step for part, step in zip((first, second), job.steps, strict=True)]
+    lines = _epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
+    size = np.array(job.second.size) / job.steps[1]
+    best = np.empty((0, 2), dtype=np.int64)
+    for growth in GROWTH:
+        margin = growth * job.margin_px / job.steps[1] + FLOOR_PX
+        here, there = _shared(lines, xy[1], size, margin)
+        chosen = Lines(*(part[here] for part in lines))
+        pairs = banded_matches(first["descriptors"][here], second["descriptors"][there], chosen, xy[1][there], margin)
+        pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
+        if len(pairs) >= FEWEST:
+            middle = 0.5 * (job.heights.low_m + job.heights.high_m)
+            good = rpc_consistent(rpcs[0], rpcs[1], xy[0][pairs[:, 0]], xy[1][pairs[:, 1]], middle, FLOOR_PX)
+            pairs = pairs[good]
+        if len(pairs) > len(best):
+            best = pairs
+        if len(best) >= FEWEST:
+            break
+    return {"first_xy": first["xy"][best[:, 0]], "second_xy": second["xy"][best[:, 1]]}
+
+
+def _probes(job: CoarseJob) -> tuple[Result, Result]:
+    """Return the features of windows of the first image and of the places in the second that may show them."""
+    geometry = PairGeometry(
+        job.first.rpc, job.second.rpc, *job.heights, margin_px=(GROWTH[1] * job.margin_px, GROWTH[1] * job.margin_px)
+    )
+    found: tuple[list[Result], list[Result]] = ([], [])
+    side = PROBE_PX * job.steps[0]
+    for centre in job.first.grid_px(PROBES, PROBES, margin=-1.0 / PROBES).round().astype(int):
+        window = Window(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
+        places = window, predicted_window(geometry, window, 0)
+        tiles = [read_window(image, place, step) for image, place, step in
+                 zip((job.first, job.second), places, job.steps, strict=True)]  # fmt: skip
+        for features, tile in zip(found, tiles, strict=True):
+            if all(other is not None for other in tiles) and tile is not None:
+                features.append(features_of(tile, PROBE_FEATURES))
+    return _joined_features(found[0]), _joined_features(found[1])
+
+
+def _joined_features(parts: list[Result]) -> Result:
+    if not parts:
+        return {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
+    return {name: np.concatenate([part[name] for part in parts]) for name in ("xy", "descriptors")}
+
+
+def _epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> Lines:
+    """Return the epipolar lines of points between two heights; NaN where a point has no ground there."""
+    low, high = (transfer(first, second, xy, height) for height in heights)
+    along = 0.5 * (high - low)
+    reach = np.linalg.norm(along, axis=1)
+    direction = np.where(reach[:, None] > 1e-6, along / np.maximum(reach, 1e-6)[:, None], (1.0, 0.0))
+    return Lines(0.5 * (low + high), direction, reach)
+
+
+def _shared(lines: Lines, xy: np.ndarray, size: np.ndarray, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return which lines pass through the second image, and which of its points ``xy`` lie where they pass."""
+    reach = lines.reach[:, None] * np.abs(lines.direction) + margin_px
+    low, high = lines.origin - reach, lines.origin + reach
+    here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
+    if not len(here):
+        return here, np.empty(0, dtype=np.int64)
+    inside = (xy >= low[here].min(axis=0)) & (xy <= high[here].max(axis=0))
+    return here, np.flatnonzero(inside.all(axis=1))
+
+
+def banded_matches(
+    first: np.ndarray, second: np.ndarray, lines: Lines, second_xy: np.ndarray, margin_px: float
+) -> np.ndarray:
+    """Return index pairs ``(k, 2)`` of descriptors that are each other's nearest within a band along their lines.
+
+    The ratio test compares with the next best in the same band, so that it is the stricter the less is known.
+    """
+    nothing = np.empty((0, 2), dtype=np.int64)
+    if len(first) < 2 or len(second) < 2:
+        return nothing
+    roots = [root_sift(part) for part in (first, second)]
+    nearest, distinct = np.full(len(first), -1), np.zeros(len(first), dtype=bool)
+    back, back_best = np.full(len(second), -1), np.full(len(second), -1.0, dtype=np.float32)
+    for start in range(0, len(first), ROWS):
+        part = slice(start, min(start + ROWS, len(first)))
+        similarity = roots[0][part] @ roots[1].T
+        similarity[~_in_band(lines, part, second_xy, margin_px)] = -1.0
+        rows = np.arange(part.stop - part.start)
+        best = similarity.argmax(axis=1)
+        value = similarity[rows, best].copy()
+        column_best = similarity.argmax(axis=0)
+        column_value = similarity[column_best, np.arange(len(second))]
+        better = column_value > back_best
+        back[better], back_best[better] = start + column_best[better], column_value[better]
+        similarity[rows, best] = -1.0
+        nearest[part] = np.where(value > 0.0, best, -1)
+        distinct[part] = (1.0 - value) < RATIO**2 * (1.0 - np.maximum(similarity.max(axis=1), 0.0))
+    index = np.flatnonzero(distinct & (nearest >= 0))
+    index = index[back[nearest[index]] == index]
+    return np.column_stack([index, nearest[index]])
+
+
+def _in_band(lines: Lines, part: slice, xy: np.ndarray, margin_px: float) -> np.ndarray:
+    direction, origin = lines.direction[part].astype(np.float32), lines.origin[part].astype(np.float32)
+    points = xy.astype(np.float32)
+    along = direction @ points.T - np.sum(direction * origin, axis=1, keepdims=True)
+    normal = np.column_stack([-direction[:, 1], direction[:, 0]])
+    across = normal @ points.T - np.sum(normal * origin, axis=1, keepdims=True)
+    return (np.abs(across) <= margin_px) & (np.abs(along) <= lines.reach[part, None].astype(np.float32) + margin_px)
+
+
+# ---- from matches to geometry --------------------------------------------------------------------------------------
+
+
+class PairEstimate(NamedTuple):
+    """What is known of a pair before its windows are matched, and by how many matches."""
+
+    geometry: PairGeometry
+    matches: int
+
+
+def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
+    """Return the offset and the heights that matches stand for; None where they are too few to tell."""
+    first_xy, second_xy = found["first_xy"], found["second_xy"]
+    if len(first_xy) < FEWEST:
+        return None
+    first, second = job.first.rpc, job.second.rpc
+    middle = 0.5 * (job.heights.low_m + job.heights.high_m)
+    miss = epipolar_miss(first, second, first_xy, second_xy, middle)
+    noise_px = FLOOR_PX * max(job.steps)
+    stretch = float(np.median(miss.stretch))
+    if stretch * (job.heights.high_m - job.heights.low_m) < SAME_VIEW_PX:
+        return _same_view(job, first_xy, second_xy, noise_px)
+    across = float(np.median(miss.across_px))
+    normal = _normal(first, second, first_xy, middle)
+    across_sigma = 1.4826 * float(np.median(np.abs(miss.across_px - across)))
+    grid, sigma = height_grid(job, first_xy, miss.height_m)
+    sigma = max(sigma, 0.5 * noise_px / stretch)
+    reach = SAFETY * sigma + noise_px / stretch
+    low, high = np.percentile(miss.height_m, (1.0, 99.0))
+    geometry = PairGeometry(
+        first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
+        (across * normal[0], across * normal[1]), (noise_px, SAFETY * across_sigma + noise_px), grid, sigma,
+    )  # fmt: skip
+    return PairEstimate(geometry, len(first_xy))
+
+
+def _normal(first: RPC, second: RPC, xy: np.ndarray, height_m: float) -> np.ndarray:
+    """Return the mean direction across the epipolar lines, with the sign of `epipolar_miss`."""
+    slope = transfer(first, second, xy, height_m + 1.0) - transfer(first, second, xy, height_m - 1.0)
+    direction = np.nanmean(slope / np.linalg.norm(slope, axis=1, keepdims=True), axis=0)
+    direction /= np.linalg.norm(direction)
+    return np.array([-direction[1], direction[0]])
+
+
+def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, noise_px: float) -> PairEstimate:
+    """Return the estimate of a pair without parallax: an offset in both directions, and any height."""
+    middle = 0.5 * (job.heights.low_m + job.heights.high_m)
+    away = second_xy - transfer(job.first.rpc, job.second.rpc, first_xy, middle)
+    offset = np.nanmedian(away, axis=0)
+    sigma = 1.4826 * float(np.nanmedian(np.abs(away - offset)))
+    margin = SAFETY * sigma + noise_px
+    return PairEstimate(
+        PairGeometry(job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin)),
+        len(first_xy),
+    )
+
+
+def height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:
+    """Return apparent heights over the first image, from matches or from the DEM moved to them, and their sigma (m)."""
+    assert job.first.size is not None
+    nodes, shape, spacing = height_nodes(job.first.size)
+    candidates = [_median_of_neighbours(xy, height_m, nodes)]
+    if job.terrain_m is not None and np.isfinite(job.terrain_m).any():
+        known = np.isfinite(job.terrain_m)
+        terrain = job.terrain_m if known.all() else _median_of_neighbours(nodes[known], job.terrain_m[known], nodes, 1)
+        at = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).at(xy)
+        candidates.insert(0, terrain + float(np.median(height_m - at)))
+    grids = [HeightGrid(heights.reshape(shape), (0.0, 0.0), spacing) for heights in candidates]
+    sigmas = [1.4826 * float(np.median(np.abs(height_m - grid.at(xy)))) for grid in grids]
+    return min(zip(grids, sigmas, strict=True), key=lambda pair: pair[1])
+
+
+def _median_of_neighbours(xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = NEIGHBOURS) -> np.ndarray:
+    count = min(most, len(xy))
+    _, near = cKDTree(xy).query(places, k=count)
+    return np.asarray(np.median(values[near.reshape(len(places), count)], axis=1))

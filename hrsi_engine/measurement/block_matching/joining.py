@@ -1,0 +1,279 @@
+"""From the matches of all windows to tracks: tested by pair, free of contradictions and repetitions, evenly spread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...block import Image
+from ...columns import Columns
+from ...points import ImagePoints
+from ...scheduling import Result
+from ..epipolar import epipolar_miss
+from ..tracks import spread
+
+#: What cameras do between their points, whatever a match's own sigma: vibration, drift and the RPC's fit, alike for
+#: neighbouring points. Without it thousands of ties of 0.01 px outvote the GCPs where a model of few parameters cannot
+#: follow the camera.
+CAMERA_SIGMA_PX = 0.1
+SIGMAS = 4.0
+FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
+ROUNDS = 10
+FEWEST = 8  # matches that a pair needs, to be judged and used
+REPEATED_PX = 3.0  # tracks of two references this close are the same place
+MIN_STRETCH = 1e-3  # px per metre below which a pair says nothing of heights
+
+
+@dataclass(frozen=True, eq=False)
+class Matches(Columns):
+    """All matches of a block, one row each; ``track`` numbers the points of all references from 0.
+
+    Row k says that point ``track[k]``, at ``first_xy[k]`` of image ``first[k]``, is at ``second_xy[k]`` of
+    ``second[k]``, with the apparent height ``height_m[k]`` of that pair.
+    """
+
+    track: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    first_xy: np.ndarray
+    second_xy: np.ndarray
+    sigma_px: np.ndarray
+    quality: np.ndarray
+    kind: np.ndarray
+    height_m: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+
+def collect(results: Sequence[tuple[int, Result]]) -> Matches:
+    """Put the results of all star jobs together; each comes with the number of its reference."""
+    names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
+    used = [(number, result) for number, result in results if len(result["partner"])]
+    if not used:
+        nothing, whole = np.empty(0), np.empty(0, np.int64)
+        return Matches(whole, whole, whole, np.empty((0, 2)), np.empty((0, 2)), nothing, nothing,
+                       np.empty(0, "U9"), nothing)  # fmt: skip
+    columns = {name: np.concatenate([result[name] for _, result in used]) for name in names}
+    second = np.concatenate([result["partner"] for _, result in used])
+    first = np.repeat([number for number, _ in used], [len(result["partner"]) for _, result in used])
+    place = np.column_stack([first, columns["first_xy"]])
+    _, track = np.unique(place, axis=0, return_inverse=True)
+    once = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # the same point of two windows
+    return Matches(track, first, second, **columns).select(once)
+
+
+# ---- tests ---------------------------------------------------------------------------------------------------------
+
+
+def without_outliers(matches: Matches, images: Sequence[Image]) -> Matches:
+    """Drop the matches that leave the smooth offset which a pair's RPCs have across the epipolar lines."""
+    keep = np.zeros(len(matches), dtype=bool)
+    for rows in pair_rows(matches).values():
+        first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
+        middle = float(np.median(matches.height_m[rows]))
+        miss = epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
+        tolerance = np.maximum(FLOOR_PX, SIGMAS * matches.sigma_px[rows])
+        keep[rows] = _on_trend(matches.first_xy[rows], miss.across_px, tolerance)
+    return matches.select(keep)
+
+
+def pair_rows(matches: Matches) -> dict[tuple[int, int], np.ndarray]:
+    """Return the rows of each pair of images (numbers)."""
+    order = np.lexsort((matches.second, matches.first))
+    pairs = np.column_stack([matches.first, matches.second])[order]
+    if not len(pairs):
+        return {}
+    heads = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)])
+    return {(int(pairs[at, 0]), int(pairs[at, 1])): rows
+            for at, rows in zip(heads, np.split(order, heads[1:]), strict=True)}  # fmt: skip
+
+
+def _trend_terms(xy: np.ndarray) -> np.ndarray:
+    """Return the columns of a quadratic trend over an image; of a plane where there are few points."""
+    x, y = ((xy - xy.mean(axis=0)) / (np.ptp(xy, axis=0).max() + 1.0)).T
+    columns = [np.ones(len(xy)), x, y] + ([x * x, x * y, y * y] if len(xy) >= 60 else [])
+    return np.column_stack(columns)
+
+
+def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+    """Return which values agree with a smooth trend, fitted robustly: within the tolerance or 4 robust sigmas."""
+    good = np.isfinite(values)
+    if good.sum() < FEWEST:
+        return np.zeros(len(values), dtype=bool)
+    good &= np.abs(values - np.median(values[good])) < np.maximum(
+        3.0 * SIGMAS * _robust_sigma(values[good]), 10.0 * tolerance
+    )
+    terms = _trend_terms(xy)
+    for _ in range(ROUNDS):
+        trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
+        away = np.abs(values - trend)
+        now = away < np.maximum(SIGMAS * _robust_sigma((values - trend)[good]), tolerance)
+        now &= np.isfinite(values)
+        if now.sum() < FEWEST or np.array_equal(now, good):
+            break
+        good = now
+    return good
+
+
+def _robust_sigma(values: np.ndarray) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def without_contradictions(matches: Matches, images: Sequence[Image]) -> Matches:
+    """Drop the matches whose height the other matches of their track contradict; both where only two disagree.
+
+    Apparent heights of pairs differ by a smooth field over the reference, which is found and taken off.
+    """
+    keep = np.ones(len(matches), dtype=bool)
+    for number in np.unique(matches.first):
+        rows = np.flatnonzero(matches.first == number)
+        keep[rows] = _heights_agree(matches.select(rows), images)
+    return matches.select(keep)
+
+
+def _heights_agree(matches: Matches, images: Sequence[Image]) -> np.ndarray:
+    """Return a mask of the matches of one reference."""
+    stretch = _stretches(matches, images)
+    height = matches.height_m.copy()
+    _, point = np.unique(matches.track, return_inverse=True)
+    good = stretch > MIN_STRETCH
+    weight = np.where(good, stretch**2, 0.0)
+    for _ in range(3):
+        mean = _weighted_means(point, height, weight * good)
+        for partner in np.unique(matches.second):
+            here = np.flatnonzero((matches.second == partner) & good)
+            shared = here[np.bincount(point[good])[point[here]] > 1]
+            if len(shared) < FEWEST:
+                continue
+            away = height[shared] - mean[point[shared]]
+            fits = _on_trend(matches.first_xy[shared], away, np.full(len(shared), np.inf))
+            terms = _trend_terms(matches.first_xy[shared])
+            height[shared] -= terms @ np.linalg.lstsq(terms[fits], away[fits], rcond=1e-10)[0]
+    keep = np.ones(len(matches), dtype=bool)
+    for _ in range(2):  # the worst of each track first: it spoils the mean of the others
+        away_px = np.abs(height - _weighted_means(point, height, weight * (good & keep))[point]) * stretch
+        away_px[~keep | ~good] = 0.0
+        worst = np.zeros(len(mean))
+        np.maximum.at(worst, point, away_px)
+        several = np.bincount(point, keep & good, len(mean)) > 2
+        limit = np.maximum(2.0 * FLOOR_PX, SIGMAS * _spread_of(away_px[keep & good]))
+        bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
+        keep &= ~bad
+    return keep
+
+
+def _spread_of(deviations: np.ndarray) -> float:
+    nonzero = deviations[deviations > 1e-9]
+    return 1.4826 * float(np.median(nonzero)) if len(nonzero) else 0.0
+
+
+def _stretches(matches: Matches, images: Sequence[Image]) -> np.ndarray:
+    """Return px per metre of height along the epipolar lines of each match, by its pair's mean."""
+    stretch = np.zeros(len(matches))
+    for (first, second), rows in pair_rows(matches).items():
+        few = rows[:: max(1, len(rows) // 16)]
+        miss = epipolar_miss(
+            images[first].rpc, images[second].rpc, matches.first_xy[few], matches.second_xy[few],
+            float(np.median(matches.height_m[few])), 1,
+        )  # fmt: skip
+        stretch[rows] = np.nanmedian(miss.stretch)
+    return stretch
+
+
+def _weighted_means(group: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    count = int(group.max(initial=-1)) + 1
+    total = np.bincount(group, weight, count)
+    return np.asarray(np.bincount(group, weight * values, count) / np.maximum(total, 1e-300))
+
+
+# ---- tracks --------------------------------------------------------------------------------------------------------
+
+
+def to_image_points(
+    matches: Matches, images: Sequence[Image], cells: int, per_cell: Mapping[int, int]
+) -> tuple[ImagePoints, np.ndarray]:
+    """Return the image points of the chosen tracks and the ground positions ``(tracks, 3)`` they have by the RPCs.
+
+    Every cell of an image's grid of ``cells`` x ``cells`` keeps about ``per_cell[image]`` tracks: those on many
+    images first, then the best. Point ids are in the order of the tracks.
+    """
+    if not len(matches):
+        return ImagePoints.create([], [], np.empty((0, 2))), np.empty((0, 3))
+    names, track = np.unique(matches.track, return_inverse=True)
+    head = np.unique(track, return_index=True)[1]
+    sigma = np.sqrt(np.bincount(track, matches.sigma_px**2) / np.bincount(track))
+    quality = np.bincount(track, matches.quality) / np.bincount(track)
+    rows = _Rows(
+        np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second],
+        np.concatenate([matches.first_xy[head], matches.second_xy]), np.r_[sigma, matches.sigma_px],
+        np.r_[quality, matches.quality], np.r_[matches.kind[head], matches.kind],
+    )  # fmt: skip
+    rank = quality - sigma  # both matter: a sharp point of a clear match
+    once = ~_repeated(rows, rank)
+    cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
+    kept = np.flatnonzero(once)[
+        spread(*rows.of_tracks(once), rank[once], cell_px, np.array([per_cell.get(k, 0) for k in range(len(images))]))
+    ]
+    chosen = np.zeros(len(names), dtype=bool)
+    chosen[kept] = True
+    height = _weighted_means(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)
+    ground = _ground(matches.first[head], matches.first_xy[head], height, images)
+    return rows.to_image_points(chosen, images), ground[chosen]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Measurements: track, image, position, sigma, quality and kind."""
+
+    track: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+    sigma_px: np.ndarray
+    quality: np.ndarray
+    kind: np.ndarray
+
+    def of_tracks(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return track (numbered anew), image and position of the measurements of chosen tracks (mask)."""
+        here = chosen[self.track]
+        return (np.cumsum(chosen) - 1)[self.track[here]], self.image[here], self.xy[here]
+
+    def to_image_points(self, chosen: np.ndarray, images: Sequence[Image]) -> ImagePoints:
+        """Return the chosen tracks as image points ``T1``, ``T2`` …, by track and image."""
+        rows = np.flatnonzero(chosen[self.track])
+        rows = rows[np.lexsort((self.image[rows], self.track[rows]))]
+        number = np.cumsum(chosen)[self.track[rows]]
+        ids = np.char.add("T", np.char.zfill(number.astype(str), len(str(int(chosen.sum())))))
+        image_ids = np.array([image.id for image in images])[self.image[rows]]
+        sigma = np.hypot(self.sigma_px[rows], CAMERA_SIGMA_PX)
+        return ImagePoints.create(
+            ids, image_ids, self.xy[rows], sigma, self.kind[rows], self.quality[rows], "tie points"
+        )
+
+
+def _repeated(rows: _Rows, rank: np.ndarray) -> np.ndarray:
+    """Return which tracks stand beside a better one on two images or more: one place, found from two references."""
+    length = np.bincount(rows.track, minlength=len(rank))
+    beside: list[np.ndarray] = []
+    for number in np.unique(rows.image):
+        here = np.flatnonzero(rows.image == number)
+        near = cKDTree(rows.xy[here]).query_pairs(REPEATED_PX, output_type="ndarray")
+        beside.append(np.sort(rows.track[here][near], axis=1))
+    pairs, count = np.unique(np.concatenate(beside), axis=0, return_counts=True)
+    pairs = pairs[count >= 2]
+    first_better = np.lexsort((np.arange(len(rank)), -rank, -length)).argsort()
+    worse = np.where(first_better[pairs[:, 0]] < first_better[pairs[:, 1]], pairs[:, 1], pairs[:, 0])
+    repeated = np.zeros(len(rank), dtype=bool)
+    repeated[worse] = True
+    return repeated
+
+
+def _ground(first: np.ndarray, xy: np.ndarray, height: np.ndarray, images: Sequence[Image]) -> np.ndarray:
+    ground = np.full((len(first), 3), np.nan)
+    for number in np.unique(first):
+        here = first == number
+        ground[here] = images[number].rpc.localize(xy[here], height[here]).ground
+    return ground

@@ -1,0 +1,82 @@
+"""Features of whole images at a low resolution: enough to see how two images lie to one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...block import Image
+from ...scheduling import Result
+from ..features import CONTRAST, stretch_to_byte
+from ..tile_types import ImageTile
+from .windows import read_overview
+
+SMALLEST_PX, LARGEST_PX = 1024, 2048  # the longer side of an overview
+TILE_PX = 1024  # of an overview that goes through SIFT at once
+BORDER_PX = 24
+FEATURES = 4000
+CELLS = 10  # features are kept evenly over CELLS x CELLS parts
+
+
+@dataclass(frozen=True, eq=False)
+class OverviewJob:
+    """Read an image at a lower resolution and find its features."""
+
+    image: Image
+    step: int
+
+
+def overview_step(size: tuple[int, int]) -> int:
+    """Return the pixels per pixel of an image's overview: an eighth of the resolution, within sensible sizes."""
+    longest = max(size)
+    return max(1, round(longest / min(max(longest / 8.0, SMALLEST_PX), LARGEST_PX)))
+
+
+def overview_features(job: OverviewJob) -> Result:
+    """Return positions ``xy (k, 2)`` in full-resolution pixels and SIFT descriptors ``(k, 128)`` of 8 bit."""
+    return features_of(read_overview(job.image, job.step), FEATURES)
+
+
+def features_of(tile: ImageTile, most: int) -> Result:
+    """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)`` of a tile's features."""
+    found = [
+        _features(tile, column, row)
+        for row in range(0, tile.pixels.shape[0], TILE_PX)
+        for column in range(0, tile.pixels.shape[1], TILE_PX)
+    ]
+    xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
+    keep = _strongest_everywhere(xy, response, tile.pixels.shape, most)
+    return {"xy": tile.to_image(xy[keep]), "descriptors": descriptors[keep]}
+
+
+def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return tile positions, strengths and descriptors of the features of one part of an overview."""
+    left, top = max(column - BORDER_PX, 0), max(row - BORDER_PX, 0)
+    place = np.s_[top : row + TILE_PX + BORDER_PX, left : column + TILE_PX + BORDER_PX]
+    grey, valid = tile.pixels[place], tile.valid[place]
+    byte = stretch_to_byte(grey, valid)
+    nothing = np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8)
+    if byte is None:
+        return nothing
+    sift = cv2.SIFT_create(nfeatures=2 * FEATURES, contrastThreshold=CONTRAST, enable_precise_upscale=True)
+    mask = None if valid.all() else cv2.erode(valid.astype(np.uint8), np.ones((9, 9), np.uint8))
+    points, descriptors = sift.detectAndCompute(byte, mask)
+    if not points:
+        return nothing
+    xy = np.array([point.pt for point in points]) + (left, top)
+    own = ((xy >= (column - 0.5, row - 0.5)) & (xy < (column + TILE_PX - 0.5, row + TILE_PX - 0.5))).all(axis=1)
+    response = np.array([point.response for point in points])
+    return xy[own], response[own], np.clip(descriptors[own], 0, 255).astype(np.uint8)
+
+
+def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
+    """Return the indices of at most so many features: the strongest of every part of the image."""
+    if len(xy) <= most:
+        return np.arange(len(xy))
+    cell = np.floor(xy / ((shape[1] + 1.0) / CELLS, (shape[0] + 1.0) / CELLS)).astype(np.int64) @ (1, CELLS)
+    order = np.lexsort((-response, cell))
+    _, first = np.unique(cell[order], return_index=True)
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    return np.sort(order[np.argsort(rank, kind="stable")[:FEATURES]])

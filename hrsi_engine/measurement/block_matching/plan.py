@@ -1,0 +1,91 @@
+"""Which windows of a reference image are matched, so that all of it gets points at a bounded cost.
+
+An image up to `FULL_PX` is matched everywhere. Of a larger one every cell of a grid gets a small window, and further
+ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from ...block import Image
+from .star import Cell
+from .windows import Window
+
+FULL_PX = 2048  # images up to this size are matched everywhere
+FULL_WINDOW_PX = 512  # windows of images that are matched everywhere
+OVERLAP_PX = 24  # of these: points near the edge of a window need their surroundings
+WINDOW_PX = 256  # windows of larger images, at the places of the tiles that most files are made of
+ATTEMPTS = 4  # windows tried in a cell
+SURPLUS = 3  # times the points that a cell is to have in the end are kept: tracks are chosen later
+
+
+def is_matched_everywhere(image: Image, step: int = 1) -> bool:
+    """Tell whether all of an image is matched."""
+    assert image.size is not None
+    return max(image.size) <= FULL_PX * step
+
+
+def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
+    """Return the cells of an image, a list for each row of them: rows share the lines that are read.
+
+    step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
+    """
+    if is_matched_everywhere(image, step):
+        return _everywhere(image, step)
+    return _sampled(image, cells, per_cell, step)
+
+
+def _everywhere(image: Image, step: int) -> list[list[Cell]]:
+    assert image.size is not None
+    rows = []
+    for top, lines in _parts(image.size[1], FULL_WINDOW_PX * step):
+        row = []
+        for left, samples in _parts(image.size[0], FULL_WINDOW_PX * step):
+            own = Window(left, top, samples, lines)
+            row.append(Cell((own.grown(OVERLAP_PX * step).inside(image.size),), (own,), 0, 0))
+        rows.append(row)
+    return rows
+
+
+def _parts(length: int, side: int) -> list[tuple[int, int]]:
+    """Return start and length of equal parts of about a side's length."""
+    count = max(1, round(length / side))
+    edges = [length * k // count for k in range(count + 1)]
+    return [(start, end - start) for start, end in pairwise(edges)]
+
+
+def _sampled(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
+    assert image.size is not None
+    side = WINDOW_PX * step
+    columns, rows = (max(1, min(cells, length // side)) for length in image.size)
+    grid = []
+    for r in range(rows):
+        row = []
+        for c in range(columns):
+            left, right = image.size[0] * c // columns, image.size[0] * (c + 1) // columns
+            top, bottom = image.size[1] * r // rows, image.size[1] * (r + 1) // rows
+            windows = tuple(
+                Window(sample, line, side, side).inside(image.size)
+                for sample, line in _places(left, right, top, bottom, side, image.size)
+            )
+            row.append(Cell(windows, windows, per_cell, SURPLUS * per_cell))
+        grid.append(row)
+    return grid
+
+
+def _places(left: int, right: int, top: int, bottom: int, side: int, size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return where windows of a cell are tried: the file's tile in the middle first, then others far from it."""
+    samples, lines = (
+        [at for at in range(first // side * side, last, side) if at >= first - side // 2 and at + side // 2 <= last]
+        or [max(0, min((first + last - side) // 2, most - side))]
+        for first, last, most in ((left, right, size[0]), (top, bottom, size[1]))
+    )
+    middle = ((left + right - side) / 2.0, (top + bottom - side) / 2.0)
+    places = [(sample, line) for line in lines for sample in samples]
+    places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
+    chosen = places[:1]
+    while len(chosen) < min(ATTEMPTS, len(places)):  # the one farthest from those that are chosen
+        rest = [place for place in places if place not in chosen]
+        chosen.append(max(rest, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in chosen)))
+    return chosen

@@ -1,0 +1,194 @@
+"""The work on windows of one image: match each with all images that see it.
+
+The image is the *reference*: its interest points depend on it alone, so that a point found in several partners is one
+point on many images, a star. What some partners show and others do not give at once is looked for there again, at the
+place where the known height puts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...block import Image
+from ...scheduling import Result
+from ..pair_matching import ImageTile, MatchOptions, PairGeometry, TileMatches, match_tile, transfer_points
+from .local_geometry import local_geometry
+from .windows import Window, predicted_window, read_window
+
+BORDER_PX = 24  # around predicted windows: half a window of least-squares matching and some room
+LEAST_VALID = 0.3  # share of a window's pixels below which it is not worth matching
+LEAST_SIDE_PX = 64  # of the part of a partner that shows the window
+FEW_COMMON = 3  # points that tell how two partners' heights differ
+
+
+@dataclass(frozen=True, eq=False)
+class Partner:
+    """An image that sees windows of the reference: its number in the block, where it sees them, at what resolution."""
+
+    number: int
+    image: Image
+    geometry: PairGeometry
+    step: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A part of the reference that wants points: windows to try one after the other, until one gives ``enough``.
+
+    own : of each window, the part whose points count: windows overlap, their own parts do not
+    """
+
+    windows: tuple[Window, ...]
+    own: tuple[Window, ...]
+    enough: int
+    most: int  #: points that are kept of a window, 0 for all
+
+
+@dataclass(frozen=True, eq=False)
+class StarJob:
+    """Cells of one reference image and the images that may see them."""
+
+    number: int
+    reference: Image
+    cells: tuple[Cell, ...]
+    partners: tuple[Partner, ...]
+    options: MatchOptions
+    step: int = 1
+
+
+class Rows(NamedTuple):
+    """Matches of a window with one partner."""
+
+    partner: int
+    matches: TileMatches
+
+
+def match_stars(job: StarJob) -> Result:
+    """Return all matches of a job as columns, one row a match.
+
+    ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` the number of the second image, ``sigma_px``, ``quality``,
+    ``kind``, ``height_m (n,)`` apparent heights of the pair. Rows with equal ``first_xy`` are one point.
+    """
+    rows = [row for cell in job.cells for row in _match_cell(job, cell)]
+    if not rows:
+        nothing = np.empty(0)
+        return {"first_xy": np.empty((0, 2)), "second_xy": np.empty((0, 2)), "partner": np.empty(0, np.int64),
+                "sigma_px": nothing, "quality": nothing, "kind": np.empty(0, "U9"), "height_m": nothing}  # fmt: skip
+    columns = {
+        name: np.concatenate([getattr(row.matches, name) for row in rows])
+        for name in ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
+    }
+    return columns | {"partner": np.repeat([row.partner for row in rows], [len(row.matches) for row in rows])}
+
+
+def _match_cell(job: StarJob, cell: Cell) -> Iterator[Rows]:
+    """Match the windows of a cell in turn, each with the partners that still lack points there."""
+    lacking = list(job.partners)
+    for window, own in zip(cell.windows, cell.own, strict=True):
+        if not lacking:
+            return
+        near = [replace(partner, geometry=local_geometry(partner.geometry, window)) for partner in lacking]
+        places = [(partner, _place_in(partner, window)) for partner in near]
+        seen = [(partner, place) for partner, place in places if place is not None]
+        tile = read_window(job.reference, window, job.step) if seen else None
+        if tile is None or tile.valid.mean() < LEAST_VALID:
+            continue
+        rows = _thinned(_match_window(job, tile, own, seen), cell.most)
+        yield from rows
+        satisfied = {row.partner for row in rows if len(row.matches) >= cell.enough}
+        lacking = [partner for partner in lacking if partner.number not in satisfied]
+
+
+def _match_window(job: StarJob, tile: ImageTile, own: Window, places: Sequence[tuple[Partner, Window]]) -> list[Rows]:
+    """Match one window with its places in partners, then transfer what only some of them gave."""
+    shown = [(partner, read_window(partner.image, place, partner.step)) for partner, place in places]
+    tiles = [(partner, other) for partner, other in shown if other is not None]
+    found = []
+    for partner, other in tiles:
+        matches = match_tile(tile, other, partner.geometry, job.options)
+        found.append(matches.select(own.contains(matches.first_xy)))
+    if len(tiles) > 1:
+        found = [_completed(index, tile, tiles, found, job.options) for index in range(len(tiles))]
+    return [Rows(partner.number, matches) for (partner, _), matches in zip(tiles, found, strict=True) if len(matches)]
+
+
+def _completed(
+    index: int,
+    tile: ImageTile,
+    tiles: Sequence[tuple[Partner, ImageTile]],
+    found: Sequence[TileMatches],
+    options: MatchOptions,
+) -> TileMatches:
+    """Return a partner's matches with those added that the others' heights lead to."""
+    own = found[index]
+    others = [_heights_in(own, matches) for number, matches in enumerate(found) if number != index and len(matches)]
+    if not others:
+        return own
+    xy, height = (np.concatenate(part) for part in zip(*others, strict=True))
+    xy, first = np.unique(xy, axis=0, return_index=True)
+    new = ~_among(xy, own.first_xy)
+    if not new.any():
+        return own
+    partner, other = tiles[index]
+    geometry = replace(partner.geometry, bias_px=tuple(own.bias_px.tolist())) if len(own) else partner.geometry
+    added = transfer_points(tile, other, geometry, xy[new], height[first][new], options)
+    return joined([own, added]) if len(added) else own
+
+
+def _heights_in(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points of another partner with their heights as this pair would see them.
+
+    Apparent heights of two pairs differ by what the RPCs are off along the lines; common points tell how much.
+    """
+    _, mine, theirs = np.intersect1d(_keys(own.first_xy), _keys(other.first_xy), return_indices=True)
+    shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= FEW_COMMON else 0.0
+    return other.first_xy, other.height_m + shift
+
+
+def _keys(xy: np.ndarray) -> np.ndarray:
+    """Return positions ``(n, 2)`` as one number each; they are whole pixels or halves of them."""
+    return np.round(2.0 * xy[:, 0]) * 2.0**32 + np.round(2.0 * xy[:, 1])
+
+
+def _among(xy: np.ndarray, known: np.ndarray) -> np.ndarray:
+    return np.isin(_keys(xy), _keys(known))
+
+
+def joined(tables: Sequence[TileMatches]) -> TileMatches:
+    """Return the rows of several matches of the same pair in one."""
+    names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
+    columns = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
+    return TileMatches(**columns, bias_px=tables[0].bias_px)
+
+
+def _thinned(rows: list[Rows], most: int) -> list[Rows]:
+    """Keep the points of a window that most partners show, then the best: at most ``most`` of each partner."""
+    if not most or not rows:
+        return rows
+    keys = np.concatenate([_keys(row.matches.first_xy) for row in rows])
+    quality = np.concatenate([row.matches.quality for row in rows])
+    points, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    mean = np.bincount(inverse, quality) / count
+    place = np.empty(len(points), dtype=np.int64)
+    place[np.lexsort((points, -mean, -count))] = np.arange(len(points))
+    thinned, start = [], 0
+    for row in rows:
+        own = place[inverse[start : start + len(row.matches)]]
+        thinned.append(Rows(row.partner, row.matches.select(np.sort(np.argsort(own, kind="stable")[:most]))))
+        start += len(row.matches)
+    return thinned
+
+
+# ---- where a window is in a partner --------------------------------------------------------------------------------
+
+
+def _place_in(partner: Partner, window: Window) -> Window | None:
+    """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
+    assert partner.image.size is not None
+    border = BORDER_PX * partner.step
+    there = predicted_window(partner.geometry, window, border).inside(partner.image.size)
+    return there if min(there.samples, there.lines) >= LEAST_SIDE_PX + border else None

@@ -1,0 +1,113 @@
+"""Reading windows of images as tiles, at full or lower resolution."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol, cast, runtime_checkable
+
+import numpy as np
+
+from ...block import Image, Raster
+from ..epipolar import transfer
+from ..tile_types import ImageTile, PairGeometry
+
+SAFETY = 3.0  # sigmas of the height that a window is searched in
+STRIP_LINES = 1024  # of an image that cannot read itself at a lower resolution
+
+
+class Window(NamedTuple):
+    """Pixels of an image: first sample and line, number of samples and lines."""
+
+    sample: int
+    line: int
+    samples: int
+    lines: int
+
+    def inside(self, size: tuple[int, int]) -> Window:
+        """Return the part that lies in an image of a size; without samples or lines where there is none."""
+        sample, line = max(self.sample, 0), max(self.line, 0)
+        right, bottom = min(self.sample + self.samples, size[0]), min(self.line + self.lines, size[1])
+        return Window(sample, line, max(right - sample, 0), max(bottom - line, 0))
+
+    def grown(self, border: int) -> Window:
+        """Return the window with a border on all sides."""
+        return Window(self.sample - border, self.line - border, self.samples + 2 * border, self.lines + 2 * border)
+
+    def contains(self, xy: np.ndarray) -> np.ndarray:
+        """Tell which positions ``(n, 2)`` lie in the window."""
+        away = xy - (self.sample, self.line)
+        return np.asarray(((away >= -0.5) & (away < np.array([self.samples, self.lines]) - 0.5)).all(axis=1))
+
+
+@runtime_checkable
+class PyramidRaster(Raster, Protocol):
+    """A raster of a file: it knows a cheap way to its lower resolutions, and tells states of the file apart."""
+
+    @property
+    def stamp(self) -> tuple[int, ...]:
+        """Numbers that change when the file does."""
+
+    def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the whole image as means of ``step`` x ``step`` pixels, and where they are valid."""
+
+
+def read_window(image: Image, window: Window, step: int = 1) -> ImageTile | None:
+    """Return a window's pixels, means of ``step`` x ``step`` of them; None where it holds no valid pixel."""
+    here = window.inside(cast(tuple[int, int], image.size))
+    if here.samples < step or here.lines < step:
+        return None
+    assert image.raster is not None
+    grey, valid = image.raster.read(*here)
+    if not valid.any():
+        return None
+    if step > 1:
+        grey, valid = block_means(grey, valid, step)
+    origin = here.sample + (step - 1) / 2.0, here.line + (step - 1) / 2.0
+    return ImageTile(np.asarray(grey, dtype=np.float32), valid, origin, float(step))
+
+
+def read_overview(image: Image, step: int) -> ImageTile:
+    """Return a whole image as means of ``step`` x ``step`` pixels."""
+    assert image.raster is not None and image.size is not None
+    origin = ((step - 1) / 2.0, (step - 1) / 2.0)
+    if isinstance(image.raster, PyramidRaster):
+        return ImageTile(*image.raster.read_reduced(step), origin, float(step))
+    parts, lines = [], step * max(STRIP_LINES // step, 1)
+    for line in range(0, step * (image.size[1] // step), lines):
+        strip = image.raster.read(0, line, image.size[0], min(lines, image.size[1] - line))
+        parts.append(block_means(*strip, step))
+    grey, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return ImageTile(grey, valid, origin, float(step))
+
+
+def block_means(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the means of blocks of ``step`` x ``step`` pixels and whether all their pixels are valid."""
+    lines, samples = grey.shape[0] // step, grey.shape[1] // step
+    inner = np.s_[: lines * step, : samples * step]
+    shape = (lines, step, samples, step)
+    mean = np.where(valid[inner], grey[inner], 0).astype(np.float32).reshape(shape).mean(axis=(1, 3))
+    whole = valid[inner].reshape(shape).all(axis=(1, 3))
+    return np.where(whole, mean, np.float32(0.0)), whole
+
+
+def predicted_window(geometry: PairGeometry, window: Window, border: int) -> Window:
+    """Return the window of the second image that shows a window of the first; empty where it is nowhere."""
+    corners = np.array(
+        [(window.sample + s * (window.samples - 1), window.line + t * (window.lines - 1))
+         for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)]
+    )  # fmt: skip
+    heights = np.concatenate(height_limits(geometry, corners))
+    seen = transfer(geometry.first, geometry.second, np.concatenate([corners, corners]), heights)
+    seen = seen[np.isfinite(seen).all(axis=1)] + geometry.bias_px
+    if not len(seen):
+        return Window(0, 0, 0, 0)
+    margin = max(geometry.margin_px) + border
+    first, last = np.floor(seen.min(axis=0) - margin), np.ceil(seen.max(axis=0) + margin)
+    return Window(int(first[0]), int(first[1]), int(last[0] - first[0]) + 1, int(last[1] - first[1]) + 1)
+
+
+def height_limits(geometry: PairGeometry, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest heights ``(n,)`` that points of the first image may have."""
+    if geometry.heights is None or geometry.height_sigma_m is None:
+        return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)
+    height, reach = geometry.heights_at(xy), SAFETY * geometry.height_sigma_m
+    return height - reach, height + reach

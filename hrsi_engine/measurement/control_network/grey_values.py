@@ -1,0 +1,58 @@
+"""Are two places alike? Normalised cross correlation of a patch and its affine image in the other view."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .views import View
+
+HALF_PX = 8  # patches of 17 x 17 pixels
+LEAST_USABLE = 0.75  # share of a patch's pixels that must be usable in both images
+ROWS_PER_BATCH = 1800  # OpenCV's maps have less than 32768 lines
+
+
+def patch_correlation(
+    first: View, second: View, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray, half_px: int = HALF_PX
+) -> np.ndarray:
+    """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
+
+    0 where too few pixels of the patch are usable.
+    """
+    result = np.empty(len(first_xy))
+    for start in range(0, len(first_xy), ROWS_PER_BATCH):
+        part = slice(start, start + ROWS_PER_BATCH)
+        result[part] = _correlation(first, second, first_xy[part], second_xy[part], A[part], half_px)
+    return result
+
+
+def _correlation(
+    first: View, second: View, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray, half_px: int
+) -> np.ndarray:
+    y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
+    offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
+    ours, our_usable = _sampled(first, first_xy[:, None, :] + offsets)
+    theirs, their_usable = _sampled(second, second_xy[:, None, :] + np.einsum("nij,kj->nki", A, offsets))
+    return _coefficient(ours, theirs, our_usable & their_usable)
+
+
+def _sampled(view: View, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return grey values and usability of positions ``(n, k, 2)``, bilinear."""
+    places = xy.astype(np.float32)
+    grey = cv2.remap(view.grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    usable = cv2.remap(
+        view.usable.astype(np.uint8), places[..., 0], places[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )  # fmt: skip
+    return grey, usable.astype(bool)
+
+
+def _coefficient(first: np.ndarray, second: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    weight = usable.astype(np.float32)
+    count = np.maximum(weight.sum(axis=1), 1.0)
+    a, b = (
+        (values - ((values * weight).sum(axis=1) / count)[:, None]) * weight for values in (first, second)
+    )  # fmt: skip
+    product = (a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12))
+    return np.where(weight.mean(axis=1) >= LEAST_USABLE, product, 0.0)

@@ -1,0 +1,147 @@
+"""Interest-point matching (thesis §3.3.3): the network grows by sub-networks until nothing is added.
+
+Every interest point is grouped with its closest node. In the sub-network of that node, the direction to the node's
+father is the starting point, and each point has a distance and an angle; in the other image the points within the
+tolerances of both are its candidates. The thesis takes the closest one. On real relief 3-37 % of those are wrong, so a
+candidate must also look alike (`patch_correlation`, under the local affine map of the nodes around) and agree with
+where the nodes around put it; the one that looks most alike is taken if the choice is mutual. New nodes join the
+network, and points that have got a closer node are matched again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...progress import Progress, advance, silent
+from .assignment import mutual_best
+from .grey_values import patch_correlation
+from .local_affine import LocalAffine, local_affine
+from .network import Network
+from .polar import turned, wrapped
+from .thresholds import Tolerance
+from .views import View
+
+CANDIDATES = 12
+MOST_ROUNDS = 200
+CLOSER = 0.75  # a point is matched again under a node that is nearer by this factor
+
+
+class Stage(NamedTuple):
+    """Tolerance of position and angle in a sub-network; points farther than ``reach_px`` from their node wait."""
+
+    tolerance: Tolerance
+    reach_px: float
+
+
+@dataclass(frozen=True)
+class GrowthOptions:
+    """How the network grows.
+
+    stages : one after the other, each until nothing is added: from gentle ground and short distances to cliffs and gaps
+    correlation : least coefficient of two patches; consistency_px : most that a node may differ from the local affine
+    map of its neighbours, beyond their own spread
+    """
+
+    stages: tuple[Stage, ...]
+    correlation: float = 0.6
+    consistency_px: float = 1.5
+
+
+def grown(network: Network, first: View, second: View, options: GrowthOptions, progress: Progress = silent) -> Network:
+    """Return the network with all interest points that can be matched."""
+    rounds = 0
+    for stage in options.stages:
+        tried = np.full(len(first.xy), np.inf)  # distance of the node that each point was last matched under
+        while len(network) >= 3 and rounds < MOST_ROUNDS:
+            rounds += 1
+            advance(progress, 1.0 - 1.0 / (1.0 + rounds / 8.0), f"control network: {len(network)} correspondences")
+            new = _one_round(network, first, second, options, stage, tried)
+            if not len(new):
+                break
+            before, network = len(network), network.joined(new)
+            network = network.kept(consistent(network, options.consistency_px, before))
+    return network
+
+
+def consistent(network: Network, allowed_px: float, first_new: int = 0) -> np.ndarray:
+    """Return the mask of nodes that agree with the local affine map of their neighbours, without themselves.
+
+    Nodes before ``first_new`` are not asked.
+    """
+    agree = np.ones(len(network), dtype=bool)
+    if len(network) < 4:
+        return agree
+    rows = np.arange(first_new, len(network))
+    around = local_affine(network.first[rows], network.first, network.second, network.matrix, rows)
+    away = np.hypot(*(network.second[rows] - around.predicted).T)
+    agree[rows] = away <= np.maximum(allowed_px, 3.0 * np.minimum(around.spread_px, allowed_px))
+    return agree
+
+
+def _one_round(
+    network: Network, first: View, second: View, options: GrowthOptions, stage: Stage, tried: np.ndarray
+) -> Network:
+    """Return the new nodes of one round; notes in ``tried`` how far its node was."""
+    free = np.ones(len(first.xy), dtype=bool)
+    free[network.first_row] = False
+    rows = np.flatnonzero(free)
+    distance, node = cKDTree(network.first).query(first.xy[rows])
+    fresh = (distance <= stage.reach_px) & (distance < CLOSER * tried[rows])
+    tried[rows[fresh]] = distance[fresh]
+    rows, node = rows[fresh], node[fresh]
+    point, other = _candidates(network, first, second, rows, node, stage.tolerance)
+    if not len(point):
+        return network.kept(np.zeros(len(network), dtype=bool))
+    around = local_affine(first.xy[rows], network.first, network.second, network.matrix)
+    correlation = patch_correlation(first, second, first.xy[rows[point]], second.xy[other], around.A[point])
+    fits = _fits(around, point, second.xy[other], first.xy[rows], network, node, options, stage)
+    alike = np.flatnonzero(fits & (correlation >= options.correlation))
+    chosen = alike[mutual_best(point[alike], other[alike], -correlation[alike])]
+    father = node[point[chosen]]
+    return Network(
+        rows[point[chosen]], other[chosen], father, network.generation[father] + 1, correlation[chosen],
+        first.xy[rows[point[chosen]]], second.xy[other[chosen]], network.matrix,
+    )  # fmt: skip
+
+
+def _candidates(
+    network: Network, first: View, second: View, rows: np.ndarray, node: np.ndarray, tolerance: Tolerance
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return index into ``rows`` and row in the second view of every pair within both tolerances."""
+    free = np.ones(len(second.xy), dtype=bool)
+    free[network.second_row] = False
+    others = np.flatnonzero(free)
+    if not len(others) or not len(rows):
+        return np.empty(0, dtype=int), np.empty(0, dtype=int)
+    rotation, scale = network.starting_directions()
+    arm = first.xy[rows] - network.first[node]
+    distance = np.hypot(*arm.T)
+    allowed = tolerance.at(distance) * np.maximum(scale[node], 1.0)
+    predicted = network.second[node] + turned(arm, rotation[node], scale[node])
+    near, place = cKDTree(second.xy[others]).query(
+        predicted, k=min(CANDIDATES, len(others)), distance_upper_bound=float(1.5 * allowed.max())
+    )
+    place = place.reshape(len(rows), -1)
+    point, column = np.nonzero(np.isfinite(near.reshape(len(rows), -1)))
+    other = others[place[point, column]]
+    leaf = second.xy[other] - network.second[node[point]]
+    stretch = np.abs(np.hypot(*leaf.T) - scale[node[point]] * distance[point])
+    here = predicted[point] - network.second[node[point]]
+    turn = np.abs(wrapped(np.arctan2(leaf[:, 1], leaf[:, 0]) - np.arctan2(here[:, 1], here[:, 0])))
+    within = (stretch <= allowed[point]) & (turn * np.hypot(*here.T) <= allowed[point])
+    return point[within], other[within]
+
+
+def _fits(
+    around: LocalAffine, point: np.ndarray, place: np.ndarray, xy: np.ndarray, network: Network, node: np.ndarray,
+    options: GrowthOptions, stage: Stage,
+) -> np.ndarray:  # fmt: skip
+    """Return which candidates agree with the local affine map as far as the network reaches already."""
+    distance = np.hypot(*(xy - network.first[node]).T)
+    allowed = options.consistency_px + 2.0 * np.minimum(around.spread_px, options.consistency_px)
+    allowed = allowed + stage.tolerance.gradient * distance
+    return np.hypot(*(place - around.predicted[point]).T) <= allowed[point]

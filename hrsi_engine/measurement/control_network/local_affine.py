@@ -1,0 +1,78 @@
+"""Local affine maps from one image to the other, through the network's nodes around a point.
+
+They predict where a point should be, tell nodes that contradict their neighbours, and shape the patches that are
+compared. A weak pull towards the similarity of the whole network keeps them determined with few or collinear nodes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .polar import turned
+
+NEIGHBOURS = 12
+PULL = 0.5  # weight of the whole network's similarity, in nodes at the neighbours' mean distance
+ITERATIONS = 5
+SCALE_PX = 1.0  # of the Cauchy weights: what neighbours differ by where all are right
+
+
+class LocalAffine(NamedTuple):
+    """Maps ``x' = predicted + A (x - point)``: ``predicted`` (n, 2), ``A`` (n, 2, 2), and the neighbours' spread (n,).
+
+    spread_px : robust standard deviation of the neighbours about the map, px of the second image
+    """
+
+    predicted: np.ndarray
+    A: np.ndarray
+    spread_px: np.ndarray
+
+
+def similarity_matrix(rotation_rad: float, scale: float) -> np.ndarray:
+    """Return the matrix ``(2, 2)`` of a turn from sample towards line and a scale."""
+    return turned(np.eye(2), rotation_rad, scale).T
+
+
+def local_affine(
+    points: np.ndarray, first: np.ndarray, second: np.ndarray, overall: np.ndarray, leave_out: np.ndarray | None = None
+) -> LocalAffine:
+    """Return the robust affine maps at points ``(n, 2)`` through their nearest nodes ``first`` -> ``second`` (k, 2).
+
+    overall : (2, 2) matrix of the whole network; leave_out : (n,) node that must not take part at each point (itself)
+    """
+    near = _neighbours(points, first, leave_out)
+    dx = first[near] - points[:, None, :]
+    base = second[near[:, 0]] - dx[:, 0] @ overall.T
+    dy = second[near] - base[:, None, :] - dx @ overall.T  # what the similarity leaves
+    length = np.sqrt(np.mean(np.sum(dx**2, axis=2), axis=1)) + 1e-6
+    design = np.concatenate([np.ones((*dx.shape[:2], 1)), dx / length[:, None, None]], axis=2)
+    start = np.median(dy, axis=1)
+    residual = dy - start[:, None, :]
+    for _ in range(ITERATIONS):
+        squared = np.sum(residual**2, axis=2)
+        # Before the affine terms are known all neighbours are off: the scale shrinks with their median.
+        weight = 1.0 / (1.0 + squared / np.maximum(np.median(squared, axis=1, keepdims=True), SCALE_PX**2))
+        weighted = np.transpose(design * weight[..., None], (0, 2, 1))
+        normal = weighted @ design
+        normal[:, 1, 1] += PULL
+        normal[:, 2, 2] += PULL
+        normal[:, 0, 0] += 1e-9
+        solution = np.linalg.solve(normal, weighted @ dy)
+        residual = dy - design @ solution
+    spread = 1.4826 * np.median(np.hypot(residual[..., 0], residual[..., 1]), axis=1)
+    A = overall + np.transpose(solution[:, 1:], (0, 2, 1)) / length[:, None, None]
+    return LocalAffine(base + solution[:, 0], A, spread)
+
+
+def _neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
+    """Return the rows ``(n, k)`` of the nearest nodes, without those left out."""
+    count = min(NEIGHBOURS, len(nodes) - (leave_out is not None))
+    _, near = cKDTree(nodes).query(points, k=count + (leave_out is not None))
+    near = near.reshape(len(points), -1)
+    if leave_out is None:
+        return near
+    itself = near == leave_out[:, None]
+    itself[~itself.any(axis=1), -1] = True
+    return near[~itself].reshape(len(points), count)

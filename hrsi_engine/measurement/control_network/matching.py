@@ -1,0 +1,218 @@
+"""Two windows matched by control networks, without knowing anything of cameras, position, rotation or scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block import Raster
+from ...errors import InputError
+from ...progress import Progress, advance, silent, stage
+from ..interest_points import DETECTORS, Area, CornerOptions, DetectionOptions, inside
+from .growth import GrowthOptions, Stage, grown
+from .network import Network
+from .refinement import Positions, refined
+from .seeding import Seed, SeedOptions, seeds
+from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
+from .thresholds import Tolerance, tolerance
+from .views import View, view_of
+
+STEEP_DEG = 30.0  # slope of the later stages of growth
+NEAR_PX, FAR_PX = 60.0, 150.0  # from the closest node
+REDUCED_FROM = 1.25  # ratio of pixel sizes above which the finer window is reduced to the coarser one
+LARGEST_PX = 8192 * 8192
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How two windows are matched.
+
+    detectors : of `DETECTORS`; radius_px : of the local maxima; share : of the local maxima that become interest points
+    incidence_deg, max_slope_deg : what the tolerances allow for (thesis eq. 3.6)
+    scales : lowest and highest ratio of the first image's pixel size to the second's
+    reach_px : leaves of a super-point network farther from their root do not count
+    correlation : least correlation of two interest points' surroundings
+    consistency_px : most that a correspondence may differ from its neighbours, beyond their own spread
+    least : correspondences below which there is no match; mask_saturated, threads : of the detectors
+    """
+
+    detectors: tuple[str, ...] = ("harris",)
+    radius_px: float = 3.0
+    share: float = 0.9
+    incidence_deg: float = 10.0
+    max_slope_deg: float = 5.0
+    scales: tuple[float, float] = (1.0, 1.0)
+    reach_px: float = 200.0
+    correlation: float = 0.6
+    consistency_px: float = 1.5
+    least: int = 12
+    mask_saturated: bool = True
+    threads: int = 1
+
+    def tolerance(self, slope_deg: float | None = None) -> Tolerance:
+        """Return the tolerances of position and angle for a slope, by default the steepest expected one."""
+        window_px = self.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
+        both = self.incidence_deg, self.incidence_deg
+        return tolerance(window_px, both, self.max_slope_deg if slope_deg is None else slope_deg)
+
+    def growth(self) -> GrowthOptions:
+        """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
+        gentle, steep = self.tolerance(), self.tolerance(max(STEEP_DEG, self.max_slope_deg))
+        stages = Stage(gentle, NEAR_PX), Stage(steep, NEAR_PX), Stage(steep, FAR_PX)
+        return GrowthOptions(stages, self.correlation, self.consistency_px)
+
+    def seeding(self, scales: tuple[float, float]) -> SeedOptions:
+        """Return how the network begins, for scales between the two windows' pixels."""
+        tolerance = self.tolerance()
+        return SeedOptions(tolerance, self.reach_px, scale_ladder(*scales, tolerance.gradient), self.correlation)
+
+
+@dataclass(frozen=True, eq=False)
+class MatchResult:
+    """Correspondences of two images, and how sure they are.
+
+    status : ``found``, ``ambiguous`` or ``no match``; message : what that means here, empty where found
+    positions : sample and line in both images with their sigmas and residuals; kind : of the interest points, (k,)
+    generation : 0 for the root, 1 for its leaves, then one more than the father's; father : row or -1
+    network : correspondences of the super-point match (0 without), runner_up : of its nearest rival
+    points : interest points in both windows; affine : (2, 3) of the second image's position by the first's
+    """
+
+    status: str
+    message: str
+    positions: Positions
+    kind: np.ndarray
+    generation: np.ndarray
+    father: np.ndarray
+    network: int
+    runner_up: int
+    points: tuple[int, int]
+    affine: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    @property
+    def rotation_deg(self) -> float:
+        """Turn from the first image to the second, from sample towards line; NaN without a match."""
+        return float(np.degrees(np.arctan2(*_turn(self.affine))))
+
+    @property
+    def scale(self) -> float:
+        """Pixels of the second image for one of the first; NaN without a match."""
+        (a, b), (c, d) = self.affine[:, :2]
+        return float(np.sqrt(abs(a * d - b * c)))
+
+
+def _turn(affine: np.ndarray) -> tuple[float, float]:
+    """Return sine and cosine of the nearest similarity, times its scale."""
+    return (affine[1, 0] - affine[0, 1]) / 2.0, (affine[0, 0] + affine[1, 1]) / 2.0
+
+
+def scale_ladder(lowest: float, highest: float, gradient: float) -> tuple[float, ...]:
+    """Return scales from the lowest to the highest, so close that the tolerances take what lies between."""
+    steps = int(np.ceil(np.log(highest / lowest) / np.log1p(2.0 * gradient))) if highest > lowest else 0
+    return tuple(float(scale) for scale in np.geomspace(lowest, highest, steps + 1))
+
+
+def match_windows(
+    first: Raster, second: Raster, options: MatchOptions | None = None, first_window: Area | None = None,
+    second_window: Area | None = None, progress: Progress = silent,
+) -> MatchResult:  # fmt: skip
+    """Match two images, or a window of each.
+
+    Raises `InputError` for an unknown detector and for windows without pixels or too large for the memory, `Cancelled`
+    where ``progress`` asks to stop. Windows that cannot be matched are a status of the result.
+    """
+    options = options or MatchOptions()
+    for name in options.detectors:
+        if name not in DETECTORS:
+            raise InputError(f"no interest point detector {name!r}: choose one of {', '.join(DETECTORS)}")
+    usual = float(np.sqrt(options.scales[0] * options.scales[1]))
+    reductions = [max(ratio, 1.0) if ratio >= REDUCED_FROM else 1.0 for ratio in (1.0 / usual, usual)]
+    views = [
+        _view(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
+        for k, (raster, window, reduction) in enumerate(
+            zip((first, second), (first_window, second_window), reductions, strict=True)
+        )
+    ]
+    between = reductions[0] / reductions[1]
+    scales = options.scales[0] * between, options.scales[1] * between
+    return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0))
+
+
+def _view(raster: Raster, window: Area | None, options: MatchOptions, reduction: float, progress: Progress) -> View:
+    area = inside(window, raster)
+    samples, lines = area.right - area.left, area.bottom - area.top
+    if samples * lines > LARGEST_PX:
+        raise InputError(
+            f"a window of {samples} x {lines} pixels is too large to match at once: "
+            "choose windows of at most 8192 x 8192, or use tie-points for whole scenes with RPCs"
+        )
+    corners = CornerOptions(radius_px=options.radius_px, interest_share=options.share)
+    settings = DetectionOptions(corners=corners, mask_saturated=options.mask_saturated, threads=options.threads)
+    return view_of(raster, area, options.detectors, settings, reduction, progress)
+
+
+def match_views(
+    first: View, second: View, options: MatchOptions, scales: tuple[float, float] = (1.0, 1.0),
+    progress: Progress = silent,
+) -> MatchResult:  # fmt: skip
+    """Match two windows with their interest points; ``scales`` are those between the windows' own pixels."""
+    seen: list[SuperMatch] = []
+    best: MatchResult | None = None
+    for seed in seeds(first, second, options.seeding(scales), seen, stage(progress, 0.0, 0.4)):
+        network = grown(seed.network, first, second, options.growth(), stage(progress, 0.4, 0.9))
+        advance(progress, 0.9, "least-squares matching")
+        found = _result(seed, *refined(network, first, second, options.consistency_px), first, second)
+        if best is None or len(found) > len(best):
+            best = found
+        if len(best) >= options.least:
+            advance(progress, 1.0, f"{len(best)} correspondences")
+            return best
+    return _failed(first, second, seen, 0 if best is None else len(best))
+
+
+def _result(seed: Seed, network: Network, positions: Positions, first: View, second: View) -> MatchResult:
+    there, here = first.in_image(positions.first), second.in_image(positions.second)
+    scaled = {
+        "first": there, "second": here, "sigma_px": positions.sigma_px * second.reduction,
+        "residual_px": positions.residual_px * second.reduction,
+        "epipolar_px": positions.epipolar_px * second.reduction,
+    }  # fmt: skip
+    design = np.column_stack([there, np.ones(len(there))])
+    affine = np.linalg.lstsq(design, here, rcond=None)[0].T if len(there) >= 3 else np.full((2, 3), np.nan)
+    assert seed.match.best is not None
+    return MatchResult(
+        FOUND, "", positions._replace(**scaled), first.points.kind[network.first_row], network.generation,
+        network.father, seed.match.best.count, seed.match.runner_up, (len(first.xy), len(second.xy)), affine,
+    )  # fmt: skip
+
+
+def _failed(first: View, second: View, seen: list[SuperMatch], most: int) -> MatchResult:
+    """Return the result without correspondences, and why."""
+    ambiguous = [match for match in seen if match.status == AMBIGUOUS and match.best is not None]
+    nothing = np.empty((0, 2))
+    empty = Positions(nothing, nothing, *(np.empty(0) for _ in range(4)))
+    status, message, network, runner_up = NO_MATCH, _why(first, second, most), 0, 0
+    if ambiguous and not most:
+        strongest = max(ambiguous, key=lambda match: match.best.count if match.best else 0)
+        assert strongest.best is not None
+        status, network, runner_up = AMBIGUOUS, strongest.best.count, strongest.runner_up
+        message = (
+            f"the texture repeats: {network} super points fit in one place, {runner_up} in another; "
+            "choose larger windows or others with something that is there once"
+        )
+    return MatchResult(
+        status, message, empty, np.empty(0, dtype="U9"), np.empty(0, dtype=int), np.empty(0, dtype=int), network,
+        runner_up, (len(first.xy), len(second.xy)), np.full((2, 3), np.nan),
+    )  # fmt: skip
+
+
+def _why(first: View, second: View, most: int) -> str:
+    for name, view in (("first", first), ("second", second)):
+        if len(view.xy) < 20:
+            return f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"
+    found = f" ({most} correspondences are too few)" if most else ""
+    return f"no common control network was found{found}: check that both windows show the same place at --scale"

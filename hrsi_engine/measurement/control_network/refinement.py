@@ -1,0 +1,92 @@
+"""Final positions by least-squares matching, and what contradicts them: neighbours and epipolar geometry."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..least_squares_matching import DONE, LsmOptions, match_patches
+from .local_affine import LocalAffine, local_affine
+from .network import Network
+from .views import View
+
+LSM = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small
+LEAST_CORRELATION = 0.75  # of windows that lie on each other to a fraction of a pixel
+MOST_MOVED_PX = 2.0  # from where the interest points are: a strongest response repeats to a pixel or two
+MOST_SIGMA_PX = 0.3
+FLOOR_PX = 0.75  # residuals below are never called outliers
+ROBUST_SIGMAS = 4.0
+ROUNDS = 8
+
+
+class Positions(NamedTuple):
+    """Matched positions: ``first`` and ``second`` (k, 2), sigma (k,) px, correlation (k,), residual (k,) px.
+
+    residual_px : distance from the local affine map of the neighbours; epipolar_px : signed distance (k,) from the
+    affine epipolar geometry of all
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    sigma_px: np.ndarray
+    correlation: np.ndarray
+    residual_px: np.ndarray
+    epipolar_px: np.ndarray
+
+
+def refined(network: Network, first: View, second: View, consistency_px: float) -> tuple[Network, Positions]:
+    """Return the nodes that least-squares matching confirms, and their positions."""
+    around = local_affine(network.first, network.first, network.second, network.matrix)
+    centre = np.floor(network.first + 0.5)
+    start = network.second + np.einsum("nij,nj->ni", around.A, centre - network.first)
+    found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, LSM)
+    sigma = found.sigma_px
+    moved = np.hypot(*(found.xy - start).T)
+    good = (found.status == DONE) & (found.correlation >= LEAST_CORRELATION) & (moved <= MOST_MOVED_PX)
+    good &= np.nan_to_num(sigma, nan=np.inf) <= MOST_SIGMA_PX
+    good, residual, across = agreeing(centre, found.xy, good, network.matrix, consistency_px)
+    positions = Positions(centre, found.xy, sigma, found.correlation, residual, across)
+    return network.kept(good), Positions(*(column[good] for column in positions))
+
+
+def agreeing(
+    first: np.ndarray, second: np.ndarray, good: np.ndarray, matrix: np.ndarray, consistency_px: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the mask of good pairs that agree with their neighbours and the epipolar geometry, and both residuals."""
+    good = good.copy()
+    residual, across = np.full(len(first), np.nan), np.full(len(first), np.nan)
+    for _ in range(ROUNDS):
+        rows = np.flatnonzero(good)
+        if len(rows) < 6:
+            return np.zeros(len(first), dtype=bool), residual, across
+        around: LocalAffine = local_affine(first[rows], first[rows], second[rows], matrix, np.arange(len(rows)))
+        residual[rows] = np.hypot(*(second[rows] - around.predicted).T)
+        across[rows] = epipolar_residuals(first[rows], second[rows])
+        sigma = 1.4826 * np.median(np.abs(across[rows]))
+        keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
+        keep &= np.abs(across[rows]) <= max(ROBUST_SIGMAS * sigma, FLOOR_PX)
+        good[rows[~keep]] = False
+        if keep.all():
+            break
+    return good, residual, across
+
+
+def epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations: int = 10) -> np.ndarray:
+    """Return the signed distances ``(n,)`` px of pairs from their robust affine epipolar geometry.
+
+    Points of two views by parallel rays fulfil ``a x + b y + c x' + d y' + e = 0`` whatever the relief (Koenderink
+    and van Doorn 1991); over a window, that holds for satellite images to a fraction of a pixel. The normal is
+    the direction of least spread of the four coordinates, weights after Cauchy; the distance is that of one image.
+    """
+    joint = np.column_stack([first, second])
+    weight = np.ones(len(joint))
+    for _ in range(iterations):
+        middle = np.average(joint, axis=0, weights=weight)
+        centred = joint - middle
+        normal = np.linalg.eigh((centred * weight[:, None]).T @ centred)[1][:, 0]
+        distance = centred @ normal
+        distance -= np.median(distance)
+        scale = max(1.4826 * float(np.median(np.abs(distance))), 0.05)
+        weight = 1.0 / (1.0 + (distance / (2.0 * scale)) ** 2)
+    return distance / max(float(np.hypot(*normal[2:])), 0.1)

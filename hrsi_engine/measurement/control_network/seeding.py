@@ -1,0 +1,143 @@
+"""Where the control network begins: super points of a part of the first window found in the whole second window.
+
+A part of about 400 x 400 pixels has about a hundred super points, as in the thesis. In a larger window relief bends the
+network, and the number of pairs of roots would grow with the square of the area; so parts are tried one by one, those
+near the middle first, until one of them is found in the second window.
+
+Geometry may fail to tell where few super points repeat (wide angles, other dates, small overlap). Then the likeliest
+hypotheses are compared by what their nodes look like: `grey_seeds`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...progress import Progress, advance, silent, stage
+from ..interest_points import InterestPoints, spread_over_grid
+from .grey_values import patch_correlation
+from .growth import consistent
+from .local_affine import similarity_matrix
+from .network import NO_FATHER, Network
+from .super_points import (
+    AMBIGUOUS,
+    RIVAL_SHARE,
+    Hypothesis,
+    SuperMatch,
+    candidates,
+    is_rival,
+    likely_hypotheses,
+    match_super_points,
+)
+from .thresholds import Tolerance
+from .views import View
+
+CELL_PX, PER_CELL = 100.0, 7  # of super points: about 110 in 400 x 400 pixels, as in the thesis
+PART_PX = 400.0
+LEAST_POINTS = 8
+LEAST_NODES, LEAST_SHARE = 8, 0.3  # of the nodes must look alike; by chance one in twenty does
+SEED_CONSISTENCY_PX = 4.0  # far nodes on relief
+GREY_REACHES = 1.0, 0.6  # shares of the reach: near leaves are fewer, and fit less by chance
+LIKELY = 150  # pairs of roots that are compared by grey values
+
+
+class Seed(NamedTuple):
+    """A first network, and the super-point match it comes from."""
+
+    network: Network
+    match: SuperMatch
+
+
+class SeedOptions(NamedTuple):
+    """Tolerance and reach of super-point networks, scales to try, least correlation of two nodes' patches."""
+
+    tolerance: Tolerance
+    reach_px: float
+    scales: tuple[float, ...]
+    correlation: float
+
+
+def super_point_rows(points: InterestPoints) -> np.ndarray:
+    """Return the rows of the strongest points of every cell: strong where the image has anything to offer.
+
+    The thesis takes the strongest of a whole window; cells do the same for windows of any size.
+    """
+    return spread_over_grid(points, CELL_PX, PER_CELL)
+
+
+def parts(view: View, rows: np.ndarray) -> list[np.ndarray]:
+    """Return the super points of each part of the first window, parts near the middle first."""
+    count = np.maximum(np.rint(view.size / PART_PX), 1).astype(int)
+    number = np.minimum((view.xy[rows] / (view.size / count)).astype(int), count - 1)
+    every = np.stack(np.meshgrid(*map(np.arange, count)), axis=-1).reshape(-1, 2)
+    from_middle = np.hypot(*(((every + 0.5) / count - 0.5) * view.size).T)
+    found = [rows[(number == every[part]).all(axis=1)] for part in np.argsort(from_middle, kind="stable")]
+    return [part for part in found if len(part) >= LEAST_POINTS]
+
+
+def seeds(
+    first: View, second: View, options: SeedOptions, seen: list[SuperMatch], progress: Progress = silent
+) -> Iterator[Seed]:
+    """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``."""
+    ours, theirs = super_point_rows(first.points), super_point_rows(second.points)
+    every = parts(first, ours) if len(theirs) >= LEAST_POINTS else []
+    for number, rows in enumerate(every):
+        part = stage(progress, number / len(every), (number + 1) / len(every))
+        match = match_super_points(
+            first.xy[rows], second.xy[theirs], options.tolerance, options.reach_px, options.scales, part
+        )
+        seen.append(match)
+        if match.best is not None and match.status != AMBIGUOUS:
+            network = verified(as_network(match.best, first, second, rows, theirs), first, second, options.correlation)
+            if _enough(network, match.best):
+                yield Seed(network, match)
+    for match, rows in zip(list(seen), every, strict=True):
+        advance(progress, 1.0, "control network: comparing grey values")
+        if match.status != AMBIGUOUS:
+            yield from grey_seeds(match, first, second, rows, theirs, options)
+
+
+def grey_seeds(
+    match: SuperMatch, first: View, second: View, rows: np.ndarray, theirs: np.ndarray, options: SeedOptions
+) -> Iterator[Seed]:
+    """Yield the network of the hypothesis of which most nodes look alike, if no other has nearly as many."""
+    tested, hypotheses = [], []
+    for share in GREY_REACHES:
+        reach_px = share * options.reach_px
+        sets = candidates(first.xy[rows], second.xy[theirs], options.tolerance, reach_px, options.scales)
+        hypotheses += likely_hypotheses(sets, LIKELY)
+    for hypothesis in hypotheses:
+        whole = as_network(hypothesis, first, second, rows, theirs)
+        network = verified(whole, first, second, options.correlation)
+        if _enough(network, hypothesis):
+            tested.append((len(network), network, hypothesis))
+    if not tested:
+        return
+    most, network, best = max(tested, key=lambda entry: entry[0])
+    rivals = [count for count, _, other in tested if is_rival(sets, best, other)]
+    if max(rivals, default=0) < RIVAL_SHARE * most:
+        yield Seed(network, replace(match, best=best, runner_up=max(rivals, default=0)))
+
+
+def _enough(network: Network, hypothesis: Hypothesis) -> bool:
+    return len(network) >= max(LEAST_NODES, LEAST_SHARE * hypothesis.count)
+
+
+def as_network(best: Hypothesis, first: View, second: View, rows: np.ndarray, theirs: np.ndarray) -> Network:
+    """Return a hypothesis as a network: the root, and its leaves."""
+    a, b = rows[best.pairs[:, 0]], theirs[best.pairs[:, 1]]
+    father, generation = np.zeros(len(a), dtype=int), np.ones(len(a), dtype=int)
+    father[0], generation[0] = NO_FATHER, 0
+    matrix = similarity_matrix(best.rotation_rad, best.scale)
+    return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
+
+
+def verified(network: Network, first: View, second: View, least: float) -> Network:
+    """Return the nodes that look alike under the network's rotation and scale and agree with their neighbours."""
+    matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
+    correlation = patch_correlation(first, second, network.first, network.second, matrices)
+    network = replace(network, correlation=correlation).kept(correlation >= least)
+    return network.kept(consistent(network, SEED_CONSISTENCY_PX))

@@ -1,0 +1,319 @@
+"""Super-point matching (thesis §3.3.2): the two roots and starting points with the most correspondences.
+
+A hypothesis names a root and a starting leaf in both sets. The starting leaves fix the rotation, and every leaf has its
+distance from the root and its angle from the starting leaf; two leaves correspond (eq. 3.3) when they are each
+other's closest within the tolerances of distance and angle. The hypothesis with the most correspondences wins, then
+that with the smallest sum of squared differences in units of the tolerances.
+
+The search gives what trying all hypotheses gives. `vote_bounds` bounds the number of every pair of roots from above;
+pairs are evaluated from the largest bound down until no bound reaches what was found (or what is more than chance),
+and so are the starting points within a pair of roots. For m and n points with l leaves a root the bounds cost
+``O(m n)`` (see `voting`), an evaluated pair of roots ``O(k + h k)`` for its k leaf pairs of like distance and the
+h of them that may win; the exhaustive search costs ``O(m n l^4)``.
+
+Two measures tell whether the winner is right. ``log10_nfa``: how many hypotheses of as many correspondences would
+appear by chance in two unrelated sets (number of false alarms; Desolneux, Moisan and Morel 2000). ``runner_up``:
+the most correspondences of a hypothesis that puts the root somewhere else or turns it otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import binom
+
+from ...progress import Progress, advance, silent, stage
+from .assignment import mutual_best
+from .polar import Leaves, leaves_of, turned, wrapped
+from .thresholds import Tolerance
+from .voting import vote_bounds
+
+RIVAL_SHARE = 0.75  # of the winner's correspondences: a rival with more makes the match ambiguous
+SHARED = 0.3  # of a hypothesis's correspondences that are the winner's too: then it is no rival
+LOG10_NFA = -3.0  # larger ones are chance
+CELLS_PER_BATCH = 2_000_000
+SECTORS = 360
+_SECTOR_RAD = 2.0 * np.pi / SECTORS
+ROUNDING_RAD = 1e-9  # bounds must not lose a correspondence at the edge of its tolerance
+RIVAL_GRADIENT = 0.2  # roofs and slopes may displace a root by this share of its distance and be the same match
+RIVAL_TURN_RAD = np.radians(15.0)  # a hypothesis that differs by more is another one
+
+FOUND, AMBIGUOUS, NO_MATCH = "found", "ambiguous", "no match"
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Roots, starting leaves, scale and rotation, and the correspondences: indices ``(k, 2)`` with the roots first."""
+
+    roots: tuple[int, int]
+    starts: tuple[int, int]
+    scale: float
+    rotation_rad: float
+    pairs: np.ndarray
+    cost: float
+
+    @property
+    def count(self) -> int:
+        """Correspondences, the roots included."""
+        return len(self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class SuperMatch:
+    """The winner (None where nothing is more than chance), its status, and what that rests on."""
+
+    status: str
+    best: Hypothesis | None
+    runner_up: int
+    log10_nfa: float
+    evaluated: int  # pairs of roots
+
+
+class LeafPairs(NamedTuple):
+    """Leaf pairs of two roots with distances alike: rows into the two leaf tables, (k,) each, and what they need.
+
+    turn_rad : rotation that each pair stands for; allowed_rad : tolerance of the angle; radial : squared difference of
+    distance in units of the tolerance
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    turn_rad: np.ndarray
+    allowed_rad: np.ndarray
+    radial: np.ndarray
+
+
+def leaf_pairs(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPairs:
+    """Return the leaf pairs within the tolerance of the distance, by the first leaf, then the second."""
+    difference = second.distance_px[None, :] - first.distance_px[:, None]
+    allowed = tolerance.at(first.distance_px)
+    i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
+    turn = wrapped(second.angle_rad[j] - first.angle_rad[i])
+    return LeafPairs(
+        i, j, turn, tolerance.angle_at(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
+    )  # fmt: skip
+
+
+def correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:
+    """Return the rows of ``pairs`` that correspond when row ``start`` is the starting points, and their cost."""
+    angular = (wrapped(pairs.turn_rad - pairs.turn_rad[start]) / pairs.allowed_rad) ** 2
+    near = np.flatnonzero(angular <= 1.0)
+    cost = pairs.radial[near] + angular[near]
+    mutual = near[mutual_best(pairs.first[near], pairs.second[near], cost)]
+    return mutual, float(np.sum(pairs.radial[mutual] + angular[mutual]))
+
+
+def support_bounds(pairs: LeafPairs, least: int) -> np.ndarray:
+    """Return for every row as starting points how many first leaves have a partner at all, ``(k,)``.
+
+    Rows that fewer than ``least`` leaf pairs agree with get 0: those are counted in sectors, ``O(k)``.
+    """
+    bounds = np.zeros(len(pairs.first), dtype=int)
+    rows = np.flatnonzero(_agreeing_pairs(pairs) >= least)
+    if not len(rows):
+        return bounds
+    group = np.flatnonzero(np.r_[True, np.diff(pairs.first) > 0])
+    step = max(1, CELLS_PER_BATCH // len(pairs.first))
+    for start in range(0, len(rows), step):
+        part = rows[start : start + step]
+        turn = np.abs(pairs.turn_rad[None, :] - pairs.turn_rad[part, None])
+        near = np.minimum(turn, 2.0 * np.pi - turn) <= pairs.allowed_rad[None, :] + ROUNDING_RAD
+        bounds[part] = np.logical_or.reduceat(near, group, axis=1).sum(axis=1)
+    return bounds
+
+
+def _agreeing_pairs(pairs: LeafPairs) -> np.ndarray:
+    """Return how many leaf pairs may allow the rotation of each, ``(k,)``: at least as many as do."""
+    low = np.floor((pairs.turn_rad - pairs.allowed_rad) / _SECTOR_RAD).astype(int)
+    high = np.ceil((pairs.turn_rad + pairs.allowed_rad) / _SECTOR_RAD).astype(int)
+    width = np.minimum(high - low, SECTORS)
+    low %= SECTORS
+    change = np.bincount(low, minlength=2 * SECTORS + 1) - np.bincount(low + width, minlength=2 * SECTORS + 1)
+    votes = change.cumsum()[: 2 * SECTORS].reshape(2, SECTORS).sum(axis=0)
+    return votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SECTORS]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Two sets of super points and the bounds of all pairs of roots, ``(scales, m, n)``, roots included."""
+
+    first: np.ndarray
+    second: np.ndarray
+    tolerance: Tolerance
+    reach_px: float
+    scales: tuple[float, ...]
+    bounds: np.ndarray
+    _leaves: dict[tuple[int, int, float], Leaves] = field(default_factory=dict)
+
+    def leaves(self, which: int, root: int, scale: float) -> Leaves:
+        """Return the leaves of a root of the first (0) or second (1) set, in px of the first."""
+        key = which, root, scale
+        if key not in self._leaves:
+            reach = self.reach_px + (float(self.tolerance.at(np.array(self.reach_px))) if which else 0.0)
+            self._leaves[key] = leaves_of((self.first, self.second)[which] / scale, root, reach)
+        return self._leaves[key]
+
+    def ranked(self) -> Iterator[tuple[int, tuple[int, int], float]]:
+        """Yield bound, roots and scale from the largest bound down."""
+        for flat in np.argsort(-self.bounds, axis=None, kind="stable"):
+            scale, i, j = np.unravel_index(flat, self.bounds.shape)
+            yield int(self.bounds[scale, i, j]), (int(i), int(j)), self.scales[scale]
+
+    def hypotheses(
+        self, roots: tuple[int, int], scale: float, least: int
+    ) -> Iterator[tuple[int, Callable[[], Hypothesis]]]:
+        """Yield bound and evaluation of the hypotheses of two roots that may reach ``least``, most promising first."""
+        near, far = self.leaves(0, roots[0], 1.0), self.leaves(1, roots[1], scale)
+        pairs = leaf_pairs(near, far, self.tolerance)
+        bounds = support_bounds(pairs, least - 1) + 1
+
+        def evaluated(start: int) -> Hypothesis:
+            rows, cost = correspondences(pairs, start)
+            index = np.column_stack([near.rows[pairs.first[rows]], far.rows[pairs.second[rows]]])
+            starts = int(near.rows[pairs.first[start]]), int(far.rows[pairs.second[start]])
+            return Hypothesis(roots, starts, scale, float(pairs.turn_rad[start]), np.vstack([roots, index]), cost)
+
+        for start in np.argsort(-bounds, kind="stable")[: np.count_nonzero(bounds >= least)].tolist():
+            yield int(bounds[start]), partial(evaluated, start)
+
+
+def candidates(
+    first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float, scales: tuple[float, ...],
+    progress: Progress = silent,
+) -> Candidates:  # fmt: skip
+    """Return two sets of super points with the bounds of all pairs of roots; arguments as `match_super_points`."""
+    reach_px = min(reach_px, max(float(np.hypot(*np.ptp(first, axis=0))), 1.0))
+    bounds = []
+    for number, scale in enumerate(scales):
+        advance(progress, number / len(scales), "control network: voting")
+        bounds.append(vote_bounds(first, second, tolerance, reach_px, scale) + 1)
+    return Candidates(first, second, tolerance, reach_px, scales, np.stack(bounds))
+
+
+def match_super_points(
+    first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float = np.inf,
+    scales: tuple[float, ...] = (1.0,), progress: Progress = silent,
+) -> SuperMatch:  # fmt: skip
+    """Return the pair of control networks with the most correspondences.
+
+    first, second : (m, 2) and (n, 2) super points; reach_px : leaves farther from their root do not count;
+    scales : px of the second image for one of the first, each is tried
+    """
+    if min(len(first), len(second)) < 2:
+        return SuperMatch(NO_MATCH, None, 0, 0.0, 0)
+    sets = candidates(first, second, tolerance, reach_px, scales, stage(progress, 0.0, 0.7))
+    best, evaluated = _winner(sets, stage(progress, 0.7, 1.0))
+    if best is None:
+        return SuperMatch(NO_MATCH, None, 0, 0.0, evaluated)
+    runner_up = _runner_up(sets, best)
+    status = AMBIGUOUS if runner_up >= RIVAL_SHARE * best.count else FOUND
+    return SuperMatch(status, best, runner_up, log10_false_alarms(sets, best), evaluated)
+
+
+def _winner(sets: Candidates, progress: Progress) -> tuple[Hypothesis | None, int]:
+    """Return the best hypothesis if it is more than chance, and how many pairs of roots were evaluated."""
+    best: Hypothesis | None = None
+    least = significant_counts(sets)
+    least_of_all, evaluated = int(least.min()), 0
+    for done, (bound, roots, scale) in enumerate(sets.ranked()):
+        if bound < (least_of_all if best is None else best.count):
+            break
+        if done % 64 == 0:
+            advance(progress, 1.0 - 1.0 / (1.0 + done / 1024.0), "control network: comparing roots")
+        wanted = max(int(least[roots[0]]), 0 if best is None else best.count)
+        if bound >= wanted:
+            evaluated += 1
+            best = _better(sets, roots, scale, wanted, best)
+    return best, evaluated
+
+
+def _better(
+    sets: Candidates, roots: tuple[int, int], scale: float, wanted: int, best: Hypothesis | None
+) -> Hypothesis | None:
+    """Return the best hypothesis of two roots if it has as many correspondences as wanted and beats ``best``."""
+    for support, evaluate in sets.hypotheses(roots, scale, wanted):
+        if support < wanted:
+            break
+        found = evaluate()
+        if found.count >= wanted and (best is None or _rank(found) < _rank(best)):
+            best, wanted = found, found.count
+    return best
+
+
+def likely_hypotheses(sets: Candidates, most: int) -> list[Hypothesis]:
+    """Return the best hypothesis of each of the pairs of roots with the largest bounds, chance or not."""
+    found = (_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.ranked(), most))
+    return sorted((hypothesis for hypothesis in found if hypothesis is not None), key=_rank)
+
+
+def _rank(hypothesis: Hypothesis) -> tuple:
+    """Return what orders hypotheses, the best one first; the indices make it unique."""
+    return -hypothesis.count, hypothesis.cost, hypothesis.scale, hypothesis.roots, hypothesis.starts
+
+
+def _runner_up(sets: Candidates, best: Hypothesis) -> int:
+    """Return the most correspondences of another hypothesis, 0 where none has nearly as many or all are chance."""
+    most, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_SHARE * best.count)))
+    for bound, roots, scale in sets.ranked():
+        if bound <= most or bound < least.min():
+            break
+        for support, evaluate in sets.hypotheses(roots, scale, max(int(least[roots[0]]), most + 1)):
+            if support <= most:
+                break
+            found = evaluate()
+            if found.count > most and found.count >= least[roots[0]] and is_rival(sets, best, found):
+                most = found.count
+    return most
+
+
+def is_rival(sets: Candidates, best: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether a hypothesis puts its root or its leaves elsewhere than the winner does.
+
+    One that shares leaf pairs with the winner is the same match, seen from a root on a roof or a slope.
+    """
+    shared = set(map(tuple, best.pairs.tolist())) & set(map(tuple, other.pairs.tolist()))
+    if len(shared) >= SHARED * other.count:
+        return False
+    offset = sets.first[other.roots[0]] - sets.first[best.roots[0]]
+    predicted = sets.second[best.roots[1]] + turned(offset, best.rotation_rad, best.scale)
+    away = float(np.hypot(*(sets.second[other.roots[1]] - predicted))) / best.scale
+    turn = abs(float(wrapped(np.array(other.rotation_rad - best.rotation_rad))))
+    return away > 2.0 * sets.tolerance.base_px + RIVAL_GRADIENT * np.hypot(*offset) or turn > RIVAL_TURN_RAD
+
+
+def log10_false_alarms(sets: Candidates, best: Hypothesis) -> float:
+    """Return log10 of how many hypotheses with as many correspondences chance is expected to make.
+
+    A leaf finds a partner by chance as often as a point of the second set falls into its tolerance.
+    """
+    leaves, share = _chances(sets, best.roots[0])
+    chance = binom.logsf(best.count - 1 - GIVEN, leaves, share)
+    return float(np.log10(_tests(sets)) + chance / np.log(10.0))
+
+
+def significant_counts(sets: Candidates) -> np.ndarray:
+    """Return for each root of the first set from how many correspondences a hypothesis is more than chance, (m,)."""
+    leaves, share = np.array([_chances(sets, root) for root in range(len(sets.first))]).T
+    return binom.isf(10.0**LOG10_NFA / _tests(sets), leaves, share).astype(int) + 1 + GIVEN
+
+
+GIVEN = 2  # root and starting point correspond by construction
+
+
+def _tests(sets: Candidates) -> float:
+    """Return how many hypotheses there are: roots and starting points of both sets."""
+    m, n = len(sets.first), len(sets.second)
+    return float(sets.bounds.size) * m * n
+
+
+def _chances(sets: Candidates, root: int) -> tuple[int, float]:
+    """Return how many leaves of a root are free, and how often one finds a partner by chance."""
+    leaves = leaves_of(sets.first, root, sets.reach_px)
+    area = max(float(np.prod(np.ptp(sets.second, axis=0))), 1.0) / sets.scales[0] ** 2
+    share = np.minimum(4.0 * sets.tolerance.at(leaves.distance_px) ** 2 * len(sets.second) / area, 1.0)
+    return max(len(leaves.rows) - 1, 1), float(np.mean(share)) if len(share) else 1.0

@@ -1,0 +1,55 @@
+"""How far a correspondence may be from where the control network puts it (thesis §3.3.4, eqs. 3.4-3.6).
+
+A ground distance ``s`` on a slope ``beta`` is seen by two sensors with incidence angles ``theta1`` and ``theta2`` as
+``s cos(theta1 - beta)`` and ``s cos(theta2 + beta)``. The difference grows with the distance from the node of the
+network, so that the tolerance is that of a local maximum plus a share of the distance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+RADIUS_SHARE = 0.5  # of the radius of a local maximum; the thesis: "2 pixels or less" for one within 5 x 5 pixels
+
+
+def effective_distances(
+    distance: np.ndarray | float, incidence_deg: tuple[float, float], slope_deg: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a ground distance on a slope as the two sensors see it (thesis eqs. 3.4 and 3.5), in its own unit."""
+    first, second = np.radians(incidence_deg)
+    slope = np.radians(slope_deg)
+    return np.asarray(distance * np.cos(first - slope)), np.asarray(distance * np.cos(second + slope))
+
+
+def distance_difference(
+    distance: np.ndarray | float, incidence_deg: tuple[float, float], slope_deg: np.ndarray | float
+) -> np.ndarray:
+    """Return by how much the two effective distances differ (thesis eq. 3.6), in the unit of ``distance``.
+
+    For equal incidence angles that is ``2 s sin(theta) sin(beta)``.
+    """
+    first, second = effective_distances(distance, incidence_deg, slope_deg)
+    return first - second
+
+
+class Tolerance(NamedTuple):
+    """Allowed difference of position at a distance from the root: ``base_px + gradient * distance``."""
+
+    base_px: float
+    gradient: float
+
+    def at(self, distance_px: np.ndarray) -> np.ndarray:
+        """Return the tolerance along the ray and, as an arc, of the angle: px."""
+        return self.base_px + self.gradient * distance_px
+
+    def angle_at(self, distance_px: np.ndarray) -> np.ndarray:
+        """Return the tolerance of the angle at a distance > 0, radians: the same arc as `at`."""
+        return self.at(distance_px) / distance_px
+
+
+def tolerance(radius_px: float, incidence_deg: tuple[float, float], slope_deg: float) -> Tolerance:
+    """Return the tolerance for local maxima of a radius, incidence angles and the steepest slope, up or down."""
+    up, down = (abs(float(distance_difference(1.0, incidence_deg, sign * slope_deg))) for sign in (1.0, -1.0))
+    return Tolerance(RADIUS_SHARE * radius_px, max(up, down))

@@ -1,0 +1,102 @@
+"""The two windows to be matched: grey values, usable pixels and interest points, in the windows' own coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from ...block import Raster
+from ...progress import Progress, silent, stage
+from ..interest_points import Area, DetectionOptions, InterestPoints, detect_interest_points
+from ..interest_points.points import joined
+from ..least_squares_matching import MatchImage
+
+SMOOTH_PX = 0.7  # before least-squares matching, against noise
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Grey values in memory as a `Raster`."""
+
+    grey: np.ndarray
+    usable: np.ndarray
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.grey.shape[1], self.grey.shape[0]
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        window = np.s_[line : line + lines, sample : sample + samples]
+        return self.grey[window], self.usable[window]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One window: ``grey`` float32 and ``usable`` bool (lines, samples); points have (0, 0) at its first pixel.
+
+    origin : sample and line of the window's first pixel in the image; reduction : pixels of the image for one of the
+    window, 1 or more
+    """
+
+    grey: np.ndarray
+    usable: np.ndarray
+    points: InterestPoints
+    origin: np.ndarray
+    reduction: float = 1.0
+
+    @property
+    def xy(self) -> np.ndarray:
+        """Positions of the interest points, ``(n, 2)``."""
+        return self.points.xy
+
+    @property
+    def size(self) -> np.ndarray:
+        """Samples and lines, ``(2,)``."""
+        return np.array(self.grey.shape[::-1])
+
+    @cached_property
+    def match_image(self) -> MatchImage:
+        """The window prepared for least-squares matching."""
+        return MatchImage(self.grey, self.usable, SMOOTH_PX)
+
+    def in_image(self, xy: np.ndarray) -> np.ndarray:
+        """Return positions ``(n, 2)`` of the window as sample and line of the image."""
+        return (xy + 0.5) * self.reduction - 0.5 + self.origin
+
+
+def view_of(
+    raster: Raster, area: Area, detectors: Sequence[str], options: DetectionOptions, reduction: float = 1.0,
+    progress: Progress = silent,
+) -> View:  # fmt: skip
+    """Return a window of an image with its interest points; the window must lie within the image.
+
+    reduction : by how much the pixels are enlarged first, averaged over their area
+    """
+    grey, usable = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
+    pixels = _reduced(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
+    parts = [
+        detect_interest_points(
+            pixels, name, options, progress=stage(progress, k / len(detectors), (k + 1) / len(detectors))
+        )
+        for k, name in enumerate(detectors)
+    ]
+    return View(pixels.grey, pixels.usable, joined(parts), np.array([area.left, area.top], dtype=float), reduction)
+
+
+def _reduced(grey: np.ndarray, usable: np.ndarray, reduction: float) -> Pixels:
+    """Return the pixels enlarged; one is usable where all it is made of are."""
+    if reduction == 1.0:
+        return Pixels(grey, usable)
+    lines, samples = (int(length / reduction) for length in grey.shape)
+    y, x = np.mgrid[:lines, :samples].astype(np.float32)
+    places = (x + 0.5) * reduction - 0.5, (y + 0.5) * reduction - 0.5
+    smooth = cv2.GaussianBlur(grey, (0, 0), 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
+    hidden = cv2.dilate((~usable).astype(np.uint8), np.ones((2 * int(np.ceil(reduction)) + 1,) * 2, np.uint8))
+    return Pixels(
+        cv2.remap(smooth, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+        cv2.remap(hidden, *places, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=1) == 0,
+    )

@@ -1,0 +1,308 @@
+"""Ellipses, rectangles and polygons through many outlines at once.
+
+A shape is first fitted to the outline of its region. Ellipses and rectangles are then measured once more: the edges are
+looked for along the shape's own normals, at points spread over it, so that the result no longer depends on the region.
+A rectangle is a parallelogram, as satellite images show it: two pairs of parallel lines. Points away from the curve
+lose their weight (Geman and McClure 1985).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from ..ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
+from .outlines import Outlines, Slopes, edges_along
+
+CLOSED_SHARE = 0.85  # of the outline with a clear edge that lies on the shape
+SIDES_SHARE, SIDE_SHARE = 0.72, 0.6  # likewise of the four sides of a rectangle, and of each
+SMALLEST_SIGMA_PX = 0.02
+CORRELATED_PX = 4.0  # errors of edge points nearer than that are alike
+ELLIPSE_TOLERANCE = (0.20, 0.012)  # px, and share of the diameter: rmse of the outline about the shape
+RECTANGLE_TOLERANCE = (0.2, 0.004)
+POLYGON_TOLERANCE = (0.5, 0.04)  # of the outline about its own smoothed self
+POLYGON_INDEPENDENT = 8  # parts of a polygon's outline whose errors have nothing to do with each other
+FOURFOLD = 0.25  # how much the normals keep to four directions: 1 all of them, 0 as on a circle
+SQUAREST_DEG = 55.0  # angle at the corners of a rectangle seen from aside, at least
+SOLIDITY = 0.88  # area of a polygon over that of its convex hull
+ROBUST_PX = (1.0, 0.5, 0.3, 0.3)  # residuals of half weight (about), from step to step
+ON_SHAPE_PX = 0.6
+FINAL_STEPS = 3  # of Gauss-Newton: the last one moves centres by less than 1e-3 px
+ELLIPSE_POINTS, SIDE_POINTS = 48, 20
+FINE_REACH_PX = 1.25
+CORNER_SHARE, CORNER_PX = 0.12, 1.5  # of a side, that its rounded corners take away at each end
+
+
+class Shapes(NamedTuple):
+    """Shapes of n outlines.
+
+    good : (n,) mask of those that explain their outline, the rest is undefined; xy : (n, 2) centre
+    covariance_px2 : (n, 2, 2); size_px : (n, 2) longer and shorter diameter or side; azimuth_rad : (n,) of the longer
+    rmse_px : (n,) of the edge points; closed : (n,) share of them that is clear and on the shape; edges : (n, k, 2),
+    found : (n, k)
+    """
+
+    good: np.ndarray
+    xy: np.ndarray
+    covariance_px2: np.ndarray
+    size_px: np.ndarray
+    azimuth_rad: np.ndarray
+    rmse_px: np.ndarray
+    closed: np.ndarray
+    edges: np.ndarray
+    found: np.ndarray
+
+    def select(self, keep: np.ndarray) -> Shapes:
+        """Return some shapes (mask or indices)."""
+        return Shapes(*(column[keep] for column in self))
+
+
+def tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarray:
+    """Return the tolerable rmse ``(n,)`` of shapes of ``size_px (n, 2)``."""
+    return np.asarray(limits[0] + limits[1] * np.sqrt(np.prod(size_px, axis=1)))
+
+
+def _floored(covariance: np.ndarray) -> np.ndarray:
+    """Return covariances of at least `SMALLEST_SIGMA_PX`."""
+    return covariance + SMALLEST_SIGMA_PX**2 * np.eye(2)
+
+
+def _kept_weight(residual: np.ndarray, scale_px: float) -> np.ndarray:
+    return 1.0 / (1.0 + (residual / scale_px) ** 2) ** 2
+
+
+def _share(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
+    return np.asarray(mask.sum(axis=1) / np.maximum(of, 1.0))
+
+
+# ---- ellipses --------------------------------------------------------------------------------------------------
+
+
+def fit_ellipses(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes:
+    """Return the ellipses through outlines; ``sign (n,)`` is that of the slope outwards, 0 for any."""
+    tried = _share(outlines.found, outlines.count) >= CLOSED_SHARE
+    xy, weight = outlines.xy[tried], outlines.found[tried].astype(np.float64)
+    centre, Q, good = direct_ellipses(xy, weight)
+    good &= np.linalg.det(Q) > 1e-12
+    Q = np.where(good[:, None, None], Q, np.eye(2))
+    residual = distances(xy, centre, Q)
+    rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
+    good &= rmse < 1.5 * tolerance(ELLIPSE_TOLERANCE, 2.0 * axes_of(Q)[0])  # quick: most outlines are no ellipses
+    tried[tried] = good
+    return _spread_out(_remeasured_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
+
+
+def _remeasured_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: Slopes, sign: np.ndarray) -> Shapes:
+    points, normals = _on_ellipses(centre, Q)
+    edges, found = _remeasured(slopes, points, normals, sign)
+    weight = found.astype(np.float64)
+    for scale_px in ROBUST_PX:
+        residual = distances(edges, centre, Q)
+        weight = found * _kept_weight(residual, scale_px)
+        centre, Q = improved_ellipses(edges, weight, centre, Q, 1)
+    on_shape = found & (np.abs(distances(edges, centre, Q)) < ON_SHAPE_PX)
+    weight = on_shape.astype(np.float64)
+    centre, Q = improved_ellipses(edges, weight, centre, Q, FINAL_STEPS)
+    residual = distances(edges, centre, Q)
+    semi_axes, azimuth = axes_of(Q)
+    size = 2.0 * semi_axes
+    spacing = np.pi * np.sqrt(np.prod(size, axis=1)) / ELLIPSE_POINTS
+    covariance = centre_covariances(edges, weight, centre, Q) * np.maximum(CORRELATED_PX / spacing, 1.0)[:, None, None]
+    rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
+    closed = _share(on_shape, ELLIPSE_POINTS)
+    good = (rmse <= tolerance(ELLIPSE_TOLERANCE, size)) & (closed >= CLOSED_SHARE)
+    return Shapes(good, centre, _floored(covariance), size, azimuth, rmse, closed, edges, on_shape)
+
+
+def _on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points on ellipses and outward normals, ``(n, ELLIPSE_POINTS, 2)``."""
+    semi_axes, azimuth = axes_of(Q)
+    t = 2.0 * np.pi * np.arange(ELLIPSE_POINTS) / ELLIPSE_POINTS
+    along, aside = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
+    cos, sin = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    d = np.stack([cos * along - sin * aside, sin * along + cos * aside], axis=-1)
+    normal = d @ Q
+    return centre[:, None] + d, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+
+
+def _remeasured(
+    slopes: Slopes, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of the clear ones ``(n, k)``."""
+    count = points.shape[1]
+    edges, _, found = edges_along(
+        slopes, points.reshape(-1, 2), normals.reshape(-1, 2), np.repeat(sign, count), FINE_REACH_PX
+    )
+    return edges.reshape(points.shape), found.reshape(points.shape[:2])
+
+
+def _spread_out(shapes: Shapes, rows: np.ndarray) -> Shapes:
+    """Return shapes of the masked rows as a table of all rows."""
+    table = [np.zeros((len(rows), *column.shape[1:]), dtype=column.dtype) for column in shapes]
+    for full, column in zip(table, shapes, strict=True):
+        full[rows] = column
+    return Shapes(*table)
+
+
+# ---- rectangles ------------------------------------------------------------------------------------------------
+
+
+def fit_rectangles(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes:
+    """Return the parallelograms through outlines: the normals fall into four directions, one for each side."""
+    weight = outlines.found.astype(np.float64)
+    angle = np.arctan2(outlines.normal[..., 1], outlines.normal[..., 0])
+    fourfold = np.sum(weight * np.exp(4j * angle), axis=1) / np.maximum(weight.sum(axis=1), 1.0)
+    good = np.abs(fourfold) >= FOURFOLD
+    azimuth = np.angle(fourfold[good]) / 4.0
+    turn = angle[good] - azimuth[:, None]
+    sides = np.stack([np.cos(turn - k * np.pi / 2.0) > 0.85 for k in range(4)], axis=1)
+    xy = np.broadcast_to(outlines.xy[good][:, None], (*sides.shape, 2))
+    lines = _side_lines(xy, (sides & outlines.found[good][:, None]).astype(np.float64), ROBUST_PX[:2])
+    for _ in range(2):
+        points, normals, usable = _on_sides(lines)
+        shape = points.shape[:3]
+        flat = len(points), 4 * SIDE_POINTS, 2
+        edges, found = _remeasured(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
+        lines = _side_lines(edges.reshape(*shape, 2), found.reshape(shape).astype(np.float64), ROBUST_PX[1:])
+        lines = lines._replace(good=lines.good & usable)
+    return _spread_out(_rectangles(lines, edges.reshape(*shape, 2), found.reshape(shape)), good)
+
+
+class _Sides(NamedTuple):
+    """Four sides of n parallelograms; 0 and 2, 1 and 3 are opposite.
+
+    normal : (n, 2, 2) of the two pairs; offset : (n, 4) of each side along its pair's normal
+    residual : (n, 4, k) of the points; weight : (n, 4, k); corners : (n, 4, 2), between sides k and k + 1
+    """
+
+    normal: np.ndarray
+    offset: np.ndarray
+    residual: np.ndarray
+    weight: np.ndarray
+    corners: np.ndarray
+    good: np.ndarray
+
+
+def _side_lines(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...]) -> _Sides:
+    """Return two pairs of parallel lines through points ``(n, 4, k, 2)`` with weights ``(n, 4, k)``."""
+    weight = found
+    for scale_px in (*robust_px, 0.0):
+        total = np.maximum(weight.sum(axis=2), 1e-9)
+        middle = np.sum(weight[..., None] * xy, axis=2) / total[..., None]
+        d = xy - middle[:, :, None]
+        scatter = np.swapaxes(weight[..., None] * d, 2, 3) @ d
+        pairs = scatter[:, :2] + scatter[:, 2:]
+        normal = np.linalg.eigh(pairs)[1][..., 0]
+        side_normal = np.concatenate([normal, normal], axis=1)
+        residual = np.sum(d * side_normal[:, :, None], axis=-1)
+        if scale_px:
+            weight = found * _kept_weight(residual, scale_px)
+    offset = np.sum(middle * side_normal, axis=-1)
+    good = (found.sum(axis=2) >= 3.0).all(axis=1)
+    cross = normal[:, 0, 0] * normal[:, 1, 1] - normal[:, 0, 1] * normal[:, 1, 0]
+    good &= np.abs(cross) > np.sin(np.radians(SQUAREST_DEG))
+    inverse = np.linalg.inv(np.where(good[:, None, None], normal, np.eye(2)))
+    ends = np.stack([offset[:, [0, 2, 2, 0]], offset[:, [1, 1, 3, 3]]], axis=-1)  # sides 0&1, 2&1, 2&3, 0&3
+    corners = ends @ np.swapaxes(inverse, 1, 2)
+    return _Sides(normal, offset, residual, weight, corners, good)
+
+
+def _on_sides(lines: _Sides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points on the sides and outward normals ``(n, 4, SIDE_POINTS, 2)``, and whether all sides are usable."""
+    c = lines.corners
+    starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k lies between corners k - 1 and k
+    length = np.linalg.norm(ends - starts, axis=-1)
+    margin = np.clip(np.maximum(CORNER_SHARE, CORNER_PX / np.maximum(length, 1e-6)), 0.0, 0.4)
+    t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SIDE_POINTS)
+    points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
+    normal = np.concatenate([lines.normal, lines.normal], axis=1)
+    outwards = np.sum((0.5 * (starts + ends) - c.mean(axis=1)[:, None]) * normal, axis=-1)
+    normal = normal * np.where(outwards < 0.0, -1.0, 1.0)[..., None]
+    return points, np.broadcast_to(normal[:, :, None], points.shape), (length > 3.0).all(axis=1)
+
+
+def _rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
+    on_side = found & (np.abs(lines.residual) < ON_SHAPE_PX)
+    counted = np.maximum(on_side.sum(axis=2), 1.0)
+    variance = np.sum(on_side * lines.residual**2, axis=2) / np.maximum(counted - 1.5, 1.0)
+    variance /= np.maximum(on_side.mean(axis=2), 0.1) ** 4  # where many points lie off a side, the others may err too
+    length = np.linalg.norm(lines.corners - np.roll(lines.corners, 1, axis=1), axis=-1)
+    independent = np.clip(length / CORRELATED_PX, 1.0, counted)
+    offset_variance = variance / independent
+    pair_variance = (offset_variance[:, :2] + offset_variance[:, 2:]) / 4.0  # of the middle of two sides
+    inverse = np.linalg.inv(np.where(lines.good[:, None, None], lines.normal, np.eye(2)))
+    covariance = (inverse * pair_variance[:, None, :]) @ np.swapaxes(inverse, 1, 2)
+    sides = (length[:, :2] + length[:, 2:]) / 2.0
+    edge = lines.corners[:, 0:2] - lines.corners[:, [3, 0]]
+    longer = np.argmax(sides, axis=1)
+    along = edge[np.arange(len(edge)), longer]
+    azimuth = (np.arctan2(along[:, 1], along[:, 0]) + np.pi / 2.0) % np.pi - np.pi / 2.0
+    size = np.sort(sides, axis=1)[:, ::-1]
+    rmse = np.sqrt(np.sum(on_side * lines.residual**2, axis=(1, 2)) / counted.sum(axis=1))
+    closed = on_side.mean(axis=(1, 2))
+    good = lines.good & (closed >= SIDES_SHARE) & (on_side.mean(axis=2).min(axis=1) >= SIDE_SHARE)
+    good &= rmse <= tolerance(RECTANGLE_TOLERANCE, size)
+    count = edges.shape[1] * edges.shape[2]
+    return Shapes(
+        good, lines.corners.mean(axis=1), _floored(covariance), size, azimuth, rmse, closed,
+        edges.reshape(-1, count, 2), on_side.reshape(-1, count),
+    )  # fmt: skip
+
+
+# ---- polygons --------------------------------------------------------------------------------------------------
+
+
+def fit_polygons(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes:
+    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with their moments."""
+    count = outlines.found.sum(axis=1)
+    order = np.argsort(~outlines.found, axis=1, kind="stable")
+    xy = np.take_along_axis(outlines.xy, order[..., None], axis=1)
+    normal = np.take_along_axis(outlines.normal, order[..., None], axis=1)
+    column = np.arange(xy.shape[1])
+    used = column < count[:, None]
+    after = np.where(column + 1 < count[:, None], column + 1, 0)
+    before = np.where(column > 0, column - 1, np.maximum(count - 1, 0)[:, None])
+    following, preceding = (np.take_along_axis(xy, index[..., None], axis=1) for index in (after, before))
+    area, centroid, moments = polygon_moments(xy, following, used)
+    values, axes = np.linalg.eigh(moments)
+    size = 4.0 * np.sqrt(np.maximum(values[:, ::-1], 1e-12))
+    rough = np.sum((xy - (following + preceding) / 2.0) * normal, axis=-1)
+    rmse = np.sqrt(np.sum(used * rough**2, axis=1) / np.maximum(count, 1) / 1.5)  # of white errors: variance 1 + 2/4
+    variance = 2.0 * rmse**2 / POLYGON_INDEPENDENT  # as of a circle
+    azimuth = (np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) + np.pi / 2.0) % np.pi - np.pi / 2.0
+    closed = count / np.maximum(outlines.count, 1)
+    good = (closed >= CLOSED_SHARE) & (area > 1.0) & (rmse <= tolerance(POLYGON_TOLERANCE, size))
+    for row in np.flatnonzero(good):
+        hull = cv2.convexHull(xy[row, : count[row]].astype(np.float32))
+        good[row] = area[row] >= SOLIDITY * cv2.contourArea(hull)
+    covariance = _floored(variance[:, None, None] * np.eye(2))
+    return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
+
+
+def polygon_moments(
+    xy: np.ndarray, following: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return areas (n,), centroids (n, 2) and central second moments over the area (n, 2, 2) of polygons' insides.
+
+    Green's formulas; ``following (n, m, 2)`` is each corner's successor, ``used (n, m)`` masks padding.
+    """
+    origin = np.sum(used[..., None] * xy, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
+    x, y = np.moveaxis(np.where(used[..., None], xy - origin[:, None], 0.0), -1, 0)
+    x1, y1 = np.moveaxis(np.where(used[..., None], following - origin[:, None], 0.0), -1, 0)
+    cross = x * y1 - x1 * y
+    area = cross.sum(axis=1) / 2.0
+    safe = np.where(np.abs(area) > 1e-6, area, 1.0)
+    centre = np.stack([((x + x1) * cross).sum(axis=1), ((y + y1) * cross).sum(axis=1)], axis=1) / (6.0 * safe[:, None])
+    xx = ((x * x + x * x1 + x1 * x1) * cross).sum(axis=1) / (12.0 * safe)
+    yy = ((y * y + y * y1 + y1 * y1) * cross).sum(axis=1) / (12.0 * safe)
+    mixed = ((x * y1 + 2.0 * x * y + 2.0 * x1 * y1 + x1 * y) * cross).sum(axis=1) / (24.0 * safe)
+    moments = np.stack([xx, mixed, mixed, yy], axis=1).reshape(-1, 2, 2) - centre[:, :, None] * centre[:, None, :]
+    return np.abs(area), centre + origin, moments
+
+
+ShapeFit = Callable[[Outlines, Slopes, np.ndarray], Shapes]
+#: Shapes in the order in which they are tried; the key is the point's kind.
+SHAPES: dict[str, ShapeFit] = {"ellipse": fit_ellipses, "rectangle": fit_rectangles, "region": fit_polygons}

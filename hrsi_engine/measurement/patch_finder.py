@@ -1,0 +1,80 @@
+"""Candidates by correlation: a few distinct windows of the first image sought wherever the second may show them.
+
+Where RPCs, heights and bias are known well - after a look at the whole images - this says more for its cost than
+features of a whole window: few windows are enough to learn what is not known yet.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+HALF_PX = 12  # half the side of the windows
+MOST = 36
+QUALITY = 0.02  # of the strongest corner, below which a place is not distinct
+LEAST_CORRELATION = 0.6
+RIVAL_SHARE = 0.9  # a second peak this high makes the first one doubtful
+RIVAL_AWAY_PX = 4
+
+
+def distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = MOST) -> np.ndarray:
+    """Return columns and rows ``(n, 2)`` of distinct corners whose window lies on valid pixels, evenly spread."""
+    usable = cv2.erode(valid.astype(np.uint8), np.ones((2 * HALF_PX + 1,) * 2, np.uint8), borderValue=0)
+    if not usable.any():
+        return np.empty((0, 2), dtype=np.int64)
+    distance = np.sqrt(pixels.size / (2.0 * most))
+    places = cv2.goodFeaturesToTrack(pixels, most, QUALITY, distance, mask=usable, blockSize=7)
+    return np.empty((0, 2), dtype=np.int64) if places is None else places.reshape(-1, 2).astype(np.int64)
+
+
+def seek(
+    pixels: np.ndarray,
+    places: np.ndarray,
+    other: np.ndarray,
+    known: np.ndarray,
+    offset: tuple[float, float],
+    reach_px: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which places are found in another array of the same geometry, and where, in pixels of the first.
+
+    ``offset`` is where the other's first pixel lies in the first; a place is sought within ``reach_px`` of where it is
+    expected, that is, at the same position. Places with a rival, or at the edge of the search, are not found.
+    """
+    reach, found, where = int(np.ceil(reach_px)) + 1, [], []
+    middle: np.ndarray = places - np.round(offset).astype(np.int64)
+    place: np.ndarray
+    at: np.ndarray
+    for number, (place, at) in enumerate(zip(places, middle, strict=True)):
+        low = np.maximum(at - HALF_PX - reach, 0)
+        high = np.minimum(at + HALF_PX + reach + 1, other.shape[::-1])
+        if ((high - low) < 2 * HALF_PX + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
+            continue
+        window = pixels[place[1] - HALF_PX : place[1] + HALF_PX + 1, place[0] - HALF_PX : place[0] + HALF_PX + 1]
+        surface = cv2.matchTemplate(other[low[1] : high[1], low[0] : high[0]], window, cv2.TM_CCOEFF_NORMED)
+        peak = _clear_peak(surface)
+        if peak is not None:
+            found.append(number)
+            where.append(peak + low + HALF_PX + np.round(offset))
+    return np.array(found, dtype=np.int64), np.array(where, dtype=np.float64).reshape(-1, 2)
+
+
+def _clear_peak(surface: np.ndarray) -> np.ndarray | None:
+    """Return column and row of the highest correlation to a fraction; None where it is low, at the edge or doubtful."""
+    row, column = np.unravel_index(int(surface.argmax()), surface.shape)
+    best = surface[row, column]
+    rows, columns = surface.shape
+    if not best > LEAST_CORRELATION or not (0 < row < rows - 1 and 0 < column < columns - 1):
+        return None
+    around = surface[row - 1 : row + 2, column - 1 : column + 2]
+    top, left = max(row - RIVAL_AWAY_PX, 0), max(column - RIVAL_AWAY_PX, 0)
+    rest = surface.copy()
+    rest[top : row + RIVAL_AWAY_PX + 1, left : column + RIVAL_AWAY_PX + 1] = -1.0
+    if rest.max() > RIVAL_SHARE * best:
+        return None
+    return np.array([column + _vertex(around[1]), row + _vertex(around[:, 1])])
+
+
+def _vertex(three: np.ndarray) -> float:
+    """Return where the parabola through three values has its vertex, from the middle one."""
+    curvature = three[0] - 2.0 * three[1] + three[2]
+    return 0.0 if curvature >= 0.0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))

@@ -1,0 +1,102 @@
+"""Which of many measured offsets agree: an affine bias of an image, found in spite of a majority of false matches.
+
+The densest place of the offsets gives the start, an affine function with Tukey's weights follows it over the image.
+The agreement is told from chance by the number of offsets that would fall within the tolerance if every match were
+somewhere in its search window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+ROUNDS = 20
+LEAST_AGREEING = 6
+TUKEY = 4.685
+OUTLIER = 3.5  # robust standard deviations
+LEAST_SPREAD = 0.05  # of the tolerance; offsets agree no better
+AFFINE_FROM = 12  # offsets; fewer only give a shift
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """An affine bias and the offsets that follow it.
+
+    coefficients : (2, 3): per axis the constant and the change by normalised sample and line
+    centre, half_size : normalisation, ``(2,)`` each
+    residual_px : (n, 2) offset - bias; agreeing : (n,) mask; spread_px : robust standard deviation of a coordinate
+    chance_log10 : log10 of the probability that as many false matches would agree
+    """
+
+    coefficients: np.ndarray
+    centre: np.ndarray
+    half_size: np.ndarray
+    residual_px: np.ndarray
+    agreeing: np.ndarray
+    spread_px: float
+    chance_log10: float
+
+    def bias(self, xy: np.ndarray) -> np.ndarray:
+        """Return the bias at image points, ``(n, 2)``."""
+        return _design(xy, self.centre, self.half_size) @ self.coefficients.T
+
+
+def agree(
+    xy: np.ndarray, offset: np.ndarray, centre: np.ndarray, half_size: np.ndarray, reach_px: float, tolerance_px: float
+) -> Agreement | None:
+    """Return the affine bias on which most offsets agree; None where fewer than six do.
+
+    xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of what was expected
+    tolerance_px : offsets this near to the densest place belong to the start
+    """
+    if len(offset) < LEAST_AGREEING:
+        return None
+    near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
+    start = near[int(near.sum(axis=1).argmax())]
+    if start.sum() < LEAST_AGREEING:
+        return None
+    design = _design(xy, centre, half_size)
+    coefficients = np.zeros((2, 3))
+    coefficients[:, 0] = np.median(offset[start], axis=0)
+    residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
+    for _ in range(ROUNDS):
+        columns = 3 if used.sum() >= AFFINE_FROM else 1
+        weight = _tukey(np.hypot(*residual.T) / (spread * np.sqrt(2.0)))
+        coefficients = _fit(design, offset, weight, columns)
+        residual = offset - design @ coefficients.T
+        spread = _spread(residual, used, tolerance_px)
+        within = np.hypot(*residual.T) <= OUTLIER * spread
+        if within.sum() < LEAST_AGREEING:
+            return None
+        if np.array_equal(within, used):
+            break
+        used = within
+    radius = OUTLIER * spread
+    chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
+    # the place was chosen among all offsets: that many places could have been the densest
+    log10 = float(stats.binom.logsf(used.sum() - 2, len(offset) - 1, chance) / np.log(10.0) + np.log10(len(offset)))
+    return Agreement(coefficients, centre, half_size, residual, used, spread, log10)
+
+
+def _design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.ones(len(xy)), (xy - centre) / np.maximum(half_size, 1.0)])
+
+
+def _fit(design: np.ndarray, offset: np.ndarray, weight: np.ndarray, columns: int) -> np.ndarray:
+    root = np.sqrt(weight)[:, None]
+    values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
+    coefficients = np.zeros((2, 3))
+    coefficients[:, :columns] = values.T
+    return coefficients
+
+
+def _spread(residual: np.ndarray, used: np.ndarray, tolerance_px: float) -> float:
+    """Return the robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)."""
+    length = np.hypot(*residual[used].T)
+    return float(np.clip(np.median(length) / 1.1774, LEAST_SPREAD * tolerance_px, tolerance_px))
+
+
+def _tukey(t: np.ndarray) -> np.ndarray:
+    return np.maximum(1.0 - (t / TUKEY) ** 2, 0.0) ** 2

@@ -1,0 +1,49 @@
+"""The shift that most of the ground has between two orthoimages, where it may be larger than windows are searched.
+
+Probes spread over the common area are compared at half resolution by the directions of their gradients. The
+correlation surfaces of all probes are added before the peak is sought: what they share adds up, while chance likeness
+of single probes (rows of houses, fields, water) does not.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ..measurement.orientation_correlation import correlation_sums, orientation_field, peak_of
+from .misregistration import Read
+
+FARTHEST_PX = 256  # shifts up to here are found
+REDUCTION = 2
+PROBE_PX = 256  # side of a probe; less in a small area
+PROBES = 4  # along each side of the area
+CONTRAST = 8.0  # robust standard deviations of the surface above which a peak counts; chance reaches 5
+
+
+def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarray:
+    """Return the common shift ``(2,)`` in whole pixels, right and down, good to about `REDUCTION`; 0 where none shows.
+
+    ``first(...)`` and ``second(...)`` read the common area of columns x rows pixels; the second beyond it, too.
+    """
+    side = min(PROBE_PX, columns // 2, rows // 2) // REDUCTION * REDUCTION
+    if side < 16 * REDUCTION:
+        return np.zeros(2, dtype=int)
+    total = np.zeros((2 * FARTHEST_PX // REDUCTION + 1,) * 2)
+    wide = side + 2 * FARTHEST_PX
+    for row in np.linspace(0, rows - side, PROBES).astype(int).tolist():
+        for column in np.linspace(0, columns - side, PROBES).astype(int).tolist():
+            probe = _field(*first(column, row, side, side))
+            if probe.any():
+                total += correlation_sums(probe, _field(*second(column - FARTHEST_PX, row - FARTHEST_PX, wide, wide)))
+    peak = peak_of(total)
+    if peak.contrast < CONTRAST:
+        return np.zeros(2, dtype=int)
+    return np.rint(peak.shift * REDUCTION - FARTHEST_PX).astype(int)
+
+
+def _field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return the directions of gradients of means of pixels; 0 where not all of a mean is valid."""
+    size = (grey.shape[1] // REDUCTION, grey.shape[0] // REDUCTION)
+    mean = cv2.resize(np.where(valid, grey, 0).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    known = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.999
+    return orientation_field(mean, known)

@@ -1,0 +1,69 @@
+"""The part of the map that an image shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyproj
+
+from ..block import Image
+from ..dem import HeightSurface, Status, intersect, surface_heights
+from ..errors import InputError
+from ..geodesy import utm_epsg
+from .grid import MapGrid
+
+PER_SIDE = 200  # outline points
+MARGIN_PX = 2.0
+DOMAIN_GRID = 15
+
+
+def terrain_below(image: Image, surface: HeightSurface) -> np.ndarray:
+    """Return ground points ``(n, 3)`` of an image, those of a coarse grid that meet the terrain."""
+    ground, status = intersect(image.rpc, image.grid_px(DOMAIN_GRID, DOMAIN_GRID), surface)
+    return ground[status == Status.FOUND]
+
+
+def mean_gsd_m(image: Image, ground: np.ndarray) -> float:
+    """Return the geometric mean of an image's ground sample distances at the middle one of ground points."""
+    middle = ground[len(ground) // 2][None]
+    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
+    return float(abs(np.linalg.det(by_ground[0, :, :2])) ** -0.5)
+
+
+def utm_of(ground: np.ndarray) -> str:
+    """Return the WKT of the UTM zone in the middle of ground points."""
+    lon, lat = np.median(ground[:, 0]), np.median(ground[:, 1])
+    return str(pyproj.CRS.from_epsg(utm_epsg(float(lon), float(lat))).to_wkt())
+
+
+def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution: float) -> tuple[float, ...]:
+    """Return west, south, east, north in a CRS of all that an image shows of the terrain.
+
+    The outline is followed to the terrain; where that is not known, it is taken at the heights nearby. Raises
+    `InputError` where the terrain is not known anywhere in the image.
+    """
+    outline = image.outline_px(PER_SIDE)
+    ground, status = intersect(image.rpc, outline, surface)
+    lost = status != Status.FOUND
+    if lost.any():
+        known = terrain_below(image, surface)
+        if not len(known):
+            raise InputError(f"{image.id}: the terrain is not known anywhere in the image: use a DEM that covers it")
+        for height in (known[:, 2].min(), known[:, 2].max()):
+            ground = np.vstack([ground, image.rpc.localize(outline[lost], height).ground])
+    ground = ground[np.isfinite(ground).all(axis=1)]
+    x, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(ground[:, 0], ground[:, 1])
+    margin = MARGIN_PX * resolution
+    return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
+
+
+def footprint_grid(image: Image, surface: HeightSurface, crs: str, resolution: float) -> MapGrid:
+    """Return the part of the map grid that an image shows."""
+    return MapGrid.around(crs, resolution, footprint_bounds(image, surface, crs, resolution))
+
+
+def covered_share(image: Image, surface: HeightSurface) -> float:
+    """Return the share of an image whose ground has a height in the surface, 0 to 1."""
+    grid = image.grid_px(DOMAIN_GRID, DOMAIN_GRID)
+    height = sum(image.rpc.height_range) / 2.0
+    ground = image.rpc.localize(grid, height).ground
+    return float(np.mean(np.isfinite(surface_heights(surface, np.nan_to_num(ground[:, :2])))))

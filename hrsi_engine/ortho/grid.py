@@ -1,0 +1,102 @@
+"""The map grid of a block's orthoimages.
+
+All pixels of all orthoimages with the same CRS and resolution lie on one lattice: the edges of pixels are whole
+multiples of the resolution from the CRS's origin. So any two of them register pixel to pixel, whatever their extents.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pyproj
+
+from ..errors import InputError
+
+#: Leading digits of a resolution that maps like.
+ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
+COARSER = 1.05  # the rounded resolution may be so much coarser than the image's
+WHOLE = 1e-6  # share of a pixel within which an edge counts as lying on the lattice
+
+
+class Window(NamedTuple):
+    """A part of a grid: first column and row, columns and rows."""
+
+    column: int
+    row: int
+    columns: int
+    rows: int
+
+
+def rounded_resolution(gsd: float) -> float:
+    """Return the largest round number not above 1.05 times a ground sample distance: 0.52 gives 0.5, 6.5 gives 6."""
+    if not (math.isfinite(gsd) and gsd > 0.0):
+        raise InputError(f"the images have a pixel size of {gsd} on the ground: give --resolution")
+    power = 10.0 ** math.floor(math.log10(gsd))
+    candidates = [step * scale for scale in (power / 10.0, power) for step in ROUND_STEPS]
+    return float(f"{max(value for value in candidates if value <= COARSER * gsd):.6g}")
+
+
+@dataclass(frozen=True)
+class MapGrid:
+    """Pixels of a map: CRS (WKT), resolution in the CRS's units, and the place on the lattice.
+
+    The upper left corner of the first pixel is at ``(left * resolution, top * resolution)``; rows run south.
+    """
+
+    crs: str
+    resolution: float
+    left: int
+    top: int
+    columns: int
+    rows: int
+
+    @classmethod
+    def around(cls, crs: str, resolution: float, bounds: Sequence[float]) -> MapGrid:
+        """Return the smallest grid that holds ``bounds`` (west, south, east, north in the CRS's units)."""
+        west, south, east, north = (value / resolution for value in bounds)
+        left, top = math.floor(west + WHOLE), math.ceil(north - WHOLE)
+        columns, rows = math.ceil(east - WHOLE) - left, top - math.floor(south + WHOLE)
+        if columns < 1 or rows < 1:
+            raise InputError(f"an extent of {columns} x {rows} pixels holds nothing: check --extent and --resolution")
+        return cls(crs, resolution, left, top, columns, rows)
+
+    @property
+    def geotransform(self) -> tuple[float, float, float, float, float, float]:
+        """GDAL's geotransform."""
+        return self.left * self.resolution, self.resolution, 0.0, self.top * self.resolution, 0.0, -self.resolution
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east, north in the CRS's units."""
+        west, north = self.left * self.resolution, self.top * self.resolution
+        return west, north - self.rows * self.resolution, west + self.columns * self.resolution, north
+
+    @cached_property
+    def _to_wgs84(self) -> pyproj.Transformer:
+        return pyproj.Transformer.from_crs(self.crs, 4326, always_xy=True)
+
+    def lonlat(self, pixels: np.ndarray) -> np.ndarray:
+        """Return lon, lat ``(n, 2)`` of column, row ``(n, 2)``; (0, 0) is the centre of the first pixel."""
+        x = (self.left + 0.5 + pixels[:, 0]) * self.resolution
+        y = (self.top - 0.5 - pixels[:, 1]) * self.resolution
+        return np.column_stack(self._to_wgs84.transform(x, y))
+
+    def chunks(self, side: int) -> Iterator[Window]:
+        """Yield windows that cover the grid, row by row."""
+        for row in range(0, self.rows, side):
+            for column in range(0, self.columns, side):
+                yield Window(column, row, min(side, self.columns - column), min(side, self.rows - row))
+
+    def common(self, other: MapGrid) -> MapGrid | None:
+        """Return the part that two grids on the same lattice share, None where they do not meet."""
+        left, top = max(self.left, other.left), min(self.top, other.top)
+        right = min(self.left + self.columns, other.left + other.columns)
+        bottom = max(self.top - self.rows, other.top - other.rows)
+        if right <= left or top <= bottom:
+            return None
+        return MapGrid(self.crs, self.resolution, left, top, right - left, top - bottom)

@@ -1,0 +1,256 @@
+"""Shifts between two orthoimages on the same grid, window by window.
+
+A window T of the first orthoimage is sought in the second, S, at whole pixels by normalised cross-correlation, and
+then by least squares with the observation equations (Gruen 1985; shifts only, for neither rotation nor scale is left)
+
+    T(x) = g S(x + d) + o
+
+for the shift d, gain g and offset o; slopes are the mean of those of both windows (Benhimane and Malis 2004), which
+halves the bias that noise causes. S is interpolated by cubic B-splines, so that shifts do not lock to whole or half
+pixels. Both windows are smoothed slightly before.
+
+The shift is the position in the second minus that in the first, in pixels to the right and down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+MOST_ITERATIONS = 20
+CLOSURE_PX = 1e-3
+REACH_PX = 1.0  # least squares may move so far from the best whole pixel
+SMOOTH_PX = 0.8
+BORDER = 4  # pixels around the search area that interpolation and smoothing need
+EDGE_SIGMA = 0.5  # of the Gaussian weights, as a share of half the window
+
+Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.Raster.read`
+
+
+class Outcome(IntEnum):
+    """What became of a window."""
+
+    MATCHED = 0
+    NODATA = 1  #: not all of the window is valid in both
+    FLAT = 2  #: no texture
+    UNLIKE = 3  #: correlation below the limit
+    FAR = 4  #: the best place is at the edge of the search
+    UNSTEADY = 5  #: least squares went astray or is not accurate
+
+    @property
+    def label(self) -> str:
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How windows are matched.
+
+    window_px : side of a window, even; search_px : largest shift; min_correlation : of windows that count
+    max_sigma_px : of a shift that counts; most : windows along the longer side of the common area
+    """
+
+    window_px: int = 48
+    search_px: int = 8
+    min_correlation: float = 0.6
+    max_sigma_px: float = 0.1
+    most: int = 40
+
+
+class Matches(NamedTuple):
+    """Windows: centres ``(n, 2)`` column, row, shifts ``(n, 2)`` in px (NaN where not matched), correlation, sigma of a
+    shift in px and `Outcome`, each ``(n,)``."""
+
+    centre: np.ndarray
+    shift_px: np.ndarray
+    correlation: np.ndarray
+    sigma_px: np.ndarray
+    outcome: np.ndarray
+
+    @property
+    def good(self) -> np.ndarray:
+        """Mask of the windows that were matched."""
+        return np.asarray(self.outcome == Outcome.MATCHED)
+
+
+class Shift(NamedTuple):
+    """The shift of one window."""
+
+    xy: np.ndarray
+    correlation: float
+    sigma_px: float
+    outcome: Outcome
+
+
+def window_centres(columns: int, rows: int, options: MatchOptions) -> np.ndarray:
+    """Return centres of windows spread evenly over an area of columns x rows pixels, ``(n, 2)`` integers."""
+    reach = options.window_px // 2 + options.search_px + BORDER
+    spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
+    axes = []
+    for size in (columns, rows):
+        count = max(0, (size - 2 * reach) // spacing + 1) if size > 2 * reach else 0
+        first = (size - (count - 1) * spacing) // 2
+        axes.append(first + spacing * np.arange(count))
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+
+
+def match_windows(
+    first: Read, second: Read, centres: np.ndarray, options: MatchOptions,
+    tell: Callable[[float], None] | None = None, threads: int = 1,
+) -> Matches:  # fmt: skip
+    """Match windows of two orthoimages, of which ``first(...)`` and ``second(...)`` read the common area."""
+    found = []
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for number, shift in enumerate(pool.map(lambda at: _matched(first, second, at, options), centres.tolist())):
+                if tell is not None and number % 32 == 0:
+                    tell(number / len(centres))
+                found.append(shift)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    shifts = np.array([f.xy for f in found]).reshape(-1, 2)
+    figures = np.array([(f.correlation, f.sigma_px, f.outcome) for f in found]).reshape(-1, 3)
+    return Matches(centres, shifts, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
+
+
+def _matched(first: Read, second: Read, centre: Sequence[int], options: MatchOptions) -> Shift:
+    """Return the shift of the window around column, row."""
+    (column, row), side = centre, options.window_px // 2 + BORDER
+    reach = side + options.search_px
+    template = first(column - side, row - side, 2 * side, 2 * side)
+    if not template[1].all():
+        return _failed(Outcome.NODATA)
+    return shift_between(template, second(column - reach, row - reach, 2 * reach, 2 * reach), options)
+
+
+def _failed(outcome: Outcome, correlation: float = np.nan) -> Shift:
+    return Shift(np.full(2, np.nan), correlation, np.nan, outcome)
+
+
+def shift_between(
+    template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MatchOptions
+) -> Shift:
+    """Return the shift of a window: pixels and mask of it (with `BORDER`), and of the area it is sought in."""
+    grey, place = _smoothed(template[0]), _smoothed(np.where(area[1], area[0], np.mean(area[0])))
+    core = grey[BORDER:-BORDER, BORDER:-BORDER]
+    if not core.std() > 1e-6 * max(1.0, abs(float(core.mean()))):
+        return _failed(Outcome.FLAT)
+    score = cv2.matchTemplate(place[BORDER:-BORDER, BORDER:-BORDER], core, cv2.TM_CCOEFF_NORMED)
+    score[~np.isfinite(score)] = -1.0
+    row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+    best = float(score[row, column])
+    if best < options.min_correlation:
+        return _failed(Outcome.UNLIKE, best)
+    if row in (0, score.shape[0] - 1) or column in (0, score.shape[1] - 1):
+        return _failed(Outcome.FAR, best)
+    side = grey.shape[0]
+    if not area[1][row : row + side, column : column + side].all():
+        return _failed(Outcome.NODATA, best)
+    return _refined(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
+
+
+def _smoothed(grey: np.ndarray) -> np.ndarray:
+    return cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SMOOTH_PX)
+
+
+def _refined(grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float, options: MatchOptions) -> Shift:
+    """Return the shift by least squares from the best whole pixel on; both windows have a border."""
+    T, T_x, T_y = _values_and_slopes(_coefficients(grey), np.zeros(2))
+    coefficients, weight = _coefficients(near), _weights(len(T))
+    d, gain, offset = np.zeros(2), float(T.std() / max(near.std(), 1e-9)), 0.0
+    for _ in range(MOST_ITERATIONS):
+        S, S_x, S_y = _values_and_slopes(coefficients, d)
+        A = np.stack([(gain * S_x + T_x) / 2.0, (gain * S_y + T_y) / 2.0, S, np.ones_like(S)]).reshape(4, -1)
+        misfit = (T - gain * S - offset).ravel()
+        N = (A * weight) @ A.T
+        if np.linalg.cond(N / np.sqrt(np.outer(np.diag(N), np.diag(N)))) > 1e8:
+            return _failed(Outcome.UNSTEADY, best)
+        step = np.linalg.solve(N, (A * weight) @ misfit)
+        misfit -= step @ A
+        d, gain, offset = d + step[:2], gain + step[2], offset + step[3]
+        if np.abs(d).max() > REACH_PX or gain <= 0.0:
+            return _failed(Outcome.UNSTEADY, best)
+        if np.hypot(*step[:2]) < CLOSURE_PX:
+            break
+    variance = float(weight @ misfit**2 / weight.sum())
+    Q = _covariance(A * weight, N) * variance
+    sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
+    if sigma > options.max_sigma_px:
+        return _failed(Outcome.UNSTEADY, best)
+    return Shift(whole - options.search_px + d, best, sigma, Outcome.MATCHED)
+
+
+def _covariance(weighted: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Return the cofactors of the unknowns ``(4, 4)`` for noise that was white before the smoothing.
+
+    Its correlation after that is a Gaussian of sqrt(2) times the width; neighbours do not count as observations of
+    their own.
+    """
+    side = round(np.sqrt(weighted.shape[1]))
+    spread = np.stack([cv2.GaussianBlur(row.reshape(side, side), (0, 0), np.sqrt(2.0) * SMOOTH_PX) for row in weighted])
+    inverse = np.linalg.inv(N)
+    return np.asarray(inverse @ (4.0 * np.pi * SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
+
+
+def _weights(side: int) -> np.ndarray:
+    x = (np.arange(side) - (side - 1) / 2.0) / (side / 2.0)
+    line = np.exp(-0.5 * (x / EDGE_SIGMA) ** 2)
+    return (line[:, None] * line).ravel()
+
+
+def _coefficients(grey: np.ndarray) -> np.ndarray:
+    return np.asarray(ndimage.spline_filter(grey, order=3, output=np.float64, mode="mirror"))
+
+
+def _spline(t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the four weights of the cubic B-spline at the fraction t of a cell, and of its derivative."""
+    s = 1.0 - t
+    values = [s**3 / 6, 2 / 3 - t**2 * (2 - t) / 2, 2 / 3 - s**2 * (2 - s) / 2, t**3 / 6]
+    slopes = [-(s**2) / 2, t * (3 * t - 4) / 2, s * (4 - 3 * s) / 2, t**2 / 2]
+    return np.array(values), np.array(slopes)
+
+
+def _values_and_slopes(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the window inside the border, shifted by d (at most `REACH_PX`), and its slopes by x and y."""
+    whole = np.floor(d).astype(int)
+    x_values, x_slopes = _spline(float(d[0] - whole[0]))
+    y_values, y_slopes = _spline(float(d[1] - whole[1]))
+    side = len(coefficients) - 2 * BORDER
+    start = BORDER - 1 + whole
+    parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
+    across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
+
+    def down(rows: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return np.asarray(sum(w * rows[start[1] + k : start[1] + k + side] for k, w in enumerate(weights)))
+
+    return down(across, y_values), down(slope_across, y_values), down(across, y_slopes)
+
+
+# ---- statistics ------------------------------------------------------------------------------------------------------
+
+
+def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | int | None]:
+    """Return robust figures of shifts ``(n, 2)`` in px: medians, NMADs, median and 90th percentile of the lengths."""
+    if not len(shift_px):
+        return dict.fromkeys(STATISTICS) | {"windows": 0}
+    middle = np.median(shift_px, axis=0)
+    nmad = 1.4826 * np.median(np.abs(shift_px - middle), axis=0)
+    length = np.hypot(*shift_px.T)
+    figures = (
+        len(shift_px), *middle.tolist(), *nmad.tolist(), float(np.median(length)), float(np.percentile(length, 90.0)),
+        float(np.median(length)) * pixel_m, float(np.percentile(length, 90.0)) * pixel_m,
+    )  # fmt: skip
+    return dict(zip(STATISTICS, figures, strict=True))
+
+
+STATISTICS = (
+    "windows", "median_dx_px", "median_dy_px", "nmad_dx_px", "nmad_dy_px", "median_px", "p90_px", "median_m", "p90_m",
+)  # fmt: skip

@@ -1,0 +1,211 @@
+"""Independent parts of a computation, run by Dask: threads of this machine, or workers of a `distributed` scheduler.
+
+A part is a function and one object with all that it needs (plus the results of other parts), so that the same parts
+run anywhere: they travel as they are. What a part returns is a dict of arrays, which can be kept on disk: a part
+whose result is kept is not run again. Results do not depend on who ran which part when.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from .errors import InputError
+from .progress import Progress, advance, silent
+
+Result = dict[str, np.ndarray]
+CONNECT_S = 10  # that a scheduler has time to answer
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part: ``function(job, *results of needs)``.
+
+    key : unique among the parts, and the same again for the same work: results are kept under it
+    keep : whether the result is worth a file (intermediate results are not)
+    """
+
+    key: str
+    function: Callable[..., Result]
+    job: Any
+    needs: tuple[str, ...] = ()
+    keep: bool = True
+    label: str = ""
+
+
+class Keeper(Protocol):
+    """Keeps results of finished parts between runs; `hrsi_engine.io` has one that writes files."""
+
+    def load(self, key: str) -> Result | None:
+        """Return what was kept under a key; None where there is nothing, or nothing whole."""
+
+    def save(self, key: str, result: Result) -> None:
+        """Keep a result."""
+
+
+Graph = dict[str, tuple]
+Done = Callable[[str, Result], None]
+Scheduler = Callable[[Graph, Sequence[str], Done], None]
+
+
+def run_parts(
+    parts: Sequence[Part],
+    wanted: Sequence[str],
+    scheduler: Scheduler,
+    keeper: Keeper | None = None,
+    progress: Progress = silent,
+) -> dict[str, Result]:
+    """Return the results of the wanted parts, by key; kept ones are read, the others run with what they need.
+
+    Raises `Cancelled` when ``progress`` asks to stop; parts that were finished by then are kept.
+    """
+    by_key = {part.key: part for part in parts}
+    results: dict[str, Result] = {}
+    for key in dict.fromkeys(wanted):
+        kept = keeper.load(key) if keeper is not None and by_key[key].keep else None
+        if kept is not None:
+            results[key] = kept
+    missing = [key for key in dict.fromkeys(wanted) if key not in results]
+    before = len(results)
+
+    def done(key: str, result: Result) -> None:
+        if keeper is not None and by_key[key].keep:
+            keeper.save(key, result)
+        results[key] = result
+        advance(progress, len(results) / (before + len(missing)), by_key[key].label)
+
+    if missing:
+        advance(progress, before / (before + len(missing)), by_key[missing[0]].label)
+        scheduler(_graph(by_key, missing), missing, done)
+    return {key: results[key] for key in wanted}
+
+
+def _graph(parts: Mapping[str, Part], wanted: Iterable[str]) -> Graph:
+    """Return the tasks of the wanted parts and of all that they need, as Dask takes them."""
+    graph: Graph = {}
+    waiting = list(wanted)
+    while waiting:
+        key = waiting.pop()
+        if key not in graph:
+            part = parts[key]
+            graph[key] = (_Call(part.function, part.job), *part.needs)
+            waiting += part.needs
+    return graph
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """A function with its job: Dask sees one callable, and looks for no tasks inside the job."""
+
+    function: Callable[..., Result]
+    job: Any
+
+    def __call__(self, *needed: Result) -> Result:
+        return self.function(self.job, *needed)
+
+
+# ---- who runs them -------------------------------------------------------------------------------------------------
+
+
+def open_scheduler(address: str | None = None, threads: int = 0) -> Scheduler:
+    """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores)."""
+    if address:
+        return _distributed(address)
+    return _threads(threads or os.cpu_count() or 1)
+
+
+def _threads(count: int) -> Scheduler:
+    """Return a scheduler of threads; a run that is given up waits for the parts in work only."""
+
+    def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+        from dask.callbacks import Callback
+        from dask.threaded import get
+
+        asked = set(wanted)
+
+        def after(key: str, result: Result, *_state: Any) -> None:
+            if key in asked:
+                done(key, result)
+
+        pool = ThreadPoolExecutor(count)
+        try:
+            with Callback(posttask=after):
+                get(graph, list(wanted), pool=pool)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    return run
+
+
+def _distributed(address: str) -> Scheduler:
+    def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+        try:
+            from distributed import Client, as_completed
+        except ImportError:
+            raise InputError(
+                "--scheduler needs the Python package distributed: install it here and on the workers "
+                "(pip install 'hrsi[distributed]'), or leave --scheduler out"
+            ) from None
+        client = _connected(Client, address)
+        with client:
+            futures = client.get(graph, list(wanted), sync=False)
+            try:
+                for future in as_completed(futures, loop=client.loop):
+                    done(str(future.key), future.result())
+                    future.release()
+            except BaseException:
+                client.cancel(futures)
+                raise
+
+    return run
+
+
+def _connected(client: Callable[..., Any], address: str) -> Any:
+    try:
+        return client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({reason}): start one with 'dask scheduler', "
+            "or leave the option out"
+        ) from None
+
+
+# ---- keys ----------------------------------------------------------------------------------------------------------
+
+
+def digest(*values: Any) -> str:
+    """Return a short text that is the same again for equal values, in any process, and differs for others.
+
+    For numbers, text, arrays, dataclasses of such, and tuples, lists and dicts of them.
+    """
+    state = hashlib.sha256()
+    _feed(state, values)
+    return state.hexdigest()[:24]
+
+
+def _feed(state: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        state.update(f"array{value.shape}{value.dtype.str}".encode())
+        state.update(np.ascontiguousarray(value).tobytes())
+    elif is_dataclass(value) and not isinstance(value, type):
+        state.update(type(value).__name__.encode())
+        for field in fields(value):
+            _feed(state, field.name)
+            _feed(state, getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        _feed(state, list(value.items()))
+    elif isinstance(value, (tuple, list)):
+        state.update(f"sequence{len(value)}".encode())
+        for item in value:
+            _feed(state, item)
+    elif value is None or isinstance(value, (str, bytes, bool, int, float, np.generic)):
+        state.update(f"{type(value).__name__}:{value!r};".encode())
+    else:
+        raise TypeError(f"{type(value).__name__} has no digest")

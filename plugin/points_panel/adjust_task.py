@@ -1,0 +1,42 @@
+"""The adjustment as a background task of QGIS: the desktop stays alive, and the user can cancel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from qgis.core import QgsTask
+
+from ...hrsi_engine.errors import Cancelled, HrsiError
+from ...processing_algorithms.point_session import PointSession
+from ..dependencies import missing_package_message
+
+
+class AdjustTask(QgsTask):
+    """Adjusts a snapshot of a session; ``adjusted`` holds the result, or ``failure`` why not (empty: cancelled)."""
+
+    def __init__(self, session: PointSession, model: str) -> None:
+        super().__init__("HRSI: adjusting the block", QgsTask.Flag.CanCancel)
+        from ...processing_algorithms.point_session.adjusting import block_of
+
+        self._block, self._model = block_of(session), model
+        self.adjusted: Any = None
+        self.failure = ""
+
+    def run(self) -> bool:
+        from ...processing_algorithms.point_session.adjusting import adjust_block
+
+        try:
+            self.adjusted = adjust_block(self._block, self._model, self._progress)
+        except Cancelled:
+            return False
+        except HrsiError as error:
+            self.failure = str(error)
+        except ImportError as error:
+            self.failure = missing_package_message(error) or repr(error)
+        except Exception as error:  # in a thread of QGIS it would vanish
+            self.failure = f"{type(error).__name__}: {error}"
+        return self.adjusted is not None
+
+    def _progress(self, fraction: float, message: str = "") -> bool:
+        self.setProgress(100.0 * fraction)
+        return not self.isCanceled()

@@ -1,0 +1,42 @@
+"""A label that shows the chip of a fit."""
+
+from __future__ import annotations
+
+from qgis.PyQt.QtCore import QByteArray, Qt
+from qgis.PyQt.QtGui import QPainter, QPixmap
+from qgis.PyQt.QtSvg import QSvgRenderer
+from qgis.PyQt.QtWidgets import QLabel
+
+SIDE_PX = 150
+_NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+
+
+class ChipLabel(QLabel):
+    """Shows a chip (SVG) with a line of text under it; nothing before the first fit."""
+
+    def show_chip(self, svg: str, text: str) -> None:
+        self.setToolTip(text)
+        pixmap = rendered(svg)
+        if pixmap.isNull():
+            self.setText(text)
+        else:
+            self.setPixmap(pixmap)
+
+
+def _for_qt(svg: str) -> str:
+    """Return an SVG made for web pages as Qt wants it: with name spaces, and the image in the older attribute."""
+    return svg.replace("<svg ", f"<svg {_NAMESPACES} ", 1).replace(' href="data:', ' xlink:href="data:')
+
+
+def rendered(svg: str) -> QPixmap:
+    """Return an SVG drawn at the label's size; a null pixmap where there is none."""
+    renderer = QSvgRenderer(QByteArray(_for_qt(svg).encode("utf-8")))
+    if not svg or not renderer.isValid():
+        return QPixmap()
+    size = renderer.defaultSize().scaled(SIDE_PX, SIDE_PX, Qt.AspectRatioMode.KeepAspectRatio)
+    pixmap = QPixmap(size)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    renderer.render(painter)
+    painter.end()
+    return pixmap

@@ -1,0 +1,78 @@
+"""What is drawn over an image: predicted and measured positions, their residuals and names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from qgis.core import QgsPointXY
+from qgis.gui import QgsMapCanvas, QgsMapCanvasItem
+from qgis.PyQt.QtCore import QPointF, QRectF, Qt
+from qgis.PyQt.QtGui import QColor, QPainter, QPen
+
+from .table_models import SUSPICIOUS
+
+ARROW_PX = 30.0  # on the screen, of a residual of one pixel
+_ARM = 9.0
+GOOD, PREDICTED = QColor(255, 176, 0), QColor(90, 200, 255)
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A point on one image (sample, line): where it is predicted and, if so, measured; its residual in px, or None."""
+
+    name: str
+    predicted: tuple[float, float]
+    measured: tuple[float, float] | None
+    residual_px: tuple[float, float] | None
+    is_suspicious: bool
+
+
+class PointMarkers(QgsMapCanvasItem):
+    """All points of an image: a ring where predicted, a cross where measured, an arrow for the residual."""
+
+    def __init__(self, canvas: QgsMapCanvas) -> None:
+        super().__init__(canvas)
+        self._canvas = canvas
+        self.markers: list[Marker] = []
+
+    def show_markers(self, markers: list[Marker]) -> None:
+        self.markers = markers
+        self.update()
+        self._canvas.refresh()
+
+    def boundingRect(self) -> QRectF:
+        return QRectF(0.0, 0.0, self._canvas.width(), self._canvas.height())
+
+    def updatePosition(self) -> None:
+        self.prepareGeometryChange()
+
+    def paint(self, painter: QPainter, option: object = None, widget: object = None) -> None:
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for marker in self.markers:
+            self._paint(painter, marker)
+
+    def _paint(self, painter: QPainter, marker: Marker) -> None:
+        at = self._place(marker.predicted)
+        painter.setPen(QPen(PREDICTED, 1.2, Qt.PenStyle.DashLine))
+        painter.drawEllipse(at, _ARM, _ARM)
+        colour = SUSPICIOUS if marker.is_suspicious else GOOD
+        if marker.measured is not None:
+            at = self._place(marker.measured)
+            painter.setPen(QPen(colour, 1.8))
+            painter.drawLine(at - QPointF(_ARM, 0.0), at + QPointF(_ARM, 0.0))
+            painter.drawLine(at - QPointF(0.0, _ARM), at + QPointF(0.0, _ARM))
+            if marker.residual_px is not None:
+                painter.setPen(QPen(colour, 2.4))
+                painter.drawLine(at, at + ARROW_PX * QPointF(*marker.residual_px))
+        painter.setPen(QPen(colour))
+        painter.drawText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), label(marker))
+
+    def _place(self, xy: tuple[float, float]) -> QPointF:
+        return self.toCanvasCoordinates(QgsPointXY(xy[0], -xy[1]))
+
+
+def label(marker: Marker) -> str:
+    """Return a point's name with its residual."""
+    if marker.residual_px is None:
+        return marker.name
+    return f"{marker.name}  {marker.residual_px[0]:+.2f} {marker.residual_px[1]:+.2f} px"

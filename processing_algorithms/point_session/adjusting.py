@@ -1,0 +1,140 @@
+"""Adjusting what was measured so far: a snapshot in, cameras, residuals and suspicions out. Thread-safe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ...hrsi_engine.errors import InputError
+from ...hrsi_engine.progress import Progress, silent, stage
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...hrsi_engine.adjustment import Adjustment
+    from ...hrsi_engine.block import Block
+    from ...hrsi_engine.refinement import RefinementModel
+    from ...hrsi_engine.residuals import Residuals
+    from .session import PointSession
+
+REJECT_SIGMA = 4.0  # as --reject of the block adjustment
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """An adjustment as the panel shows it.
+
+    corrections : parameters of the model by image id
+    residual_px : by (point, image), observed - computed at the surveyed position; residual_m : by point, survey -
+    computed; image_suspicions, point_suspicions : why, by the same keys; summary : one line; check : figures of the
+    check points as in the report
+    """
+
+    model: RefinementModel
+    corrections: Mapping[str, np.ndarray]
+    residual_px: Mapping[tuple[str, str], tuple[float, float]]
+    residual_m: Mapping[str, tuple[float, float, float]]
+    image_suspicions: Mapping[tuple[str, str], str]
+    point_suspicions: Mapping[str, str]
+    summary: str
+    check: Mapping[str, Any]
+    warnings: tuple[str, ...]
+    result: Adjustment
+    left: Residuals
+
+
+def block_of(session: PointSession) -> Block:
+    """Return the session as a block; later edits do not change it. Raises `InputError` where nothing is measured."""
+    from ...hrsi_engine.block import assemble
+    from .tables import ground_points, image_points
+
+    measured = image_points(session)
+    if not len(measured) and session.ties is None:
+        raise InputError("no point is measured on any image: measure one first")
+    tables = [measured] if session.ties is None else [measured, session.ties]
+    return assemble(list(session.images.values()), [ground_points(session)], tables)
+
+
+def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjusted:
+    """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
+    from ...hrsi_engine.adjustment import AdjustOptions, adjust
+    from ...hrsi_engine.residuals import residuals
+    from ..model_choice import choose
+
+    chosen = choose(block, {"model": model})
+    options = AdjustOptions(model=chosen.options["model"], reject_sigma=REJECT_SIGMA)
+    result = adjust(block, options, stage(progress, 0.1, 0.9))
+    suspects = chosen.entries.get("model_choice", {}).get("suspects", [])
+    return shown(result, residuals(result), suspects, tuple(chosen.warnings))
+
+
+def shown(
+    result: Adjustment, left: Residuals, suspects: list[dict[str, Any]], warnings: tuple[str, ...] = ()
+) -> Adjusted:
+    """Return an adjustment in the form that the panel shows."""
+    from ...hrsi_engine.block_report import control_and_check
+
+    check = control_and_check(result, left)["check"]
+    return Adjusted(
+        model=result.model,
+        corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},
+        residual_px=_image_residuals(result, left),
+        residual_m=_ground_residuals(result, left),
+        image_suspicions=_suspicious_measurements(result, left),
+        point_suspicions=_suspicious_points(result, suspects),
+        summary=_summary(result, check),
+        check=check,
+        warnings=(*warnings, *result.warnings),
+        result=result,
+        left=left,
+    )
+
+
+def _image_residuals(result: Adjustment, left: Residuals) -> dict[tuple[str, str], tuple[float, float]]:
+    rows = result.block.measurements
+    known = result.block.known[rows.point].nonzero()[0]
+    return {_key(result, row): (float(left.at_known_px[row, 0]), float(left.at_known_px[row, 1])) for row in known}
+
+
+def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[float, float, float]]:
+    points = result.block.known.nonzero()[0]
+    return {
+        str(result.block.points.ids[index]): tuple(float(value) for value in left.ground_m[index]) for index in points
+    }  # type: ignore[return-value]
+
+
+def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[str, str], str]:
+    """Return the measurements of known points that stand out, by the test that the report uses."""
+    from ...hrsi_engine.block_report import OUTLIER_SIGMAS, outlier_statistic
+
+    statistic = outlier_statistic(result, left)
+    known = result.block.known[result.block.measurements.point]
+    return {
+        _key(result, row): f"{_key(result, row)[1]}: {statistic[row]:.1f} sigma off"
+        for row in (known & (statistic > OUTLIER_SIGMAS)).nonzero()[0]
+    }
+
+
+def _suspicious_points(result: Adjustment, suspects: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the GCPs that disagree with the others, by data snooping and by the choice of the model."""
+    found = {str(finding.id): finding.message for finding in result.findings}
+    for suspect in suspects:
+        found.setdefault(
+            str(suspect["id"]), f"{suspect['image']}: {suspect['deviation_px']:.1f} px from where the others put it"
+        )
+    return found
+
+
+def _key(result: Adjustment, row: int) -> tuple[str, str]:
+    rows = result.block.measurements
+    return str(result.block.points.ids[rows.point[row]]), result.block.images[rows.image[row]].id
+
+
+def _summary(result: Adjustment, check: Mapping[str, Any]) -> str:
+    state = "converged" if result.converged else "not converged"
+    text = f"model {result.model.name}, sigma0 {result.sigma0:.2f}, {state}"
+    if check["ce90_m"] is None:
+        return f"{text}; no check points"
+    le90 = "" if check["le90_m"] is None else f", LE90 {check['le90_m']:.2f} m"
+    return f"{text}; {check['points']} check points: CE90 {check['ce90_m']:.2f} m{le90}"

@@ -1,0 +1,169 @@
+"""Opening and saving a point session: a block's GeoPackage with the layers images, ground_points and image_points."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ...hrsi_engine.errors import InputError
+from .rows import ROLES, KnownPoint, Measured
+from .session import PointSession
+
+if TYPE_CHECKING:
+    from ...hrsi_engine.block import Image
+    from ...hrsi_engine.points import GroundPoints, ImagePoints
+
+
+def open_block(path: str) -> PointSession:
+    """Open the GeoPackage of a session or of a result of `triangulate`, `adjust` or `refine-rpc`.
+
+    Raises `InputError` where it has not the layers, or an image is not where it was.
+    """
+    from ...hrsi_engine.io.layer_rows import layer_names, text_columns
+    from ...hrsi_engine.io.point_files import read_points
+
+    names = layer_names(path)
+    missing = [name for name in ("images", "ground_points", "image_points") if name not in names]
+    if missing:
+        raise InputError(f"{path}: has no layer {missing[0]!r}: open the block.gpkg of a result, or begin a new one")
+    images = _open_images(_found_paths(path, text_columns(path, "images", ("path",))["path"]))
+    ids = [image.id for image in images]
+    ground = read_points(f"{path}|layername=ground_points", image_ids=ids).ground if names["ground_points"] else None
+    image = read_points(f"{path}|layername=image_points", image_ids=ids).image if names["image_points"] else None
+    return _session(images, ground, image, path)
+
+
+def new_session(
+    images: Sequence[str], gcps: str = "", image_points: str = "", ground_crs: str | None = None,
+    height_datum: str = "layer",
+) -> PointSession:  # fmt: skip
+    """Begin with image files and, where there are such, files of ground and image points."""
+    from ...hrsi_engine.io.point_files import read_points
+
+    opened = _open_images(images)
+    ids = [image.id for image in opened]
+    given = {"ground_crs": ground_crs, "height_datum": height_datum, "image_ids": ids}
+    tables = [read_points(source, **given) for source in (gcps, image_points) if source]
+    ground = tables[0].ground if gcps and tables else None
+    measured = [table.image for table in tables if table.image is not None]
+    return _session(opened, ground, measured[-1] if measured else None, "")
+
+
+def read_ground_points(source: str, ground_crs: str | None = None, height_datum: str = "layer") -> list[KnownPoint]:
+    """Return the ground points of a layer or file, to be added to a session."""
+    from ...hrsi_engine.io.point_files import read_points
+
+    ground = read_points(source, ground_crs=ground_crs, height_datum=height_datum).ground
+    if ground is None:
+        raise InputError(f"{source}: holds no positions on the ground: name another layer")
+    return _known_points(ground)
+
+
+def save(session: PointSession, path: str = "") -> None:
+    """Save a session, with the residuals of its adjustment where nothing was edited since; others' layers stay."""
+    from ...hrsi_engine.io.layer_rows import replace_layers
+    from .tables import images_layer, point_layers
+
+    target = path or session.path
+    if not target:
+        raise InputError("the block has no file yet: name one")
+    layers = [images_layer(session), *point_layers(session)]
+    if session.adjusted is not None and not session.changed:
+        layers = _adjusted_layers(session)
+    replace_layers(target, layers)
+    session.path, session.changed = target, False
+
+
+def save_adjusted(session: PointSession) -> None:
+    """Save a session with the residuals of the adjustment that it has just taken over."""
+    session.changed = False
+    save(session)
+
+
+def _adjusted_layers(session: PointSession) -> list:
+    """Return all layers of the adjustment, and the points that it left out because no image shows them."""
+    import numpy as np
+
+    from ...hrsi_engine.io.layers import Layer
+    from ..block_layers import block_layers
+    from .tables import point_layers
+
+    assert session.adjusted is not None
+    layers = {layer.name: layer for layer in block_layers(session.adjusted.result, session.adjusted.left, "both")}
+    plain, full = point_layers(session)[0], layers["ground_points"]
+    more = ~np.isin(plain.fields["id"], full.fields["id"])
+    columns = {
+        name: np.concatenate(
+            [column, plain.fields[name][more] if name in plain.fields else np.zeros(more.sum(), column.dtype)]
+        )
+        for name, column in full.fields.items()
+    }
+    place = np.vstack([np.asarray(full.coordinates), np.asarray(plain.coordinates)[more]])
+    layers["ground_points"] = Layer("ground_points", full.geometry, full.crs, place, columns)
+    return list(layers.values())
+
+
+def _found_paths(block: str, paths: Sequence[str]) -> list[str]:
+    """Return the images' files: as named, or beside the GeoPackage."""
+    folder = os.path.dirname(os.path.abspath(block))
+    found = []
+    for path in paths:
+        candidates = (path, os.path.join(folder, path), os.path.join(folder, os.path.basename(path)))
+        existing = next((name for name in candidates if name and os.path.exists(name)), None)
+        if existing is None:
+            raise InputError(
+                f"{block}: its image {path!r} is not there: bring it back, or put it beside the GeoPackage"
+            )
+        found.append(existing)
+    return found
+
+
+def _open_images(paths: Sequence[str]) -> list[Image]:
+    from ...hrsi_engine.io.rasters import close_images, open_image
+
+    images = [open_image(path) for path in paths]
+    close_images()
+    twice = {image.id for image in images if [other.id for other in images].count(image.id) > 1}
+    if twice:
+        raise InputError(f"image id {sorted(twice)[0]} occurs more than once: rename one of the files")
+    return images
+
+
+def _session(
+    images: Sequence[Image], ground: GroundPoints | None, image: ImagePoints | None, path: str
+) -> PointSession:
+    """Return a session; measurements of points without a survey are tie points."""
+    import numpy as np
+
+    points = [] if ground is None else _known_points(ground)
+    if image is None:
+        return PointSession(images, points, path=path)
+    own = np.isin(image.ids, [point.id for point in points])
+    measured = {
+        (str(image.ids[row]), str(image.image_ids[row])): Measured(
+            float(image.xy[row, 0]), float(image.xy[row, 1]), float(image.sigma_px[row]), str(image.kind[row]),
+            float(image.quality[row]),
+        )
+        for row in np.flatnonzero(own)
+    }  # fmt: skip
+    unknown = sorted({name for _, name in measured} - {one.id for one in images})
+    if unknown:
+        raise InputError(f"{image.source} names the image {unknown[0]!r}, which is not in the block: add it")
+    return PointSession(images, points, measured, None if own.all() else image.select(~own), path)
+
+
+def _known_points(ground: GroundPoints) -> list[KnownPoint]:
+    from ...hrsi_engine.points import Role
+
+    return [
+        KnownPoint(
+            str(ground.ids[row]),
+            *map(float, ground.ground[row]),
+            role=ROLES[1] if ground.role[row] == Role.CHECK else ROLES[0],
+            sigma_xy=float(ground.sigma_m[row, 0]),
+            sigma_h=float(ground.sigma_m[row, 1]),
+        )
+        for row in range(len(ground))
+        if ground.role[row] != Role.TIE
+    ]

@@ -1,0 +1,55 @@
+"""What the tables of a point session show: one row a ground point, and one row an image for each point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan
+
+ROLES = ("gcp", "check")
+KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
+
+
+@dataclass
+class KnownPoint:
+    """A ground point with a surveyed position; NaN sigmas take the default of the adjustment."""
+
+    id: str
+    lon: float
+    lat: float
+    height: float
+    role: str = "gcp"
+    sigma_xy: float = nan
+    sigma_h: float = nan
+
+
+@dataclass
+class Measured:
+    """Where a point was measured on an image; a NaN sigma takes the default."""
+
+    sample: float
+    line: float
+    sigma: float = nan
+    kind: str = ""
+    quality: float = nan
+
+
+@dataclass(frozen=True)
+class PointRow:
+    """A ground point, its residuals (survey - computed, metres east, north, up; NaN without), why it is suspicious."""
+
+    point: KnownPoint
+    images: int
+    residual_m: tuple[float, float, float]
+    suspicion: str
+
+
+@dataclass(frozen=True)
+class MeasurementRow:
+    """A point on one image: predicted and measured position, residual (px), and why it is suspicious, if it is."""
+
+    image: str
+    predicted: tuple[float, float]
+    is_inside: bool
+    measured: Measured | None
+    residual_px: tuple[float, float]
+    suspicion: str

@@ -1,0 +1,105 @@
+"""A session as the engine's tables, and as layers in the fields of a block's GeoPackage."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...hrsi_engine.io.layers import Layer
+from ...hrsi_engine.points import GroundPoints, ImagePoints, Role
+from ...hrsi_engine.result_tables import footprint
+
+if TYPE_CHECKING:
+    from .session import PointSession
+
+WGS84 = 4326
+
+
+def ground_points(session: PointSession) -> GroundPoints:
+    """Return the known points."""
+    points = list(session.points.values())
+    return GroundPoints.create(
+        [point.id for point in points],
+        np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3),
+        np.array([int(Role[point.role.upper()]) for point in points], dtype=np.int8),
+        np.array([[point.sigma_xy, point.sigma_h] for point in points]).reshape(-1, 2),
+        "the list of points",
+    )
+
+
+def image_points(session: PointSession) -> ImagePoints:
+    """Return the measurements of the known points."""
+    rows = list(session.measured.values())
+    return ImagePoints.create(
+        [name for name, _ in session.measured],
+        [image for _, image in session.measured],
+        np.array([[row.sample, row.line] for row in rows]).reshape(-1, 2),
+        np.array([row.sigma for row in rows], dtype=np.float64),
+        np.array([row.kind for row in rows], dtype=str),
+        np.array([row.quality for row in rows], dtype=np.float64),
+    )
+
+
+def images_layer(session: PointSession) -> Layer:
+    """Return the images' footprints at the mean height of the points."""
+    images = list(session.images.values())
+    heights = [point.height for point in session.points.values()]
+    height = float(np.mean(heights)) if heights else float(np.mean([image.rpc.height_off for image in images]))
+    columns = {
+        "id": np.array([image.id for image in images], dtype=str),
+        "path": np.array([image.path for image in images], dtype=str),
+        "samples": np.array([image.size[0] if image.size else 0 for image in images], dtype=np.int64),
+        "lines": np.array([image.size[1] if image.size else 0 for image in images], dtype=np.int64),
+        "footprint_height_m": np.full(len(images), height),
+    }
+    return Layer("images", "Polygon", WGS84, [footprint(image, height) for image in images], columns)
+
+
+def point_layers(session: PointSession) -> list[Layer]:
+    """Return ``ground_points`` and ``image_points`` as they stand, without any residual."""
+    known = ground_points(session)
+    unknown = np.full(len(known), np.nan)
+    ground = {
+        "id": known.ids, "role": _labels(known.role), "height": known.ground[:, 2],
+        "sigma_east_m": unknown, "sigma_north_m": unknown, "sigma_height_m": unknown,
+        **surveyed_columns(known),
+    }  # fmt: skip
+    return [
+        Layer("ground_points", "PointZ", WGS84, known.ground, ground),
+        _image_points_layer(session, known),
+    ]
+
+
+def surveyed_columns(known: GroundPoints) -> dict[str, np.ndarray]:
+    """Return the columns that keep the survey, whatever the geometry is."""
+    return {
+        "survey_lon": known.ground[:, 0], "survey_lat": known.ground[:, 1], "survey_height": known.ground[:, 2],
+        "sigma_xy": known.sigma_m[:, 0], "sigma_h": known.sigma_m[:, 1],
+    }  # fmt: skip
+
+
+def _image_points_layer(session: PointSession, known: GroundPoints) -> Layer:
+    """Return all measurements, of tie points too, at the surveyed positions where there are such."""
+    tables = [image_points(session), *([] if session.ties is None else [session.ties])]
+    ids = np.concatenate([table.ids for table in tables])
+    index = {name: row for row, name in enumerate(known.ids.tolist())}
+    at = np.array([index.get(name, -1) for name in ids.tolist()], dtype=np.int64)
+    place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
+    roles = np.append(_labels(known.role), "tie")[at]
+    xy = np.concatenate([table.xy for table in tables])
+    nothing = np.full(len(ids), np.nan)
+    columns = {
+        "id": ids, "role": roles, "image": np.concatenate([table.image_ids for table in tables]),
+        "sample": xy[:, 0], "line": xy[:, 1],
+        "sigma_px": np.concatenate([table.sigma_px for table in tables]),
+        "kind": np.concatenate([table.kind for table in tables]),
+        "quality": np.concatenate([table.quality for table in tables]),
+        "residual_sample_px": nothing, "residual_line_px": nothing, "weight": nothing,
+        "flag": np.full(len(ids), ""),
+    }  # fmt: skip
+    return Layer("image_points", "PointZ", WGS84, place, columns)
+
+
+def _labels(role: np.ndarray) -> np.ndarray:
+    return np.array([Role(value).label for value in role.tolist()], dtype=str)

@@ -1,0 +1,59 @@
+"""A click on an image becomes a measurement: the centre or corner near it, with a chip that shows the fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ...hrsi_engine.errors import InputError
+from ..target_chip import chip_of
+from .rows import Measured
+
+if TYPE_CHECKING:
+    from ...hrsi_engine.block import Image
+
+BY_HAND = "point"
+#: How well the middle of an object is what was surveyed, and how well the cameras' models follow it: a fit's own sigma
+#: of some hundredths of a pixel knows of neither, and would make every click an outlier among older measurements.
+IDENTIFICATION_PX = 0.1
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a click gave: the measurement, or the reason why there is none, and a chip (SVG) either way."""
+
+    measured: Measured
+    refusal: str
+    chip_svg: str
+
+
+def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
+    """Measure the target near a click (sample, line) as `measure-targets` does; ``point`` takes the click itself.
+
+    Raises `InputError` for an image without pixels.
+    """
+    from ...hrsi_engine.io.rasters import close_images
+
+    try:
+        return _fit(image, click, kind)
+    finally:
+        close_images()  # a session lasts for hours, and files that are open cannot be replaced everywhere
+
+
+def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
+    import numpy as np
+
+    from ...hrsi_engine.io.target_chips import chip_svg
+    from ...hrsi_engine.measurement.targets import measure_target, refused
+
+    xy = np.array(click, dtype=np.float64)
+    if kind == BY_HAND:
+        chip = "" if image.raster is None else chip_svg(chip_of(refused(kind, BY_HAND), xy, image.raster))
+        return Fit(Measured(float(xy[0]), float(xy[1]), kind=kind), "", chip)
+    if image.raster is None:
+        raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")
+    made = measure_target(image.raster, xy, kind)
+    sigma_px = math.hypot(made.sigma_px, IDENTIFICATION_PX)
+    measured = Measured(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
+    return Fit(measured, made.refusal, chip_svg(chip_of(made, xy, image.raster)))

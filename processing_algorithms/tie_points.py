@@ -1,0 +1,164 @@
+"""`tie-points`: automatic tie points over a block, as layers and files that `adjust` and `triangulate` take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .image_files import open_images
+from .terrain import TERRAIN_PARAMS, open_terrain
+from .tie_search import SEARCH_PARAMS, find
+
+if TYPE_CHECKING:
+    from ..hrsi_engine.block import Image
+    from ..hrsi_engine.io.layers import Layer
+    from ..hrsi_engine.measurement.tie_points import TiePoints
+
+LAYERS_FILE, TABLE_FILE = "block.gpkg", "tie_points.csv"
+POINTS_LAYER, MEASUREMENTS_LAYER = "tie_points", "image_points"
+
+
+def run(options: Mapping[str, Any], context: Context) -> Report:
+    """Find the tie points of the images and write them."""
+    from ..hrsi_engine.io.output_dir import check_output_dir, staged
+    from ..hrsi_engine.io.report import write_report_json
+    from ..hrsi_engine.progress import advance, stage
+    from .block_outputs import Clock
+
+    check_output_dir(options["output_dir"], options["overwrite"])
+    clock = Clock()
+    images = open_images(options["images"], context.log)
+    surface = open_terrain(options)
+    clock.lap("read")
+    found, finished = find(images, options, surface, Context(stage(context.progress, 0.0, 0.95), context.log))
+    clock.lap("tie_points")
+    with staged(options["output_dir"], [image.path for image in images]) as folder:
+        outputs = _write_points(folder, found, options)
+        report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
+        write_report_json(str(folder / "report.json"), report)
+    finished.remove()
+    for warning in found.warnings:
+        context.log(f"warning: {warning}")
+    advance(context.progress, 1.0, "done")
+    return report
+
+
+def _write_points(folder: Path, found: TiePoints, options: Mapping[str, Any]) -> dict[str, str]:
+    from ..hrsi_engine.io.csv_tables import write_measurements
+    from ..hrsi_engine.io.layer_styles import default_styles
+    from ..hrsi_engine.io.layers import write_geopackage
+
+    layers = _layers(found)
+    styles = default_styles({POINTS_LAYER: layers[0].fields})
+    write_geopackage(str(folder / LAYERS_FILE), layers, styles)
+    names = {"layers": LAYERS_FILE}
+    if options["csv"]:
+        names["csv"] = TABLE_FILE
+        write_measurements(str(folder / TABLE_FILE), found.image_points)
+    return {what: f"{options['output_dir'].rstrip('/')}/{name}" for what, name in names.items()}
+
+
+def _layers(found: TiePoints) -> list[Layer]:
+    """Return the layer of points and that of their measurements, both at approximate ground positions."""
+    import numpy as np
+
+    from ..hrsi_engine.io.layers import Layer
+
+    rows = found.image_points
+    ids, track = np.unique(rows.ids, return_inverse=True)
+    views = np.bincount(track, minlength=len(ids))
+    points = {
+        "id": ids, "views": views, "height": found.ground[:, 2],
+        "sigma": np.sqrt(np.bincount(track, rows.sigma_px**2, len(ids)) / np.maximum(views, 1)),
+        "quality": np.bincount(track, rows.quality, len(ids)) / np.maximum(views, 1),
+        "kind": rows.kind[np.searchsorted(track, np.arange(len(ids)))] if len(ids) else rows.kind,
+    }  # fmt: skip
+    measured = {
+        "id": rows.ids, "image": rows.image_ids, "sample": rows.xy[:, 0], "line": rows.xy[:, 1],
+        "sigma": rows.sigma_px, "quality": rows.quality, "kind": rows.kind,
+    }  # fmt: skip
+    return [
+        Layer(POINTS_LAYER, "PointZ", 4326, found.ground, points),
+        Layer(MEASUREMENTS_LAYER, "PointZ", 4326, found.ground[track], measured),
+    ]
+
+
+def _report(images: Sequence[Image], found: TiePoints, options: Mapping[str, Any]) -> Report:
+    import math
+
+    import numpy as np
+
+    from ..hrsi_engine.io.versions import versions
+    from ..hrsi_engine.version import VERSION
+
+    rows = found.image_points
+    ids, track = np.unique(rows.ids, return_inverse=True)
+    views = np.bincount(np.bincount(track, minlength=len(ids))) if len(ids) else np.zeros(0, int)
+    return {
+        "schema": 1, "algorithm": "tie-points", "version": VERSION,
+        "images": {
+            image.id: {"path": image.path, "observations": int((rows.image_ids == image.id).sum()),
+                       "cells": _cells_with_points(image, rows.xy[rows.image_ids == image.id])}
+            for image in images
+        },
+        "pairs": [
+            {"first": pair.first, "second": pair.second, "matches": pair.matches,
+             "offset_px": None if math.isnan(pair.offset_px) else pair.offset_px}
+            for pair in found.pairs
+        ],
+        "ties": {"points": len(ids), "observations": len(rows),
+                 "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]}},
+        "warnings": list(found.warnings), "versions": versions(),
+        "settings": {key: value for key, value in options.items() if value is not None},
+    }  # fmt: skip
+
+
+def _cells_with_points(image: Image, xy: Any, cells: int = 8) -> int:
+    """Return how many of an image's 8 x 8 parts hold a tie point."""
+    import numpy as np
+
+    if image.size is None:
+        return 0
+    return len(np.unique(np.floor(cells * (xy + 0.5) / image.size), axis=0))
+
+
+def summarise(report: Report) -> str:
+    """Return the numbers of points and of measurements on each image."""
+    ties = report["ties"]
+    by_views = ", ".join(f"{count} on {views}" for views, count in ties["by_views"].items())
+    lines = [f"{ties['points']} tie points ({by_views} images), {ties['observations']} measurements"]
+    lines += [f"{name}: {image['observations']} measurements in {image['cells']} of 64 parts"
+              for name, image in report["images"].items()]  # fmt: skip
+    return "\n".join([*lines, *report["outputs"].values()])
+
+
+ALGORITHM = Algorithm(
+    name="tie-points",
+    title="Find tie points",
+    group="Image points",
+    summary="Automatic tie points over a block",
+    help=(
+        "Finds points that are on two or more images of a block. Overlaps are found at the true height of the "
+        "ground, from a DEM or from the images themselves; what the RPCs are off is learnt at a low resolution; then "
+        "windows of every image are matched with all images that show them, to a fraction of a pixel, with the "
+        "standard deviation of each position. Points are spread evenly. Images of any size are read by windows; "
+        "pairs and windows are independent parts, done by the threads of this machine or the workers of a Dask "
+        "scheduler. What is finished is kept: the same command continues a run that was stopped.\n\n"
+        "The result goes into adjust and triangulate as --tie-points. Sample 0, line 0 is the CENTRE of the first "
+        "pixel."
+    ),
+    params=(
+        Param("images", Kind.IMAGES, "Images with RPC", required=True, metavar="IMAGE"),
+        *TERRAIN_PARAMS,
+        *SEARCH_PARAMS,
+        Param("csv", Kind.FLAG, "Write the measurements as CSV too", default=False),
+        *OUTPUT_PARAMS,
+        *COMMON_PARAMS,
+    ),
+    run=run,
+    summarise=summarise,
+    layers=(f"{LAYERS_FILE}|layername={POINTS_LAYER}",),
+    packages=("cv2", "dask"),
+)  # fmt: skip

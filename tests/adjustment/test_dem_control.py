@@ -1,0 +1,125 @@
+"""Tie-point heights held by a DEM: weak geometry mended, in spite of trees, buildings and errors of the DEM."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, dem_heights
+from hrsi.hrsi_engine.adjustment.result import Verdict
+from hrsi.hrsi_engine.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.dem import GridSurface
+from hrsi.hrsi_engine.geodesy import ground_difference_m, metres_per_degree
+
+SIGMA_DEM_M = 2.0
+TILTS = (0.10, 0.19)  # 5 degrees of convergence: 0.3 px of noise are 3 m of height, and a bias of 5 px 50 m
+
+
+def surfaces(wrong: float, seed: int) -> tuple[GridSurface, GridSurface, GridSurface]:
+    """Return true terrain, a DEM of it, and the same DEM without its wrong cells.
+
+    The DEM has noise, and a share of its cells is 15 to 60 m wrong, most of them too high.
+    """
+    rng = np.random.default_rng(seed)
+    side, step_m = 120, 40.0
+    x, y = np.meshgrid(np.arange(side), np.arange(side))
+    terrain = 250.0 + 30.0 * np.sin(x / 17.0) + 25.0 * np.cos(y / 13.0)
+    wrong_cells = rng.random((side // 4, side // 4)) < wrong
+    height = np.where(rng.random(wrong_cells.shape) < 0.8, 1.0, -1.0) * rng.uniform(15.0, 60.0, wrong_cells.shape)
+    dem = terrain + rng.normal(0.0, SIGMA_DEM_M, terrain.shape) + np.kron(wrong_cells * height, np.ones((4, 4)))
+    cell = step_m / metres_per_degree(np.array([[blocks.LON, blocks.LAT, 0.0]]))[0, :2]
+    origin = tuple(np.array([blocks.LON, blocks.LAT]) - 0.5 * (side - 1) * cell * [1.0, -1.0])
+    holes = np.where(np.kron(wrong_cells, np.ones((4, 4))) > 0.0, np.nan, dem)
+    made = [GridSurface.from_array(z, origin, (cell[0], -cell[1])) for z in (terrain, dem, holes)]
+    return made[0], made[1], made[2]
+
+
+def weak_block(
+    terrain: GridSurface, seed: int, gcps: int = 0, tilts: tuple[float, ...] = TILTS
+) -> tuple[Block, np.ndarray]:
+    """Return images with biases of 5 px each and 400 tie points on the terrain, and the true ground points."""
+    rng = np.random.default_rng(seed)
+    cameras = [Image(f"n{k}", blocks.oblique_rpc(tilt, 0.0), (4001, 4001)) for k, tilt in enumerate(tilts)]
+    truth = blocks.ground(400 + gcps, seed)
+    truth[:, 2] = terrain.heights(terrain.grid_coordinates(truth[:, :2]))
+    ids = [f"P{k:03d}" for k in range(len(truth))]
+    rows = []
+    for camera in cameras:
+        xy = camera.rpc.project(truth) + rng.normal(0, 5.0, 2) + rng.normal(0, 0.3, (len(ids), 2))
+        rows.append(ImagePoints.create(ids, [camera.id] * len(ids), xy, 0.3))
+    return assemble(cameras, [GroundPoints.create(ids[:gcps], truth[:gcps], Role.GCP, 0.1)], rows), truth
+
+
+def height_error_m(block: Block, truth: np.ndarray, options: AdjustOptions) -> np.ndarray:
+    """Return the mean and the RMS height error of the tie points."""
+    error = ground_difference_m(adjust(block, options).ground, truth)[:, 2]
+    return np.array([error.mean(), np.sqrt(np.mean(error**2))])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
+    terrain, dirty, known = surfaces(0.25, seed)
+    block, truth = weak_block(terrain, seed)
+    free = height_error_m(block, truth, AdjustOptions())
+    good = height_error_m(block, truth, AdjustOptions(dem=known, sigma_dem_m=SIGMA_DEM_M))
+    robust = height_error_m(block, truth, AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    monkeypatch.setattr(dem_heights, "falling", np.ones_like)
+    plain = height_error_m(block, truth, AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    print(f"seed {seed}, least squares: {plain}")
+    print(f"seed {seed}: mean and RMS of heights without DEM {free}, wrong heights known {good}, unknown {robust}")
+    assert abs(good[0]) < 0.8  # 300 points of 5 m each by a pair of rays: 0.3 m
+    assert abs(robust[0]) < min(2.0, 0.4 * plain[0])  # rays tell errors of 15 m from nothing by 3 sigma only
+    assert robust[1] < min(1.7 * good[1], 0.4 * plain[1])
+    assert free[1] > 3.0 * robust[1]
+
+
+def test_wrong_heights_are_counted_and_named():
+    terrain, dirty, _ = surfaces(0.25, 1)
+    block, _ = weak_block(terrain, 1)
+    result = adjust(block, AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    assert result.dem is not None
+    assert 0.15 < result.dem.left_out / result.dem.points < 0.35
+    assert result.dem.rmse_m < 7.0  # the rays' own 5 m
+    assert result.dem.left_out_median_m < -15.0
+    assert any("heights of the DEM do not fit" in text for text in result.warnings)
+    _, clean, _ = surfaces(0.0, 1)
+    result = adjust(block, AdjustOptions(dem=clean, sigma_dem_m=SIGMA_DEM_M))
+    assert result.dem is not None and result.dem.left_out <= 4
+    assert not any("heights of the DEM" in text for text in result.warnings)
+
+
+def test_blunders_of_image_points_are_found_although_a_dem_holds_them():
+    terrain, dirty, _ = surfaces(0.25, 4)
+    block, truth = weak_block(terrain, 4, tilts=(0.10, 0.19, -0.2))
+    rows = block.measurements
+    wrong = np.arange(0, len(rows), 45)
+    moved = rows.xy.copy()
+    moved[wrong] += [0.0, 30.0]  # across the epipolar lines
+    result = adjust(
+        replace(block, measurements=replace(rows, xy=moved)),
+        AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M, reject_sigma=4.0),
+    )
+    assert np.mean(result.verdict[wrong] != int(Verdict.KEPT)) > 0.95
+    good = np.setdiff1d(np.arange(len(rows)), wrong)
+    beside = np.isin(rows.point[good], rows.point[wrong])
+    assert np.mean(result.verdict[good[~beside]] != int(Verdict.KEPT)) < 0.005  # wrong DEM heights accuse no ray
+    error = ground_difference_m(result.ground, truth)[:, 2]
+    assert abs(np.nanmean(error)) < 1.0
+
+
+def test_heights_of_a_single_strip_between_gcps_of_one_image():
+    """GCPs hold the first image; the DEM says where the second one lies along the epipolar lines."""
+    terrain, dirty, _ = surfaces(0.15, 5)
+    block, truth = weak_block(terrain, 5, gcps=5)
+    rows = block.measurements
+    known = block.points.role == Role.GCP
+    block = block.with_measurements(~(known[rows.point] & (rows.image == 1)))
+    free, held = (
+        height_error_m(block, truth, options)[0]
+        for options in (AdjustOptions(), AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    )
+    assert abs(free) > 5.0
+    assert abs(held) < 1.0

@@ -1,0 +1,74 @@
+"""The prior of the images' drift, estimated from blocks whose drift is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.drift_prior import drifting
+from hrsi.hrsi_engine.block import Role
+from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.refinement import MODELS
+
+ESTIMATED = AdjustOptions(model="affine", variance_components=True)
+
+
+def drift_of(result):
+    return next(part for part in result.variance_components if part.group == "drift of the images")
+
+
+def check_squares(block, truth, result):
+    check = block.points.role == Role.CHECK
+    return np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2)
+
+
+def test_which_parameters_drift():
+    expected = {
+        "shift": "", "affine": "sample_s sample_l line_s line_l", "conformal": "scale rotation",
+        "shift-drift": "sample_l line_l", "generic-shift": "",
+    }  # fmt: skip
+    for name, parameters in expected.items():
+        model = MODELS[name]
+        found = [parameter for parameter, yes in zip(model.parameters, drifting(model), strict=True) if yes]
+        assert found == parameters.split(), name
+
+
+@pytest.mark.parametrize("drift", [3e-5, 1e-4])
+def test_the_drift_is_found(drift):
+    """Four images with four drifts each: a block knows the sigma to about 20 %, the mean of twelve to 6 %."""
+    found = []
+    for seed in range(12):
+        block, _, _ = blocks.block(gcps=10, checks=0, ties=80, count=4, drift=drift, seed=seed, noise_px=0.1)
+        found.append(drift_of(adjust(block, ESTIMATED)).sigma)
+    print("drift", np.sqrt(np.mean(np.square(found))), "of", drift)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(drift, rel=0.2)
+
+
+@pytest.mark.parametrize(("gcps", "drift"), [(3, 3e-5), (4, 0.0), (12, 3e-4)])
+def test_it_is_never_worse_than_a_loose_prior_or_none_at_all(gcps, drift):
+    """Shift and affine are each wrong somewhere; the estimated prior keeps up with the better one."""
+    squares = {"shift": [], "affine": [], "estimated": []}
+    for seed in range(12):
+        block, truth, _ = blocks.block(gcps=gcps, checks=40, ties=60, drift=drift, seed=seed)
+        squares["shift"].append(check_squares(block, truth, adjust(block, AdjustOptions())))
+        squares["affine"].append(check_squares(block, truth, adjust(block, AdjustOptions(model="affine"))))
+        squares["estimated"].append(check_squares(block, truth, adjust(block, ESTIMATED)))
+    rms = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
+    print(gcps, "GCPs, drift", drift, {name: round(value, 3) for name, value in rms.items()}, "m")
+    assert rms["estimated"] < 1.1 * min(rms["shift"], rms["affine"])
+    assert max(rms["shift"], rms["affine"]) > 1.1 * rms["estimated"] or gcps == 4
+
+
+def test_a_drift_that_the_user_states_is_kept():
+    block, _, _ = blocks.block()
+    result = adjust(block, AdjustOptions(model="affine", variance_components=True, sigma_drift=1e-5))
+    assert all(part.group != "drift of the images" for part in result.variance_components)
+
+
+def test_cross_validation_uses_the_estimated_prior():
+    block, _, _ = blocks.block(gcps=4, checks=0, ties=60, drift=0.0)
+    loose = adjust(block, AdjustOptions(model="affine", cross_validate=True)).cross_validation
+    held = adjust(block, AdjustOptions(model="affine", cross_validate=True, variance_components=True)).cross_validation
+    assert np.mean(held.error_m**2) < np.mean(loose.error_m**2)

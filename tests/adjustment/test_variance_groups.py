@@ -1,0 +1,145 @@
+"""Variance components by sensor and by image: simulated blocks whose noise is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, gsd_m, sensors
+from hrsi.hrsi_engine.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.errors import InputError
+
+VIEWS = ((0.35, 0.05), (-0.30, 0.10), (0.05, -0.40), (0.02, 0.3))
+GSD = (1.0, 2.0, 1.0, 2.0)  # two sensors
+NOISE = (0.2, 0.5, 0.2, 0.5)
+
+
+def two_sensors(seed: int, noise: tuple[float, ...] = NOISE, kinds: bool = False) -> Block:
+    """Return a block of two sensors, sigmas of 0.3 px given for all; corners are twice as noisy where there are any."""
+    rng = np.random.default_rng(seed)
+    cameras = [
+        Image(f"I{k}", blocks.oblique_rpc(*view, gsd, 2000.0 / gsd, 0.1 * k), (int(4000 / gsd),) * 2)
+        for k, (view, gsd) in enumerate(zip(VIEWS, GSD, strict=True))
+    ]
+    truth = blocks.ground(160, seed + 7)
+    ids = np.array([f"P{k:03d}" for k in range(160)])
+    corner = np.arange(160) % 2 == 0
+    rows = []
+    for image, sigma in zip(cameras, noise, strict=True):
+        each = np.where(corner & kinds, 2.0, 1.0)[:, None] * sigma
+        xy = image.rpc.project(truth) + rng.normal(0, 5.0, 2) + each * rng.normal(size=(160, 2))
+        rows.append(ImagePoints.create(ids, [image.id] * 160, xy, 0.3, np.where(corner & kinds, "corner", "")))
+    known = GroundPoints.create(ids[:8], truth[:8], Role.GCP, 0.05)
+    return assemble(cameras, [known], rows, defaults=Defaults(0.3))
+
+
+def sigmas(options: AdjustOptions, seeds: int = 5, **scene) -> dict[str, float]:
+    """Return the mean sigma of each estimated group over some blocks."""
+    found: dict[str, list[float]] = {}
+    for seed in range(seeds):
+        result = adjust(two_sensors(seed, **scene), options)
+        for part in result.variance_components:
+            if part.estimated:
+                found.setdefault(part.group, []).append(part.sigma)
+    return {name: float(np.mean(values)) for name, values in found.items()}
+
+
+def test_two_sensors_are_told_apart_by_their_pixels():
+    """About 500 residuals a group in each block: a sigma is known to 3 %, the mean of five to 2 %."""
+    found = sigmas(AdjustOptions(variance_components=True))
+    print(found)
+    assert found["image points: 1 m"] == pytest.approx(0.2, rel=0.06)
+    assert found["image points: 2 m"] == pytest.approx(0.5, rel=0.06)
+
+
+def test_the_sigmas_make_the_cameras_better():
+    """With the sigmas that the residuals show, tie points are weighted as they deserve."""
+    with_, without = [], []
+    for seed in range(10):
+        block, truth = two_sensors(seed, (0.05, 1.0, 0.05, 1.0)), blocks.ground(160, seed + 7)
+        for options, errors in ((AdjustOptions(variance_components=True), with_), (AdjustOptions(), without)):
+            away = (adjust(block, options).ground - truth) * [8e4, 1.1e5, 1.0]
+            errors.append(np.mean(away[8:] ** 2))
+    rms = np.sqrt([np.mean(with_), np.mean(without)])
+    print("RMS error of tie points (m), estimated and equal sigmas", rms.round(3))
+    assert np.mean(with_) < 0.25 * np.mean(without)
+
+
+def test_by_kind_and_sensor_together():
+    found = sigmas(AdjustOptions(variance_components=True), kinds=True)
+    print(found)
+    expected = {"1 m": 0.2, "2 m": 0.5, "corner, 1 m": 0.4, "corner, 2 m": 1.0}
+    for name, sigma in expected.items():
+        assert found[f"image points: {name}"] == pytest.approx(sigma, rel=0.1), name
+
+
+def test_by_image():
+    noise = (0.2, 0.3, 0.4, 0.6)
+    found = sigmas(AdjustOptions(variance_components=True, variance_groups="image"), noise=noise)
+    print(found)
+    for k, sigma in enumerate(noise):
+        assert found[f"image points: I{k}"] == pytest.approx(sigma, rel=0.1)
+
+
+def test_the_user_names_the_images_of_a_sensor():
+    options = AdjustOptions(
+        variance_components=True, variance_groups="sensor", sensor_images=(("I0", "I1"), ("I2", "I3"))
+    )
+    found = sigmas(options, noise=(0.2, 0.2, 0.5, 0.5))
+    print(found)
+    assert found["image points: I0+I1"] == pytest.approx(0.2, rel=0.06)
+    assert found["image points: I2+I3"] == pytest.approx(0.5, rel=0.06)
+
+
+def test_like_images_are_one_group_without_a_name():
+    block, _, _ = blocks.block(gcps=8, checks=0, ties=60)
+    result = adjust(block, AdjustOptions(variance_components=True))
+    assert result.variance_components[0].group == "image points"
+
+
+def test_pixel_sizes_are_the_cameras():
+    for image, gsd in zip(two_sensors(0).images, GSD, strict=True):
+        assert gsd_m(image) == pytest.approx(gsd, rel=0.01)
+
+
+def test_sensors_of_a_mixed_block():
+    cameras = list(two_sensors(0).images)
+    number, names = sensors(cameras)
+    assert number.tolist() == [0, 1, 0, 1]
+    assert names == ["1 m", "2 m"]
+    number, names = sensors(cameras, [("I3",)])
+    assert number.tolist() == [1, 2, 1, 0]
+    assert names == ["I3", "1 m", "2 m"]
+    assert sensors(cameras[:1])[1] == [""]
+
+
+def test_unknown_names_are_refused():
+    block = two_sensors(0)
+    with pytest.raises(InputError, match="one sensor names image X"):
+        adjust(block, AdjustOptions(sensor_images=(("I0", "X"),)))
+    with pytest.raises(InputError, match="unknown grouping of image points 'colour'"):
+        adjust(block, AdjustOptions(variance_groups="colour"))
+
+
+@pytest.mark.parametrize("grouping", GROUPINGS)
+def test_every_grouping_leaves_a_variance_factor_of_one(grouping):
+    block = two_sensors(3, kinds=True)
+    result = adjust(block, AdjustOptions(variance_components=True, variance_groups=grouping))
+    assert result.sigma0 == pytest.approx(1.0, abs=0.02)
+    image = sum(part.observations for part in result.variance_components if part.unit == "px")
+    assert image == 2 * len(block.measurements)
+
+
+def test_many_wrong_sigmas_are_said_briefly():
+    block = replace(two_sensors(0), warnings=())
+    rows = block.measurements
+    result = adjust(
+        replace(block, measurements=replace(rows, sigma_px=np.full(len(rows), 0.01))),
+        AdjustOptions(variance_components=True, variance_groups="kind-image"),
+    )
+    said = [text for text in result.warnings if "sigma given" in text]
+    assert 4 <= len(said) <= 8

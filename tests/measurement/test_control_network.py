@@ -1,0 +1,310 @@
+"""Control networks: thresholds, the search against trying everything, simulated truth, real pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from network_scenes import (
+    FALSE_PX,
+    TEXTURES,
+    Window,
+    across_epipolar,
+    by_trying_everything,
+    point_sets,
+    true_pair,
+    turned,
+)
+
+from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.measurement.control_network import (
+    AMBIGUOUS,
+    FOUND,
+    NO_MATCH,
+    MatchOptions,
+    match_windows,
+    matching,
+)
+from hrsi.hrsi_engine.measurement.control_network.local_affine import local_affine, similarity_matrix
+from hrsi.hrsi_engine.measurement.control_network.network import NO_FATHER, Network
+from hrsi.hrsi_engine.measurement.control_network.polar import turned as turned_offset
+from hrsi.hrsi_engine.measurement.control_network.refinement import epipolar_residuals
+from hrsi.hrsi_engine.measurement.control_network.super_points import candidates, match_super_points
+from hrsi.hrsi_engine.measurement.control_network.thresholds import (
+    Tolerance,
+    distance_difference,
+    effective_distances,
+    tolerance,
+)
+from hrsi.hrsi_engine.measurement.interest_points import Area
+
+TOLERANCE = Tolerance(1.5, 0.01)
+S2P = "s2p_triplet_phr"
+
+
+# ---- thresholds (eqs. 3.4-3.6) -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slope_deg", [-30.0, 0.0, 12.5, 40.0])
+def test_effective_distance_is_a_projection(slope_deg: float):
+    """The two sensors see a segment on the slope as its length across their own lines of sight (fig. 3.9)."""
+    incidence = 17.0, 23.0
+    slope = np.radians(slope_deg)
+    segment = 10.0 * np.array([np.cos(slope), np.sin(slope)])
+    seen = []
+    for sign, angle in zip((1.0, -1.0), np.radians(incidence), strict=True):
+        across = np.array([np.cos(angle), sign * np.sin(angle)])  # across the line of sight
+        seen.append(abs(segment @ across))
+    np.testing.assert_allclose(effective_distances(10.0, incidence, slope_deg), seen, rtol=1e-12)
+    assert distance_difference(10.0, incidence, slope_deg) == pytest.approx(seen[0] - seen[1])
+
+
+def test_distance_difference_as_in_figure_3_10():
+    """Equal incidence angles: nothing on flat ground or from the zenith, growing with both, 2 sin sin."""
+    slopes, angles = np.meshgrid([0.0, 10.0, 20.0, 30.0], [0.0, 10.0, 20.0, 30.0])
+    table = np.array([distance_difference(1.0, (angle, angle), slopes[0]) for angle in angles[:, 0]])
+    np.testing.assert_allclose(table, 2.0 * np.sin(np.radians(angles)) * np.sin(np.radians(slopes)), atol=1e-15)
+    assert np.all(np.diff(table, axis=0)[:, 1:] > 0.0) and np.all(np.diff(table, axis=1)[1:] > 0.0)
+
+
+def test_tolerance():
+    """A maximum within 5 x 5 px tolerates 2 px or less at its root, and what the slope makes of a distance."""
+    allowed = tolerance(2.0, (10.0, 10.0), 5.0)
+    assert allowed.base_px <= 2.0
+    assert allowed.at(100.0) - allowed.at(0.0) == pytest.approx(200.0 * np.sin(np.radians(10)) * np.sin(np.radians(5)))
+    assert tolerance(2.0, (30.0, 5.0), 10.0) == tolerance(2.0, (5.0, 30.0), -10.0)
+
+
+# ---- super points: the same as trying everything -----------------------------------------------------------------
+
+
+SETS = {
+    "no outliers": (point_sets(1, 9, 0), np.inf, (1.0,)),
+    "a third outliers": (point_sets(2, 7, 4), np.inf, (1.0,)),
+    "half outliers": (point_sets(3, 9, 6), np.inf, (1.0,)),
+    "short reach": (point_sets(4, 11, 1), 120.0, (1.0,)),
+    "scales": (point_sets(5, 8, 2, scale=1.3), np.inf, (1.0, 1.15, 1.3)),
+    "noise": (point_sets(6, 9, 2, noise_px=0.8), np.inf, (1.0,)),
+}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_search_finds_what_trying_everything_finds(name: str):
+    (first, second, true), reach_px, scales = SETS[name]
+    count, cost, pairs = by_trying_everything(first, second, TOLERANCE, reach_px, scales)
+    found = match_super_points(first, second, TOLERANCE, reach_px, scales)
+    assert found.status == FOUND and found.log10_nfa < -3.0
+    assert found.best.count == count
+    assert found.best.cost == pytest.approx(cost, rel=1e-9)
+    assert {tuple(pair) for pair in found.best.pairs.tolist()} == pairs
+    assert len(pairs & true) >= 0.8 * len(pairs)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_votes_bound_every_pair_of_roots(name: str):
+    """No pair of roots has more correspondences than the votes say."""
+    (first, second, _), reach_px, scales = SETS[name]
+    sets = candidates(first, second, TOLERANCE, reach_px, scales)
+    for bound, roots, scale in sets.ranked():
+        for support, evaluate in sets.hypotheses(roots, scale, 0):
+            assert evaluate().count <= support <= bound
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_unrelated_sets_do_not_match(seed: int):
+    rng = np.random.default_rng(seed)
+    first, second = rng.uniform(0.0, 400.0, (2, 100, 2))
+    assert match_super_points(first, second, Tolerance(2.0, 0.03), 200.0).status == NO_MATCH
+
+
+def test_many_super_points_with_outliers():
+    first, second, true = point_sets(11, 60, 60)
+    found = match_super_points(2.0 * first, 2.0 * second, Tolerance(2.0, 0.02), 150.0)
+    right = {tuple(pair) for pair in found.best.pairs.tolist()} & true
+    assert found.status == FOUND
+    assert len(right) >= 0.9 * found.best.count >= 20
+    assert found.evaluated < 0.05 * 120 * 120
+
+
+def test_a_regular_grid_is_ambiguous():
+    x, y = np.meshgrid(np.arange(8) * 31.0, np.arange(8) * 31.0)
+    grid = np.column_stack([x.ravel(), y.ravel()])
+    second = turned_offset(grid, 0.6) + np.random.default_rng(2).normal(0.0, 0.3, grid.shape)
+    found = match_super_points(grid, second, Tolerance(2.0, 0.02), 150.0)
+    assert found.status == AMBIGUOUS
+    assert found.runner_up >= 0.75 * found.best.count
+
+
+def test_a_pattern_that_is_there_twice_is_ambiguous():
+    first, second, _ = point_sets(12, 40, 10)
+    twice = np.vstack([second, turned_offset(second, 1.0) + (900.0, 0.0)])
+    assert match_super_points(first, second, TOLERANCE).status == FOUND
+    assert match_super_points(first, twice, TOLERANCE).status == AMBIGUOUS
+
+
+# ---- networks and maps -------------------------------------------------------------------------------------------
+
+
+def test_local_affine_maps_recover_an_affine_map_despite_false_nodes():
+    rng = np.random.default_rng(4)
+    first = rng.uniform(0.0, 300.0, (80, 2))
+    A, t = np.array([[0.9, 0.2], [-0.25, 1.05]]), np.array([40.0, -7.0])
+    second = first @ A.T + t
+    second[::9] += rng.uniform(10.0, 30.0, (len(second[::9]), 2))
+    points = rng.uniform(50.0, 250.0, (40, 2))
+    made = local_affine(points, first, second, similarity_matrix(-0.2, 1.0))
+    error = np.hypot(*(made.predicted - points @ A.T - t).T)
+    assert np.median(error) < 0.15  # what the pull towards the similarity leaves
+    assert error.max() < 2.0  # false nodes beside the point, 10 to 40 px off
+
+
+def test_epipolar_residuals_do_not_see_relief_but_see_false_pairs():
+    rng = np.random.default_rng(5)
+    first = rng.uniform(0.0, 400.0, (200, 2))
+    relief = rng.uniform(-30.0, 30.0, 200)
+    second = (
+        first @ similarity_matrix(0.5, 1.0).T + relief[:, None] * np.array([0.6, 0.8]) + rng.normal(0, 0.05, (200, 2))
+    )
+    across = np.array([-0.8, 0.6])
+    second[:5] += 6.0 * across
+    residual = np.abs(epipolar_residuals(first, second))
+    assert residual[5:].max() < 0.5
+    np.testing.assert_allclose(residual[:5], 6.0, atol=0.6)
+
+
+def test_children_of_a_dropped_node_go_to_its_father():
+    xy = np.array([[0.0, 0.0], [50.0, 0.0], [60.0, 0.0], [65.0, 0.0]])
+    rows, second = np.arange(4), turned_offset(xy, 0.3)
+    chain = Network(rows, rows, np.array([NO_FATHER, 0, 1, 2]), rows, np.ones(4), xy, second, np.eye(2))
+    left = chain.kept(np.array([True, False, False, True]))
+    assert left.father.tolist() == [NO_FATHER, 0]
+    rotation, scale = chain.starting_directions()
+    np.testing.assert_allclose(rotation[1:], 0.3)  # the nearest ancestor far enough away
+    assert rotation[0] == 0.0  # the root has no father: the whole network's rotation
+    np.testing.assert_allclose(scale, 1.0)
+
+
+# ---- whole windows -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rotation_deg", [0.0, 45.0, 315.0])
+@pytest.mark.parametrize("texture", TEXTURES)
+def test_homogeneous_texture(texture: str, rotation_deg: float):
+    """Hundreds of correspondences (the thesis has 264 to 641 on 400 x 400 px) and none of them false."""
+    pair = true_pair(texture, 400, rotation_deg)
+    found = match_windows(pair.first, pair.second)
+    error = np.hypot(*(found.positions.second - pair.carried(found.positions.first)).T)
+    print(f"{texture} {rotation_deg:.0f}: {len(found)} correspondences, largest error {error.max():.2f} px")
+    assert found.status == FOUND
+    assert len(found) >= 400
+    assert np.sum(error > FALSE_PX) == 0
+    assert np.median(error) < 0.1
+    assert abs((found.rotation_deg - rotation_deg + 180.0) % 360.0 - 180.0) < 0.3
+
+
+def test_scale_is_free_within_its_range():
+    pair = true_pair("forest", 500, 60.0, scale=0.5, relief_px=3.0)
+    found = match_windows(pair.first, pair.second, MatchOptions(scales=(0.45, 0.55), share=1.0))
+    error = np.hypot(*(found.positions.second - pair.carried(found.positions.first)).T)
+    assert len(found) >= 40
+    assert found.scale == pytest.approx(0.5, abs=0.01)
+    assert np.sum(error > FALSE_PX) == 0
+
+
+def test_windows_of_an_image_give_positions_in_the_image():
+    pair = true_pair("grass", 400)
+    found = match_windows(pair.first, pair.second, None, Area(40, 60, 340, 340), Area(20, 30, 390, 390))
+    assert len(found) >= 150
+    assert np.all(found.positions.first.min(axis=0) >= (40, 60))
+    assert np.hypot(*(found.positions.second - pair.carried(found.positions.first)).T).max() < FALSE_PX
+
+
+def test_points_stay_out_of_nodata():
+    pair = true_pair("grass", 400)
+    valid = np.ones((400, 400), bool)
+    valid[150:260, :] = False
+    found = match_windows(replace(pair.first, valid=valid, grey=np.where(valid, pair.first.grey, 0)), pair.second)
+    line = found.positions.first[:, 1]
+    assert np.sum(line < 150) > 50 and np.sum(line > 260) > 50
+    assert not np.any((line >= 145) & (line < 265))
+
+
+def mirrored(window: Window) -> Window:
+    return Window(np.ascontiguousarray(window.grey[:, ::-1]), window.valid)
+
+
+@pytest.mark.parametrize("other", ["elsewhere", "mirrored"])
+def test_other_ground_does_not_match(other: str):
+    """Another piece of the same texture, and the mirror image, in which no rotation fits."""
+    first = true_pair("forest", 400, seed=3).first
+    second = mirrored(first) if other == "mirrored" else true_pair("forest", 400, seed=4).first
+    found = match_windows(first, second)
+    assert (found.status, len(found)) == (NO_MATCH, 0)
+    assert "no common control network" in found.message
+    assert np.isnan(found.rotation_deg)
+
+
+def test_repeated_texture_is_ambiguous():
+    """A planting on a regular grid: every shift by a row looks the same."""
+    rng = np.random.default_rng(6)
+    y, x = np.mgrid[:400, :400]
+    plants = np.exp(3.0 * (np.cos(2 * np.pi * x / 25.0) + np.cos(2 * np.pi * y / 25.0)))
+    views = [400.0 + 100.0 * plants / plants.std() + rng.normal(0.0, 3.0, plants.shape) for _ in range(2)]
+    found = match_windows(*(Window(view.astype(np.uint16), np.ones(view.shape, bool)) for view in views))
+    assert (found.status, len(found)) == (AMBIGUOUS, 0)
+    assert "the texture repeats" in found.message
+
+
+def test_nothing_to_match():
+    flat = Window(np.full((300, 300), 500, np.uint16), np.ones((300, 300), bool))
+    hidden = replace(flat, valid=np.zeros((300, 300), bool))
+    textured = true_pair("grass", 300).first
+    for other in (flat, hidden):
+        found = match_windows(textured, other)
+        assert found.status == NO_MATCH
+        assert "second window has" in found.message
+
+
+def test_wrong_use():
+    window = true_pair("grass", 100).first
+    with pytest.raises(InputError, match="no interest point detector 'corners'"):
+        match_windows(window, window, MatchOptions(detectors=("corners",)))
+    with pytest.raises(InputError, match="less than 32 x 32"):
+        match_windows(window, window, None, Area(200, 200, 300, 300))
+    with pytest.raises(Cancelled):
+        match_windows(window, window, progress=lambda fraction, message="": False)
+
+
+def test_large_windows_are_refused(monkeypatch):
+    window = true_pair("grass", 100).first
+    monkeypatch.setattr(matching, "LARGEST_PX", 99 * 100)
+    with pytest.raises(InputError, match="100 x 100 pixels is too large"):
+        match_windows(window, window)
+
+
+@pytest.mark.parametrize(
+    ("folder", "names", "window", "degrees", "height_m", "least"),
+    [
+        (S2P, ("img_01.tif", "img_02.tif"), (300, 300, 400), 45.0, 206.0, 264),
+        (S2P, ("img_01.tif", "img_03.tif"), (400, 560, 400), 315.0, 206.0, 264),
+        ("kahramanmaras_phr4", ("post_event_img1.tif", "post_event_img2.tif"), (100, 300, 500), 45.0, 704.0, 264),
+        ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), (0, 0, 490), 315.0, 537.0, 100),
+    ],
+)
+def test_real_pairs_turned(real_data: Path, folder: str, names: tuple, window: tuple, degrees: float, height_m, least):
+    """Hundreds of correspondences on 400 x 400 px, at most 1 % farther than 1.5 px from their epipolar line."""
+    images = [open_image(str(real_data / folder / name)) for name in names]
+    sample, line, side = window
+    cut = [Window(*image.raster.read(sample, line, side, side)) for image in images]
+    other = turned(cut[1], degrees)
+    found = match_windows(cut[0], other.window)
+    first, second = found.positions.first + (sample, line), other.back(found.positions.second) + (sample, line)
+    across = across_epipolar(images[0].rpc, images[1].rpc, first, second, height_m)
+    far = np.mean(np.abs(across) > FALSE_PX)
+    print(f"{names}: {len(found)} correspondences, {far:.2%} beyond, NMAD {1.4826 * np.median(np.abs(across)):.3f} px")
+    assert found.status == FOUND
+    assert len(found) >= least
+    assert far <= 0.01

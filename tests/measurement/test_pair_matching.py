@@ -1,0 +1,253 @@
+"""Matching of two windows against rendered images whose true correspondences are known, and on real images."""
+
+from __future__ import annotations
+
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.matchers import MATCHERS
+from hrsi.hrsi_engine.measurement.matching import rpc_consistency
+from hrsi.hrsi_engine.measurement.pair_matching import (
+    ImageTile,
+    MatchOptions,
+    PairGeometry,
+    match_tile,
+    transfer_points,
+)
+from hrsi.hrsi_engine.measurement.tile_points import tile_points
+
+HALF = 200.0
+SIZE = int(2 * HALF) + 1
+RELIEF_M = 12.0
+BIAS = (4.0, -3.0)
+
+
+def sheet(size=1100, seed=4) -> np.ndarray:
+    """Return a fractal texture of the ground, 0.5 m a cell, centred on the block."""
+    rng = np.random.default_rng(seed)
+    layers = (
+        2.0 ** (0.7 * octave)
+        * cv2.resize(rng.normal(size=(size >> octave, size >> octave)), (size, size), interpolation=cv2.INTER_CUBIC)
+        for octave in range(1, 6)
+    )
+    return (600 + 120 * cv2.GaussianBlur(sum(layers), (0, 0), 1.5)).astype(np.float32)
+
+
+def hill_m(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    """Return heights above the block's: gentle waves."""
+    return RELIEF_M * np.sin(east / 70.0) * np.cos(north / 90.0)
+
+
+def camera(view: int, gsd_m: float = 1.0):
+    return blocks.oblique_rpc(*blocks.VIEWS[view], gsd_m=gsd_m, half_px=HALF / gsd_m, heading=0.1 * view)
+
+
+def on_ground(rpc, xy: np.ndarray) -> np.ndarray:
+    """Return where image points meet the waves, by iterating the height."""
+    height = np.full(len(xy), blocks.HEIGHT)
+    for _ in range(12):
+        ground, _ = rpc.localize(xy, height)
+        height = blocks.HEIGHT + hill_m(*from_centre(ground).T[:2])
+    return rpc.localize(xy, height)[0]
+
+
+def from_centre(ground: np.ndarray) -> np.ndarray:
+    return ground_difference_m(ground, np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (len(ground), 1)))
+
+
+def rendered(view: int, gsd_m: float = 1.0, gain: float = 1.0, noise: float = 3.0) -> ImageTile:
+    """Return what a camera sees of the waves."""
+    rpc, size = camera(view, gsd_m), int(2 * HALF / gsd_m) + 1
+    xy = np.stack(np.meshgrid(np.arange(size), np.arange(size)), axis=-1).reshape(-1, 2).astype(float)
+    metres, texture = from_centre(on_ground(rpc, xy)), sheet()
+    middle = (texture.shape[0] - 1) / 2.0
+    column, row = (metres[:, 0] / 0.5 + middle).reshape(size, size), (middle - metres[:, 1] / 0.5).reshape(size, size)
+    blurred = cv2.GaussianBlur(texture, (0, 0), 0.9 * gsd_m)
+    grey = cv2.remap(blurred, column.astype(np.float32), row.astype(np.float32), cv2.INTER_CUBIC)
+    grey = gain * grey + np.random.default_rng(view).normal(0, noise, grey.shape)
+    return ImageTile(grey.astype(np.float32), np.ones(grey.shape, bool))
+
+
+def geometry(view: int = 1, gsd_m: float = 1.0, bias=BIAS, **more) -> PairGeometry:
+    """Return the geometry of view 0 and another, whose RPC is off by ``bias`` pixels."""
+    wrong = camera(view, gsd_m).shifted(*bias)
+    margins = {"margin_px": (20.0, 20.0)} | more
+    return PairGeometry(camera(0), wrong, blocks.HEIGHT - 40.0, blocks.HEIGHT + 40.0, **margins)
+
+
+def errors(matches, view: int = 1, gsd_m: float = 1.0) -> np.ndarray:
+    """Return found - true positions in the second image (px)."""
+    return matches.second_xy - camera(view, gsd_m).project(on_ground(camera(0), matches.first_xy))
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[ImageTile, ImageTile]:
+    return rendered(0), rendered(1, gain=0.7)
+
+
+@pytest.fixture(scope="module")
+def found(pair):
+    return match_tile(*pair, geometry())
+
+
+def test_matches_are_true_and_as_precise_as_they_say(found):
+    error = errors(found)
+    ratio = 1.4826 * np.median(np.abs(error / found.sigma_px[:, None]))
+    distance = np.linalg.norm(error, axis=1)
+    print(
+        f"{len(found)} matches, RMS {np.sqrt(np.mean(error**2)):.3f} px a coordinate, worst {distance.max():.2f} px, "
+        f"error / sigma {ratio:.2f}, mean {error.mean(axis=0).round(3)}"
+    )
+    assert len(found) > 500
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert np.mean(distance > 1.0) == 0.0
+    assert np.abs(error.mean(axis=0)).max() < 0.02
+    assert 0.4 < ratio < 2.0  # the rendering itself puts grey values to 1/32 of a cell (OpenCV's remap)
+    assert (np.ptp(found.first_xy, axis=0) > 0.7 * SIZE).all()
+
+
+def test_bias_and_height_come_out(found):
+    """Across the epipolar lines the bias is known; the apparent height differs by what lies along them."""
+    both = transfer(camera(0), camera(1), np.full((1, 2), HALF), blocks.HEIGHT + np.array([100.0]))
+    line = (both - transfer(camera(0), camera(1), np.full((1, 2), HALF), blocks.HEIGHT - 100.0))[0]
+    normal = np.array([-line[1], line[0]]) / np.linalg.norm(line)
+    # the RPC predicts `bias` too far, so that observed - predicted is its negative
+    assert abs(found.bias_px @ normal + np.array(BIAS) @ normal) < 0.05
+    truth = on_ground(camera(0), found.first_xy)[:, 2]
+    assert np.std(found.height_m - truth) < 0.3
+
+
+def test_points_depend_on_the_first_window_alone(pair, found):
+    """Whole pixels, the same for other partners; tiles and results go through pickle unchanged."""
+    other = match_tile(pair[0], rendered(2), geometry(2))
+    points = {tuple(p) for p in pair[0].to_image(tile_points(pair[0], MatchOptions()))}
+    for matches in (found, other):
+        assert {tuple(p) for p in matches.first_xy} <= points
+    assert len({tuple(p) for p in found.first_xy} & {tuple(p) for p in other.first_xy}) > 200
+    again = pickle.loads(pickle.dumps(match_tile))(*pickle.loads(pickle.dumps(pair)), geometry())
+    np.testing.assert_array_equal(again.second_xy, found.second_xy)
+
+
+def test_half_resolution_and_origin(pair):
+    """A second image of 2 m pixels, as tile whose first pixel is not the image's: positions stay full-resolution."""
+    coarse = rendered(1, gsd_m=2.0)
+    tile = ImageTile(coarse.pixels[10:, 20:], coarse.valid[10:, 20:], origin_px=(20.0, 10.0))
+    matches = match_tile(pair[0], tile, geometry(gsd_m=2.0, bias=(2.0, -1.0)))
+    error = errors(matches, gsd_m=2.0)
+    print(f"{len(matches)} matches of 1 and 2 m, RMS {np.sqrt(np.mean(error**2)):.3f} px of 2 m")
+    assert len(matches) > 150
+    assert np.sqrt(np.mean(error**2)) < 0.12
+
+
+def test_transfer_finds_points_at_known_heights(pair, found):
+    third = rendered(2)
+    few = found.select(np.arange(0, len(found), 3))
+    truth = on_ground(camera(0), few.first_xy)[:, 2]
+    matches = transfer_points(pair[0], third, geometry(2, bias=(0.5, -0.5)), few.first_xy, truth)
+    error = np.linalg.norm(errors(matches, 2), axis=1)
+    assert len(matches) > 0.6 * len(few)
+    assert {tuple(p) for p in matches.first_xy} <= {tuple(p) for p in few.first_xy}
+    assert np.sqrt(np.mean(error**2)) < 0.15
+
+
+@pytest.mark.parametrize("name", MATCHERS)
+def test_every_finder_leads_to_matches(pair, name: str):
+    matches = match_tile(*pair, geometry(), MatchOptions(finders=(name,), windows_px=(31,), most_points=300))
+    assert len(matches) > 100, name
+    assert np.mean(np.linalg.norm(errors(matches), axis=1) > 1.0) < 0.01, name
+
+
+def test_without_finders_the_prediction_is_enough(pair):
+    options = MatchOptions(finders=(), windows_px=(31,), most_points=200, bands=("fine",))
+    known = geometry(bias=(0.5, -0.4), margin_px=(4.0, 3.0), height_sigma_m=6.0)
+    matches = match_tile(*pair, known, options)
+    assert len(matches) > 80
+    assert np.mean(np.linalg.norm(errors(matches), axis=1) > 1.0) < 0.01
+
+
+@pytest.mark.parametrize("what", ["nodata", "water", "other place"])
+def test_nothing_is_found_where_there_is_nothing(pair, what: str):
+    """Nodata and flat water on the left of the second image, or quite another place: no wrong points."""
+    first, second = pair
+    grey, valid, rng = second.pixels.copy(), second.valid.copy(), np.random.default_rng(3)
+    part = np.s_[:, : SIZE // 2]
+    if what == "nodata":
+        valid[part] = False
+    if what == "water":
+        grey[part] = 300.0 + rng.normal(0.0, 3.0, grey[part].shape)
+    if what == "other place":
+        grey = grey[::-1, ::-1].copy()
+    matches = match_tile(first, ImageTile(grey, valid), geometry())
+    if what == "other place":
+        assert len(matches) == 0
+        return
+    assert len(matches) > 100
+    assert matches.second_xy[:, 0].min() > SIZE // 2 - (0 if what == "nodata" else 3)
+    assert np.linalg.norm(errors(matches), axis=1).max() < 1.0
+
+
+def test_no_points_on_water_noise_and_nodata():
+    rng = np.random.default_rng(0)
+    noise = (500.0 + rng.normal(0.0, 4.0, (300, 300))).astype(np.float32)
+    assert len(tile_points(ImageTile(noise, np.ones(noise.shape, bool)), MatchOptions())) == 0
+    assert (
+        len(tile_points(ImageTile(np.full((300, 300), 9.0, np.float32), np.ones((300, 300), bool)), MatchOptions()))
+        == 0
+    )
+    tile = rendered(0)
+    valid = np.ones(tile.pixels.shape, bool)
+    valid[:, 150:] = False
+    points = tile_points(ImageTile(tile.pixels, valid), MatchOptions())
+    assert len(points) and points[:, 0].max() < 150
+
+
+def test_same_view_matches_are_judged_without_epipolar_lines():
+    """Two RPCs of the same view have no epipolar direction: false matches still fail."""
+    rng = np.random.default_rng(1)
+    rpc = camera(0)
+    xy = rng.uniform(20, SIZE - 20, (300, 2))
+    seen = xy + (1.5, -0.7) + rng.normal(0, 0.1, xy.shape)
+    seen[:40] += rng.uniform(-60, 60, (40, 2))
+    good = rpc_consistency(rpc, rpc, xy, seen, blocks.HEIGHT).good
+    assert good[40:].mean() > 0.95
+    assert good[:40].sum() <= 2
+
+
+REAL = {  # images, their folder, height (m), across-epipolar NMAD (px) of OpenCV's SIFT with MAGSAC, least matches
+    "triplet": ("s2p_triplet_phr", ("img_01.tif", "img_03.tif"), 206.0, 0.161, 3000),
+    "dates": ("kahramanmaras_phr4", ("pre_event_img2.tif", "post_event_img1.tif"), 704.0, 0.258, 5 * 85),
+    "ventoux": ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), 537.0, 0.193, 400),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_pairs_beat_sift(real_data, name: str):
+    """Scatter across the epipolar lines (norm of the 4-vector of both images, so / sqrt 2) ≤ 0.7 of SIFT's."""
+    folder, files, height, baseline, least = REAL[name]
+    images = [open_image(str(real_data / folder / file)) for file in files]
+    tiles = []
+    for image in images:
+        grey, valid = image.raster.read(0, 0, *image.size)
+        tiles.append(ImageTile(grey.astype(np.float32), valid))
+    pair_of = PairGeometry(images[0].rpc, images[1].rpc, height - 40.0, height + 40.0, margin_px=(20.0, 20.0))
+    matches = match_tile(*tiles, pair_of)
+    across = epipolar_miss(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
+    nmad = 1.4826 * np.median(np.abs(across - np.median(across))) / np.sqrt(2.0)
+    print(f"{name}: {len(matches)} matches, NMAD {nmad:.3f} px ({nmad / baseline:.2f} of SIFT's)")
+    assert len(matches) >= least
+    assert nmad <= 0.7 * baseline
+
+
+def test_moved_ground_is_what_the_waves_say():
+    """The test's own ground: a point moved east and north from the centre has the waves' height."""
+    ground = moved_ground(np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]]), np.array([[30.0, -40.0, 0.0]]))
+    ground[:, 2] += hill_m(*from_centre(ground)[0, :2])
+    again = on_ground(camera(0), camera(0).project(ground))
+    np.testing.assert_allclose(ground_difference_m(again, ground), 0.0, atol=0.01)

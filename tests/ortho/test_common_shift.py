@@ -1,0 +1,41 @@
+"""The common shift of two textures, one of them moved exactly by its Fourier transform."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hrsi.hrsi_engine.ortho.common_shift import FARTHEST_PX, REDUCTION, common_shift
+from hrsi.tests.ortho.scenes import texture
+from hrsi.tests.ortho.test_misregistration import shifted
+
+SIDE = 900
+
+
+def reader(grey: np.ndarray):
+    """Return a reader of the middle part of an array, which also reads what lies around it; nothing beyond."""
+    padded = np.pad(grey, FARTHEST_PX)
+    known = np.pad(np.ones(grey.shape, dtype=bool), FARTHEST_PX)
+
+    def read(x: int, y: int, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        place = np.s_[y + FARTHEST_PX : y + FARTHEST_PX + rows, x + FARTHEST_PX : x + FARTHEST_PX + columns]
+        return padded[place], known[place]
+
+    return read
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (12.0, -7.0), (-101.5, 63.5), (210.0, 180.0)])
+def test_common_shift_comes_back(dx: float, dy: float) -> None:
+    """Also where one image is a negative of the other with noise, as over another season; to a reduced pixel."""
+    rng = np.random.default_rng(3)
+    grey = texture(SIDE, SIDE)
+    other = 1.0 - 0.8 * shifted(grey, dx, dy) + rng.normal(0.0, 0.1 * grey.std(), grey.shape)
+    found = common_shift(reader(grey), reader(other), SIDE, SIDE)
+    assert np.abs(found - (dx, dy)).max() <= REDUCTION
+
+
+def test_unlike_or_empty_or_small_images_have_none() -> None:
+    grey, other, flat = texture(SIDE, SIDE), texture(SIDE, SIDE, seed=99), np.full((SIDE, SIDE), 5.0)
+    for second in (other, flat):
+        assert common_shift(reader(grey), reader(second), SIDE, SIDE).tolist() == [0, 0]
+    assert common_shift(reader(grey), reader(grey), 40, 40).tolist() == [0, 0]

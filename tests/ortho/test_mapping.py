@@ -1,0 +1,135 @@
+"""Positions of orthoimage pixels in the raw image: GDAL's RPC transformer with the same DEM is the oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+from osgeo import gdal
+
+from hrsi.hrsi_engine.dem import ConstantHeight, GridSurface
+from hrsi.hrsi_engine.io.dems import open_dem
+from hrsi.hrsi_engine.ortho.grid import MapGrid, Window
+from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear
+from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
+
+POSITION_PX = 1e-6  # both evaluate the same formula in double precision
+
+
+def mapping(folder: Path, cell_deg: float = CELL_DEG, error_px: float = 0.05, roughness: float = 0.0) -> OrthoMapping:
+    """Return the mapping of a small oblique image over a DEM."""
+    image = rpc_image(folder / "image.tif")
+    surface = open_dem(write_dem(folder / "dem.tif", cell_deg, roughness), "ellipsoidal")
+    centre = image.rpc.localize(image.centre_px[None], 250.0).ground
+    x, y = pyproj.Transformer.from_crs(4326, utm_wkt(), always_xy=True).transform(centre[0, 0], centre[0, 1])
+    grid = MapGrid.around(utm_wkt(), 1.0, (x - 300.0, y - 280.0, x + 310.0, y + 270.0))
+    return OrthoMapping(image.rpc, image.size, surface, grid, error_px)
+
+
+def by_gdal(folder: Path, found: OrthoMapping, pixels: np.ndarray) -> np.ndarray:
+    """Return GDAL's image positions of the grid's pixels; its pixel counts from the corner."""
+    dataset = gdal.Open(str(folder / "image.tif"))
+    options = ["METHOD=RPC", f"RPC_DEM={folder / 'dem.tif'}", f"DST_SRS={found.grid.crs}"]
+    transformer = gdal.Transformer(dataset, None, options)
+    x = (found.grid.left + pixels[:, 0] + 0.5) * found.grid.resolution
+    y = (found.grid.top - pixels[:, 1] - 0.5) * found.grid.resolution
+    points, good = transformer.TransformPoints(1, np.column_stack([x, y, np.zeros(len(x))]).tolist())
+    assert all(good)
+    return np.array(points)[:, :2] - 0.5
+
+
+def pixels_of(grid: MapGrid, count: int = 300) -> np.ndarray:
+    return np.random.default_rng(5).integers(0, [grid.columns, grid.rows], (count, 2)).astype(float)
+
+
+def test_exact_positions_are_gdals(tmp_path: Path) -> None:
+    found = mapping(tmp_path)
+    pixels = pixels_of(found.grid)
+    assert np.abs(found.exact(pixels) - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
+
+
+@pytest.mark.parametrize("compiled", ["0", "1"])
+@pytest.mark.parametrize(("cell_deg", "roughness"), [(3e-4, 0.0), (1e-4, 0.0), (1e-5, 3.0)])
+@pytest.mark.parametrize("error_px", [0.01, 0.05])
+def test_positions_keep_the_error_asked_for(
+    tmp_path: Path, cell_deg: float, roughness: float, error_px: float, compiled: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HRSI_COMPILED", compiled)
+    found = mapping(tmp_path, cell_deg, error_px, roughness)
+    errors, steps = [], []
+    for window in found.grid.chunks(256):
+        chunk = found.chunk(window)
+        if chunk is None:
+            continue  # beside the image
+        at = pixels_of(MapGrid(found.grid.crs, 1.0, 0, 0, window.columns, window.rows), 100)
+        theirs = by_gdal(tmp_path, found, at + (window.column, window.row))
+        errors.append(np.hypot(*(_bilinear(chunk.positions, at / chunk.step) - theirs).T))
+        steps.append(chunk.step)
+        assert chunk.errors_px.max() <= error_px
+    assert len(errors) >= 4 and np.concatenate(errors).max() <= error_px
+    assert (max(steps) == 1) == (roughness > 0.0)  # houses need every pixel, hills do not
+
+
+def test_smooth_ground_takes_wide_steps(tmp_path: Path) -> None:
+    found = replace(mapping(tmp_path), surface=ConstantHeight(240.0))
+    chunk = found.chunk(Window(0, 0, 256, 256))
+    assert chunk is not None and chunk.step == LATTICE and chunk.errors_px.max() < 1e-3
+
+
+def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
+    found = mapping(tmp_path, error_px=0.0)
+    window = Window(100, 90, 40, 30)
+    chunk = found.chunk(window)
+    assert chunk is not None and chunk.step == 1
+    rows, columns = np.indices((30, 40))
+    pixels = np.column_stack([columns.ravel() + 100.0, rows.ravel() + 90.0])
+    used = chunk.positions[:, :30, :40].reshape(2, -1).T
+    assert np.abs(used - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
+
+
+def test_compiled_nodes_equal_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba")
+    nodes = []
+    for setting in ("0", "1"):
+        monkeypatch.setenv("HRSI_COMPILED", setting)
+        chunk = mapping(tmp_path, 1e-5, roughness=3.0).chunk(Window(64, 64, 200, 150))
+        assert chunk is not None
+        nodes.append(chunk.positions)
+    assert np.abs(nodes[0] - nodes[1]).max() < 1e-8
+
+
+def test_ground_without_height_has_no_position(tmp_path: Path) -> None:
+    found = mapping(tmp_path)
+    assert isinstance(found.surface, GridSurface)
+    surface = found.surface
+    hole = GridSurface(surface.shape, lambda *window: with_hole(surface, *window), surface.grid_coordinates)
+    found = replace(found, surface=hole)
+    window = Window(0, 0, found.grid.columns, found.grid.rows)
+    chunk = found.chunk(window)
+    assert chunk is not None and chunk.step == 1
+    known = np.isfinite(chunk.positions[0, : window.rows, : window.columns])
+    rows, columns = np.indices(known.shape)
+    grid = surface.grid_coordinates(found.grid.lonlat(np.column_stack([columns.ravel(), rows.ravel()]).astype(float)))
+    expected = np.isfinite(hole.heights(grid)).reshape(known.shape)
+    assert (known == expected).all() and 0 < (~known).sum() < known.size
+    assert chunk.unknown == pytest.approx((~known).sum(), rel=0.2)  # counted on a coarse grid
+
+
+def with_hole(surface: GridSurface, row: int, column: int, rows: int, columns: int) -> np.ndarray:
+    """Return cells of a surface without those near its middle."""
+    first_row, first_column, cells = surface.window(
+        np.array([column, row], dtype=float), np.array([column + columns - 1, row + rows - 1], dtype=float)
+    )
+    i, j = np.indices(cells.shape)
+    near = np.hypot(i + first_row - surface.shape[0] / 2, j + first_column - surface.shape[1] / 2) < 4.0
+    return np.where(near, np.nan, cells)[row - first_row :, column - first_column :][:rows, :columns]
+
+
+def test_chunks_beside_the_image_are_left_out(tmp_path: Path) -> None:
+    found = mapping(tmp_path)
+    far = replace(found, size=(5, 5))
+    assert far.chunk(Window(0, 0, 64, 64)) is None
+    assert SIZE[0] > 5

@@ -1,0 +1,51 @@
+"""The warning about a block that lies off the DEM it was given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+from osgeo import gdal
+
+from hrsi.hrsi_engine.block import Role
+from hrsi.processing_algorithms.dem_offset import offset_warning
+
+
+@pytest.fixture
+def dem(tmp_path: Path) -> str:
+    """100 m everywhere."""
+    dataset = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "dem.tif"), 100, 100, 1, gdal.GDT_Float32)
+    dataset.SetProjection(pyproj.CRS.from_epsg(4326).to_wkt())
+    dataset.SetGeoTransform((147.0, 0.001, 0.0, -42.0, 0.0, -0.001))
+    dataset.GetRasterBand(1).Fill(100.0)
+    return str(tmp_path / "dem.tif")
+
+
+def warned(dem: str | None, above_m: float, noise_m: float = 1.5, role: Role = Role.TIE, **options: Any) -> list[str]:
+    rng = np.random.default_rng(1)
+    heights = 100.0 + above_m + rng.normal(0.0, noise_m, 200)
+    ground = np.column_stack([rng.uniform(147.01, 147.08, 200), rng.uniform(-42.08, -42.01, 200), heights])
+    ground[:5] = np.nan
+    ground[5:15, 2] += 500.0  # blunders do not count
+    roles = np.r_[np.full(199, Role.TIE), role]
+    result = SimpleNamespace(ground=ground, block=SimpleNamespace(points=SimpleNamespace(role=roles)))
+    settings = {"dem": dem, "sigma_dem": None, "height_datum": "ellipsoidal", "dem_datum": None} | options
+    return offset_warning(result, settings)
+
+
+def test_an_offset_is_told_with_its_sign(dem: str) -> None:
+    (text,) = warned(dem, 2.1)
+    assert "2." in text and " m above the DEM" in text and "--sigma-dem" in text
+    assert "below" in warned(dem, -2.1)[0]
+
+
+def test_nothing_is_said_without_reason(dem: str) -> None:
+    assert not warned(dem, 0.3)  # grass
+    assert not warned(dem, 1.5, noise_m=30.0)  # not clear: sigma of the median is 2.7 m
+    assert not warned(dem, 2.1, role=Role.GCP)
+    assert not warned(dem, 2.1, sigma_dem=5.0)
+    assert not warned(None, 2.1)

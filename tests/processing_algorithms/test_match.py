@@ -1,0 +1,135 @@
+"""`match`: from two files to layers, table, page and report."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from network_scenes import TruePair, true_pair
+from osgeo import gdal, ogr
+
+from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.measurement.interest_points import DETECTORS
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.match import ALGORITHM, DETECTOR_SETS
+
+
+def write(path: Path, grey: np.ndarray, nodata: int | None = None) -> Path:
+    dataset = gdal.GetDriverByName("GTiff").Create(str(path), grey.shape[1], grey.shape[0], 1, gdal.GDT_UInt16)
+    if nodata is not None:
+        dataset.GetRasterBand(1).SetNoDataValue(nodata)
+    dataset.GetRasterBand(1).WriteArray(grey)
+    return path
+
+
+@pytest.fixture(scope="module")
+def pair() -> TruePair:
+    return true_pair("grass", 300, 45.0)
+
+
+@pytest.fixture(scope="module")
+def files(pair: TruePair, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Both views without RPC; the second one has no data in its first 40 lines."""
+    folder = tmp_path_factory.mktemp("pair")
+    second = pair.second.grey.copy()
+    second[:40] = 0
+    return [write(folder / "first.tif", pair.first.grey), write(folder / "second.tif", second, nodata=0)]
+
+
+def rows_of(path: Path, layer: str) -> list[dict]:
+    dataset = ogr.Open(str(path))
+    return [feature.items() for feature in dataset.GetLayerByName(layer)]
+
+
+def test_choices_are_the_engine_s():
+    assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
+
+
+def test_results_are_written(files: list[Path], pair: TruePair, tmp_path: Path):
+    report = run("match", images=files, output_dir=tmp_path / "out", threads=1)
+    assert report["status"] == "found"
+    assert report["rotation_deg"] == pytest.approx(45.0, abs=0.3)
+    assert report["scale"] == pytest.approx(1.0, abs=0.01)
+    rows = rows_of(tmp_path / "out" / "match.gpkg", "correspondences")
+    assert len(rows) == report["correspondences"] >= 150
+    first, second = (np.array([[row[f"{n}_sample"], row[f"{n}_line"]] for row in rows]) for n in ("first", "second"))
+    assert np.hypot(*(second - pair.carried(first)).T).max() < 1.5
+    assert second[:, 1].min() >= 40
+    assert all(0.0 < row["sigma"] < 0.5 and 0.7 < row["quality"] <= 1.0 and row["kind"] for row in rows)
+    ids = {row["id"] for row in rows}
+    assert {row["father"] for row in rows} - {None, ""} <= ids
+    with open(tmp_path / "out" / "correspondences.csv", newline="") as file:
+        assert [row["id"] for row in csv.DictReader(file)] == [row["id"] for row in rows]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert page.count("<circle") == 2 * len(rows)
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["network"]["correspondences"] >= 20
+
+
+def test_points_go_on_to_register(files: list[Path], tmp_path: Path):
+    run("match", images=files, output_dir=tmp_path / "out", report=False, threads=1)
+    assert not (tmp_path / "out" / "report.html").exists()
+    layer = f"{tmp_path / 'out' / 'match.gpkg'}|layername=matched_points"
+    points = read_points(layer).image
+    assert set(points.image_ids.tolist()) == {"first", "second"}
+    report = run("register", image_points=layer, model="affine", output_dir=tmp_path / "registered")
+    assert report["together"]["corner"]["distance"] < 5.0  # the relief
+
+
+def test_windows_of_one_file_get_ids_of_their_own(files: list[Path], tmp_path: Path):
+    report = run(
+        "match", images=[files[0], files[0]], window_1="0,0,220,220", window_2="60,50,220,220",
+        output_dir=tmp_path / "out", threads=1,
+    )  # fmt: skip
+    assert [image["id"] for image in report["images"]] == ["first_1", "first_2"]
+    assert report["images"][1]["window"] == [60, 50, 220, 220]
+    rows = rows_of(tmp_path / "out" / "match.gpkg", "correspondences")
+    moved = [(row["second_sample"] - row["first_sample"], row["second_line"] - row["first_line"]) for row in rows]
+    np.testing.assert_allclose(moved, 0.0, atol=1e-3)  # the same pixels
+
+
+def test_no_match_is_a_status(files: list[Path], tmp_path: Path):
+    flat = write(tmp_path / "flat.tif", np.full((300, 300), 700, np.uint16))
+    report = run("match", images=[files[0], flat], output_dir=tmp_path / "out", threads=1)
+    assert (report["status"], report["correspondences"]) == ("no match", 0)
+    assert "second window has 0 interest points" in report["warnings"][0]
+    assert ALGORITHM.summarise(report) == report["warnings"][0]
+    assert rows_of(tmp_path / "out" / "match.gpkg", "correspondences") == []
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["rotation_deg"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"window_1": "1,2,3"}, "--window-1 '1,2,3' is not SAMPLE,LINE,SAMPLES,LINES"),
+        ({"window_2": "500,500,100,100"}, "less than 32 x 32 pixels in the image of 300 x 300"),
+        ({"scale": "wide"}, "--scale 'wide' is not a number"),
+        ({"scale": "2,1"}, "the lower one first"),
+        ({"band": 2}, "has 1 bands, band 2 is wanted"),
+    ],
+)
+def test_wrong_options_are_named(files: list[Path], tmp_path: Path, options: dict, reason: str):
+    with pytest.raises(InputError, match=reason):
+        run("match", images=files, output_dir=tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_images_are_needed(files: list[Path], tmp_path: Path):
+    with pytest.raises(InputError, match="match takes two images, 1 are given"):
+        run("match", images=files[:1], output_dir=tmp_path / "out")
+
+
+def test_with_rpc_the_layer_lies_on_the_ground(real_data: Path, tmp_path: Path):
+    images = [real_data / "s2p_triplet_phr" / f"img_0{number}.tif" for number in (1, 2)]
+    report = run(
+        "match", images=images, window_1="600,600,300,300", window_2="580,560,340,340", height=206.0,
+        output_dir=tmp_path / "out", threads=1,
+    )  # fmt: skip
+    assert report["correspondences"] >= 100
+    layer = ogr.Open(str(tmp_path / "out" / "match.gpkg"))
+    west, east, south, north = layer.GetLayerByName("correspondences").GetExtent()
+    assert 5.43 < west < east < 5.46 and 43.25 < south < north < 43.27

@@ -1,0 +1,81 @@
+"""``block.gpkg`` field by field as the interface promises, read by OGR; on the Hobart block."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from osgeo import ogr
+
+from hrsi.processing_algorithms import run
+
+HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"
+TEXT, REAL = ogr.OFTString, ogr.OFTReal
+RESIDUALS = {
+    "id": TEXT, "role": TEXT, "image": TEXT, "level": TEXT, "residual_sample_px": REAL, "residual_line_px": REAL,
+    "residual_east_m": REAL, "residual_north_m": REAL, "residual_height_m": REAL, "sigma_sample_px": REAL,
+    "sigma_line_px": REAL, "sigma_east_m": REAL, "sigma_north_m": REAL, "sigma_height_m": REAL, "flag": TEXT,
+}  # fmt: skip
+FIELDS = {
+    "images": {"id": TEXT, "path": TEXT},
+    "ground_points": {"id": TEXT, "role": TEXT, "sigma_east_m": REAL, "sigma_north_m": REAL, "sigma_height_m": REAL},
+    "image_points": {
+        "id": TEXT, "image": TEXT, "sample": REAL, "line": REAL, "residual_sample_px": REAL, "residual_line_px": REAL,
+        "weight": REAL, "flag": TEXT,
+    },
+    "residuals_wgs84": RESIDUALS,
+    "residuals_utm": RESIDUALS,
+}  # fmt: skip
+CRS = dict.fromkeys(FIELDS, 4326) | {"residuals_utm": 32755}  # Hobart: zone 55 south
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hobart") / "out"
+    run(
+        "triangulate", images=[str(HOBART / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)],
+        gcps=str(HOBART / "hobart_ground_points.csv"), image_points=str(HOBART / "hobart_image_points.csv"),
+        tie_points="none", gcp_ids="H003,H022,H024,H035,H048,H058", output_dir=str(folder),
+    )  # fmt: skip
+    return folder
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_crs_and_geometry(result: Path, name: str) -> None:
+    dataset = ogr.Open(str(result / "block.gpkg"))
+    layer = dataset.GetLayerByName(name)
+    definition = layer.GetLayerDefn()
+    there = {
+        definition.GetFieldDefn(index).GetName(): definition.GetFieldDefn(index).GetType()
+        for index in range(definition.GetFieldCount())
+    }
+    assert FIELDS[name].items() <= there.items()
+    assert int(layer.GetSpatialRef().GetAuthorityCode(None)) == CRS[name]
+    wanted = ogr.wkbPolygon if name == "images" else ogr.wkbPoint
+    assert ogr.GT_Flatten(layer.GetGeomType()) == wanted
+    assert all(feature.GetGeometryRef() is not None for feature in layer)
+
+
+def test_ogrinfo_lists_them(result: Path) -> None:
+    finished = subprocess.run(
+        ["ogrinfo", "-q", "-ro", str(result / "block.gpkg")], capture_output=True, text=True, check=True
+    )
+    listed = [line.split(": ")[1].partition(" (")[0] for line in finished.stdout.splitlines()]
+    assert set(FIELDS) <= set(listed)
+    assert finished.stderr == ""
+
+
+def test_levels_and_figures_are_those_of_the_report(result: Path) -> None:
+    """One row a known point, one a measurement; their root mean squares are the report's."""
+    report = json.loads((result / "report.json").read_text(encoding="utf-8"))
+    dataset = ogr.Open(str(result / "block.gpkg"))
+    rows = [feature.items() for feature in dataset.GetLayerByName("residuals_utm")]
+    checks = [row for row in rows if row["role"] == "check"]
+    for level, field in (("ground", "residual_east_m"), ("ground", "residual_height_m"), ("image", "residual_line_px")):
+        values = [row[field] for row in checks if row["level"] == level and row[field] is not None]
+        figure = report["check"][field.replace("residual", "rmse")]
+        assert (sum(value**2 for value in values) / len(values)) ** 0.5 == pytest.approx(figure, rel=1e-9)
+    assert {row["level"] for row in rows} == {"ground", "image"}
+    assert sum(row["level"] == "ground" for row in checks) == report["check"]["points"]

@@ -1,0 +1,170 @@
+"""`tie-points` and `triangulate` from files to files: layers, resuming, virtual file systems, what goes where."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rendered_blocks as scenes
+from osgeo import gdal, ogr
+
+from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.tie_search import UNFINISHED
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory) -> list[str]:
+    """Two images of 401 px on disk."""
+    folder = tmp_path_factory.mktemp("pair")
+    return [image.path for image in scenes.written(scenes.triplet(half=200.0)[:2], folder)]
+
+
+@pytest.fixture(scope="module")
+def result(pair, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("result") / "ties"
+    run("tie-points", images=pair, output_dir=str(folder), csv=True)
+    return folder
+
+
+def test_files_of_a_result(result, pair):
+    assert sorted(path.name for path in result.iterdir()) == ["block.gpkg", "report.json", "tie_points.csv"]
+    report = json.loads((result / "report.json").read_text())
+    dataset = ogr.Open(str(result / "block.gpkg"))
+    points, measured = dataset.GetLayer("tie_points"), dataset.GetLayer("image_points")
+    assert points.GetFeatureCount() == report["ties"]["points"] > 80
+    assert measured.GetFeatureCount() == report["ties"]["observations"] == 2 * report["ties"]["points"]
+    row = measured.GetNextFeature().items()
+    assert set(row) == {"id", "image", "sample", "line", "sigma", "quality", "kind"}
+    assert row["kind"] and 0.0 < row["quality"] <= 1.0 and 0.0 < row["sigma"] < 1.0
+    assert {entry["path"] for entry in report["images"].values()} == set(pair)
+    assert all(image["cells"] > 30 for image in report["images"].values())
+
+
+def test_layer_and_table_hold_the_same(result):
+    from_layer = read_points(str(result / "block.gpkg|layername=image_points"), image_ids=["view0", "view1"]).image
+    from_table = read_points(str(result / "tie_points.csv"), image_ids=["view0", "view1"]).image
+    np.testing.assert_array_equal(from_layer.ids, from_table.ids)
+    np.testing.assert_array_equal(from_layer.xy, from_table.xy)
+    np.testing.assert_array_equal(from_layer.sigma_px, from_table.sigma_px)
+
+
+@pytest.mark.parametrize("algorithm", ["adjust", "triangulate"])
+def test_result_goes_into_the_adjustment(algorithm, result, pair, tmp_path):
+    report = run(algorithm, images=pair, tie_points=str(result / "block.gpkg"), output_dir=str(tmp_path), write="none")
+    assert report["ties"]["points"] > 80
+    assert report["ties"]["rmse_px"] < 0.1 < report["ties"]["before_rmse_px"]
+
+
+def test_automatic_tie_points_are_the_same(result, pair, tmp_path):
+    report = run("triangulate", images=pair, output_dir=str(tmp_path), write="none", scheduler=None)
+    from_file = json.loads((result / "report.json").read_text())["ties"]
+    assert report["ties"]["points"] == from_file["points"]
+    assert not (tmp_path / UNFINISHED).exists()
+
+
+def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
+    """Killed (SIGKILL) with some parts finished; the same command takes these and comes to the same points."""
+    folder = tmp_path / "ties"
+    command = [sys.executable, "-c", SLOW_RUN, *pair, str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 60.0
+        while not (parts := sorted((folder / UNFINISHED).glob("windows-*.npz"))) and time.monotonic() < deadline:
+            time.sleep(0.02)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert parts
+    assert not (folder / "report.json").exists()
+    said: list[str] = []
+    monkeypatch.setattr("hrsi.hrsi_engine.measurement.tie_points.CELLS_PER_PART", 1)
+    monkeypatch.setattr("hrsi.hrsi_engine.measurement.block_matching.plan.FULL_WINDOW_PX", 200)
+    run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
+    assert any(message.startswith("continues with") for message in said)
+    assert sorted(path.name for path in folder.iterdir()) == ["block.gpkg", "report.json", "tie_points.csv"]
+    whole = tmp_path / "whole"
+    run("tie-points", images=pair, output_dir=str(whole), csv=True)
+    assert (folder / "tie_points.csv").read_bytes() == (whole / "tie_points.csv").read_bytes()
+
+
+#: Every part is small, and takes its time after it: so the run is killed in the middle.
+SLOW_RUN = """
+import sys, time
+from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.measurement import tie_points
+from hrsi.hrsi_engine.measurement.block_matching import plan
+from hrsi.processing_algorithms import run
+tie_points.CELLS_PER_PART, plan.FULL_WINDOW_PX = 1, 200
+save = FinishedParts.save
+def slow(self, key, result):
+    save(self, key, result)
+    time.sleep(1.0)
+FinishedParts.save = slow
+run("tie-points", images=sys.argv[1:-1], output_dir=sys.argv[-1], threads=1)
+"""
+
+
+def test_cancelled_run_leaves_only_what_is_finished(pair, tmp_path):
+    with pytest.raises(Cancelled):
+        run("tie-points", images=pair, output_dir=str(tmp_path / "ties"), progress=lambda fraction, _: fraction < 0.25)
+    assert [path.name for path in (tmp_path / "ties").iterdir()] == [UNFINISHED]
+
+
+def test_work_dir_serves_later_runs(pair, tmp_path):
+    options = {"images": pair, "work_dir": str(tmp_path / "work"), "cells": 4}
+    run("tie-points", output_dir=str(tmp_path / "a"), **options)
+    kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "work").iterdir()}
+    run("tie-points", output_dir=str(tmp_path / "b"), **options)
+    assert {path.name: path.stat().st_mtime_ns for path in (tmp_path / "work").iterdir()} == kept
+    os.utime(pair[0])  # the image may be another one now
+    run("tie-points", output_dir=str(tmp_path / "c"), **options)
+    assert len(list((tmp_path / "work").iterdir())) == 2 * len(kept)
+
+
+def test_virtual_file_systems(pair, result, tmp_path):
+    """Images in a zip file, results in GDAL's memory, and on to the adjustment."""
+    archive = tmp_path / "images.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        for path in pair:
+            file.write(path, os.path.basename(path))
+    images = [f"/vsizip/{archive}/{os.path.basename(path)}" for path in pair]
+    report = run("tie-points", images=images, output_dir="/vsimem/ties", csv=True)
+    assert report["ties"] == json.loads((result / "report.json").read_text())["ties"]
+    assert sorted(gdal.ReadDir("/vsimem/ties")) == ["block.gpkg", "report.json", "tie_points.csv"]
+    adjusted = run(
+        "adjust", images=images, tie_points="/vsimem/ties/block.gpkg", output_dir="/vsimem/adjusted", write="none"
+    )
+    assert adjusted["ties"]["rmse_px"] < 0.1
+    with pytest.raises(InputError, match="already holds a result"):
+        run("tie-points", images=images, output_dir="/vsimem/ties")
+    assert not Path("/vsimem").exists()
+
+
+def test_virtual_file_system_that_takes_no_files(pair, tmp_path):
+    with pytest.raises(Exception, match="cannot be written"):
+        run("tie-points", images=pair, output_dir="/vsicurl/http://127.0.0.1:9/ties", cells=2)
+
+
+def test_thousands_of_ties_do_not_outvote_the_gcps(tmp_path):
+    """A shift cannot follow the drift of the vendor's attitude; GCPs of 0.1 m must hold the block all the same."""
+    block = tmp_path / "block"
+    run("simulate", images=3, along=["-12", "0", "12"], size=700, gcps=6, checks=12, ties=0, output_dir=str(block))
+    report = run(
+        "triangulate", images=[str(block / f"image_{k}.tif") for k in (1, 2, 3)], gcps=str(block / "ground_points.csv"),
+        image_points=str(block / "image_points.csv"), height_datum="ellipsoidal", write="none",
+        output_dir=str(tmp_path / "result"),
+    )  # fmt: skip
+    assert report["ties"]["points"] > 500
+    assert report["control"]["rmse_east_m"] < 0.2  # twice the sigma of the survey
+    assert np.hypot(report["check"]["rmse_east_m"], report["check"]["rmse_north_m"]) < 0.5  # 0.3 px of 0.7 m, twice
+    assert 0.3 < report["sigma0"] < 3.0

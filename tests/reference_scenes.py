@@ -1,0 +1,104 @@
+"""Simulated images with the orthophoto of the same ground, for tests that match one with the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.dem import GridSurface
+from hrsi.hrsi_engine.orthoimage import Orthoimage
+from hrsi.hrsi_engine.simulation import (
+    SENSORS,
+    Noise,
+    OrientationError,
+    PointCounts,
+    SceneSpec,
+    SimulatedBlock,
+    along_track_views,
+    block_with_pixels,
+    orthophoto,
+    simulate_block,
+)
+from hrsi.hrsi_engine.simulation.terrain import Terrain
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """An image in memory."""
+
+    grey: np.ndarray
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.grey.shape[1], self.grey.shape[0]
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.grey[line : line + lines, sample : sample + samples], np.ones((lines, samples), dtype=bool)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Images with pixels, the true orthophoto, the true terrain, and the truth."""
+
+    simulated: SimulatedBlock
+    images: tuple[Image, ...]
+    reference: Orthoimage
+    terrain: GridSurface
+
+    def true_error_px(self, number: int, ground: np.ndarray, xy: np.ndarray) -> np.ndarray:
+        """Return measured - true image points of an image for ground points; ``(n, 2)``."""
+        return xy - self.simulated.truth.cameras[number].ground_to_image(ground)
+
+
+def surface_of(terrain: Terrain) -> GridSurface:
+    """Return a simulated terrain as a height surface."""
+    west, lon_step, _, north, _, lat_step = terrain.geotransform
+    return GridSurface.from_array(
+        terrain.posts, (west + lon_step / 2.0, north + lat_step / 2.0), (lon_step, lat_step)
+    )  # fmt: skip
+
+
+def make(
+    seed: int = 1, size: int = 500, images: int = 1, ratio: float = 1.0, band: str = "pan", relief_m: float = 100.0,
+    error: OrientationError | None = None, points: PointCounts | None = None, noise_px: float = 0.3,
+) -> Scene:  # fmt: skip
+    """Return a scene of oblique Pleiades images; ``ratio`` is the reference's pixel size in those of the images.
+
+    ``error`` is the vendor's orientation error of every image, by default drawn from the sensor's accuracy.
+    """
+    sensor = SENSORS["pleiades"]
+    oblique = along_track_views(sensor, max(images, 2), (size, size))[:images]
+    views = [replace(view, vendor_error=error) if error else view for view in oblique]
+    simulated = simulate_block(
+        SceneSpec(seed=seed, relief_m=relief_m), views, points or PointCounts(0, 4, 10), Noise(image_px=noise_px)
+    )  # fmt: skip
+    block = block_with_pixels(simulated)
+    pixels = tuple(
+        replace(image, raster=Pixels(image.raster.window(0, 0, *image.size)))  # type: ignore[union-attr, misc]
+        for image in block.images
+    )
+    photo = orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
+    reference = Orthoimage.on_degrees(Pixels(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
+    return Scene(simulated, pixels, reference, surface_of(simulated.scene.terrain))
+
+
+def another_season(grey: np.ndarray, seed: int = 1) -> np.ndarray:
+    """Return an image of which contrast changes and reverses from place to place, with new fields and noise."""
+    rng = np.random.default_rng(seed)
+    lines, samples = grey.shape
+
+    def smooth(cell: int, low: float, high: float) -> np.ndarray:
+        field = rng.uniform(low, high, (lines // cell + 2, samples // cell + 2)).astype(np.float32)
+        return cv2.resize(field, (samples, lines), interpolation=cv2.INTER_CUBIC)
+
+    pixels = grey.astype(np.float32)
+    mean, sign = cv2.GaussianBlur(pixels, (0, 0), 40), smooth(150, -1.0, 1.0)
+    new = mean + (pixels - mean) * np.sign(sign) * np.maximum(np.abs(sign), 0.3) + 300.0 * smooth(60, 0.0, 1.0)
+    new += rng.normal(0.0, 15.0, new.shape)
+    for _ in range(lines * samples // 60_000):  # a tenth is another field
+        x, y = rng.integers(0, samples - 80), rng.integers(0, lines - 80)
+        new[y : y + 80, x : x + 80] = 1500.0 + rng.normal(0.0, 20.0, (80, 80))
+    return np.clip(new, 0, 2047).astype(np.uint16)

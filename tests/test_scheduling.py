@@ -1,0 +1,115 @@
+"""Parts of a computation: threads and worker processes give the same, finished parts are kept, runs can be stopped."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.scheduling import Part, digest, open_scheduler, run_parts
+
+
+@dataclass(frozen=True)
+class Job:
+    number: int
+    wait_s: float = 0.0
+
+
+RAN: list[int] = []
+
+
+def square(job: Job) -> dict[str, np.ndarray]:
+    time.sleep(job.wait_s)
+    RAN.append(job.number)
+    return {"value": np.array([job.number**2])}
+
+
+def total(job: Job, *needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {"value": np.array([job.number + sum(int(part["value"][0]) for part in needed)])}
+
+
+def failing(job: Job) -> dict[str, np.ndarray]:
+    raise InputError(f"image {job.number} cannot be read")
+
+
+def squares(count: int, wait_s: float = 0.0) -> list[Part]:
+    return [Part(f"square-{k}", square, Job(k, wait_s), label=f"square {k}") for k in range(count)]
+
+
+@pytest.fixture(autouse=True)
+def nothing_ran():
+    RAN.clear()
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_results_of_what_is_wanted(threads: int):
+    parts = [*squares(6), Part("sum", total, Job(100), tuple(f"square-{k}" for k in range(4)))]
+    found = run_parts(parts, ["sum", "square-5"], open_scheduler(threads=threads))
+    assert {key: int(result["value"][0]) for key, result in found.items()} == {"sum": 114, "square-5": 25}
+    assert sorted(RAN) == [0, 1, 2, 3, 5]  # what nobody needs does not run
+
+
+def test_strings_of_a_job_are_never_taken_for_parts():
+    """Dask replaces texts that are keys of the graph by results: inside a job they must stay texts."""
+
+    def name(job: tuple[str, ...]) -> dict[str, np.ndarray]:
+        return {"value": np.array(job)}
+
+    found = run_parts([Part("a", name, ("b", "a")), Part("b", name, ("a",))], ["a", "b"], open_scheduler(threads=1))
+    assert found["a"]["value"].tolist() == ["b", "a"]
+
+
+def test_finished_parts_do_not_run_again(tmp_path):
+    keeper = FinishedParts(str(tmp_path / "parts"))
+    run_parts(squares(3), ["square-0", "square-2"], open_scheduler(threads=1), keeper)
+    assert len(keeper) == 2
+    RAN.clear()
+    found = run_parts(squares(3), ["square-2", "square-1", "square-0"], open_scheduler(threads=1), keeper)
+    assert RAN == [1]
+    assert [int(found[key]["value"][0]) for key in found] == [4, 1, 0]
+    (keeper.folder / "square-1.npz").write_bytes(b"PK half a file")
+    RAN.clear()
+    run_parts(squares(3), ["square-1"], open_scheduler(threads=1), keeper)
+    assert RAN == [1]  # a damaged file counts as none
+
+
+def test_cancelled_run_keeps_what_is_finished(tmp_path):
+    keeper = FinishedParts(str(tmp_path / "parts"))
+    began = time.monotonic()
+    with pytest.raises(Cancelled):
+        run_parts(
+            squares(200, wait_s=0.05), [f"square-{k}" for k in range(200)], open_scheduler(threads=2), keeper,
+            lambda fraction, message: fraction < 0.03,
+        )  # fmt: skip
+    assert time.monotonic() - began < 5.0  # 200 parts would take that long
+    assert 6 <= len(keeper) <= 12
+    assert threading.active_count() < 20
+
+
+def test_error_of_a_part_is_the_error_of_the_run():
+    with pytest.raises(InputError, match="image 7 cannot be read"):
+        run_parts([*squares(2), Part("bad", failing, Job(7))], ["square-0", "bad"], open_scheduler(threads=2))
+
+
+def test_scheduler_that_does_not_answer(monkeypatch):
+    monkeypatch.setattr("hrsi.hrsi_engine.scheduling.CONNECT_S", 1)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        run_parts(squares(1), ["square-0"], open_scheduler("tcp://127.0.0.1:9"))
+
+
+def test_digest_tells_values_apart():
+    base = (1, "a", np.arange(3.0), Job(1), {"x": (1, 2)}, None)
+    changed = [
+        (2, *base[1:]), (1, "b", *base[2:]), (1, "a", np.arange(3), *base[3:]),
+        (1, "a", np.arange(3.0)[::-1], *base[3:]),
+        (*base[:3], Job(1, 0.1), *base[4:]), (*base[:4], {"x": (2, 1)}, None), (*base[:5], 0),
+    ]  # fmt: skip
+    digests = [digest(*values) for values in (base, *changed)]
+    assert len(set(digests)) == len(digests)
+    assert digest(*base) == digest(1, "a", np.arange(3.0), Job(1), {"x": (1, 2)}, None)
+    assert digest("ab", "c") != digest("a", "bc")
