@@ -18,6 +18,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.measurement.control_network import MatchResult, match_windows
 from hrsi.hrsi_engine.measurement.control_network.super_points import match_super_points
@@ -27,7 +28,6 @@ from hrsi.tests.network_scenes import (
     FALSE_PX,
     POINTS_PX,
     TEXTURES,
-    Window,
     across_epipolar,
     by_trying_everything,
     point_sets,
@@ -145,7 +145,7 @@ def windows(data: Path, pair: RealPair) -> Iterator[tuple[tuple[int, int, int, i
 def judged(data: Path, pair: RealPair, turn: float, areas: tuple) -> tuple[str, ...]:
     """Return number, NMAD across the epipolar lines, share beyond `FALSE_PX`, and seconds, as text."""
     images = [open_image(str(data / pair.folder / name)) for name in pair.files]
-    cut = [Window(*image.raster.read(*(int(v) for v in area))) for image, area in zip(images, areas, strict=True)]
+    cut = [ArrayRaster(*image.raster.read(*(int(v) for v in area))) for image, area in zip(images, areas, strict=True)]
     other = turned(cut[1], turn)
     found, seconds = timed(partial(match_windows, cut[0], other.window))
     if not len(found):

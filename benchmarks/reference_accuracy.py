@@ -21,7 +21,7 @@ import reference_scenes as scenes  # noqa: E402
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust  # noqa: E402
 from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90  # noqa: E402
-from hrsi.hrsi_engine.block import Image  # noqa: E402
+from hrsi.hrsi_engine.block import ArrayRaster, Image  # noqa: E402
 from hrsi.hrsi_engine.dem import GridSurface, intersect  # noqa: E402
 from hrsi.hrsi_engine.geodesy import ground_difference_m  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference_checks import Accuracy, reference_shift  # noqa: E402
@@ -52,13 +52,13 @@ SEEDS = 100
 def seasonal(scene: scenes.Scene) -> scenes.Scene:
     """Return a scene whose reference is of another season."""
     grey = scenes.another_season(scene.reference.raster.grey)  # type: ignore[attr-defined]
-    return replace(scene, reference=replace(scene.reference, raster=scenes.Pixels(grey)))
+    return replace(scene, reference=replace(scene.reference, raster=ArrayRaster(grey)))
 
 
 def inverted(scene: scenes.Scene) -> scenes.Scene:
     """Return a scene whose reference is a negative."""
     grey = 2047 - scene.reference.raster.grey  # type: ignore[attr-defined]
-    return replace(scene, reference=replace(scene.reference, raster=scenes.Pixels(grey)))
+    return replace(scene, reference=replace(scene.reference, raster=ArrayRaster(grey)))
 
 
 def rough_dem(scene: scenes.Scene) -> scenes.Scene:
@@ -217,7 +217,7 @@ def real() -> None:
     reference = open_reference(str(work / "img_01.tif"))
     grey = np.clip(band.astype(np.float64) / max(float(np.percentile(band, 99.9)), 1.0) * 1500.0, 0, 2047)
     for name, pixels in (("as it is", band), ("another season", scenes.another_season(grey.astype(np.uint16)))):
-        changed = replace(reference, raster=scenes.Pixels(pixels))
+        changed = replace(reference, raster=ArrayRaster(pixels))
         images = [open_image(str(folder / f"img_0{k}.tif")) for k in (2, 3)]
         control = match_reference(images, changed, open_dem(dem, "ellipsoidal"), OPTIONS)
         for image, found in zip(images, control.images, strict=True):

@@ -28,6 +28,20 @@ class Raster(Protocol):
         """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool)."""
 
 
+class ArrayRaster:
+    """Pixels in memory: ``grey (lines, samples)``, and which of them are ``valid``, by default all."""
+
+    def __init__(self, grey: np.ndarray, valid: np.ndarray | None = None) -> None:
+        self.grey = grey
+        self.valid = np.ones(grey.shape, dtype=bool) if valid is None else valid
+        self.size: tuple[int, int] = (grey.shape[1], grey.shape[0])
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a window within the image and its mask of valid pixels."""
+        window = np.s_[line : line + lines, sample : sample + samples]
+        return self.grey[window], self.valid[window]
+
+
 @dataclass(frozen=True, eq=False)
 class Image:
     """One image: its id, its camera and, where they are known, its size and pixels."""

@@ -41,6 +41,20 @@ def real_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def hobart_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of `triangulate` on the Hobart block with six GCPs: no pixels, no tie points."""
+    from hrsi.processing_algorithms import run
+
+    data, folder = REPOSITORY / "examples" / "hobart", tmp_path_factory.mktemp("hobart") / "out"
+    run(
+        "triangulate", images=[str(data / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)],
+        gcps=str(data / "hobart_ground_points.csv"), image_points=str(data / "hobart_image_points.csv"),
+        tie_points="none", gcp_ids="H003,H022,H024,H035,H048,H058", output_dir=str(folder),
+    )  # fmt: skip
+    return folder
+
+
+@pytest.fixture(scope="session")
 def thesis_data() -> Path:
     """Tables printed in the thesis."""
     return _data_folder("thesis")

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from scipy import fft
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.measurement.control_network.polar import turned as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.thresholds import Tolerance
 from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss
@@ -27,27 +28,11 @@ POINTS_PX = 200.0  # side of the square that `point_sets` fills
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
-    """Grey values and valid pixels as a raster."""
-
-    grey: np.ndarray
-    valid: np.ndarray
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.grey.shape[1], self.grey.shape[0]
-
-    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        place = np.s_[line : line + lines, sample : sample + samples]
-        return self.grey[place], self.valid[place]
-
-
-@dataclass(frozen=True, eq=False)
 class TruePair:
     """Two views of a texture; the second one is turned and scaled about its middle."""
 
-    first: Window
-    second: Window
+    first: ArrayRaster
+    second: ArrayRaster
     rotation_rad: float
     scale: float
     relief_px: float
@@ -107,7 +92,7 @@ def true_pair(
         grey = cv2.remap(ground, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_WRAP)
         grey = grey + noise * rng.standard_normal(grey.shape)
         views.append(
-            Window(np.clip(np.rint(offset + gain * grey), 1, 2047).astype(np.uint16), np.ones((side, side), bool))
+            ArrayRaster(np.clip(np.rint(offset + gain * grey), 1, 2047).astype(np.uint16), np.ones((side, side), bool))
         )
     return TruePair(views[0], views[1], pair.rotation_rad, scale, relief_px)
 
@@ -116,7 +101,7 @@ def true_pair(
 class Turned:
     """A window turned about its middle into a frame that holds all of it; the corners are not valid."""
 
-    window: Window
+    window: ArrayRaster
     matrix: np.ndarray
     shift: np.ndarray
 
@@ -125,7 +110,7 @@ class Turned:
         return (xy - self.shift) @ self.matrix  # the inverse of a rotation is its transpose
 
 
-def turned(window: Window, degrees: float) -> Turned:
+def turned(window: ArrayRaster, degrees: float) -> Turned:
     """Return a window turned by an angle from sample towards line; by 0 it stays as it is."""
     if degrees == 0.0:
         return Turned(window, np.eye(2), np.zeros(2))
@@ -140,7 +125,7 @@ def turned(window: Window, degrees: float) -> Turned:
     valid = cv2.warpAffine(window.valid.astype(np.uint8), affine, frame, flags=cv2.INTER_NEAREST)
     valid = cv2.erode(valid, np.ones((9, 9), np.uint8)).astype(bool)  # Lanczos saw nothing else
     grey = np.where(valid, np.clip(np.rint(grey), 1, 65535), 0).astype(np.uint16)
-    return Turned(Window(grey, valid), matrix, -low)
+    return Turned(ArrayRaster(grey, valid), matrix, -low)
 
 
 def across_epipolar(

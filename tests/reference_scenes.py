@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.block import ArrayRaster, Image
 from hrsi.hrsi_engine.dem import GridSurface
 from hrsi.hrsi_engine.orthoimage import Orthoimage
 from hrsi.hrsi_engine.simulation import (
@@ -23,20 +23,6 @@ from hrsi.hrsi_engine.simulation import (
     simulate_block,
 )
 from hrsi.hrsi_engine.simulation.terrain import Terrain
-
-
-@dataclass(frozen=True, eq=False)
-class Pixels:
-    """An image in memory."""
-
-    grey: np.ndarray
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.grey.shape[1], self.grey.shape[0]
-
-    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        return self.grey[line : line + lines, sample : sample + samples], np.ones((lines, samples), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +63,11 @@ def make(
     )  # fmt: skip
     block = block_with_pixels(simulated)
     pixels = tuple(
-        replace(image, raster=Pixels(image.raster.window(0, 0, *image.size)))  # type: ignore[union-attr, misc]
+        replace(image, raster=ArrayRaster(image.raster.window(0, 0, *image.size)))  # type: ignore[union-attr, misc]
         for image in block.images
     )
     photo = orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
-    reference = Orthoimage.on_degrees(Pixels(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
+    reference = Orthoimage.on_degrees(ArrayRaster(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
     return Scene(simulated, pixels, reference, surface_of(simulated.scene.terrain))
 
 

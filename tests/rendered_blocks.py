@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.block import ArrayRaster, Image
 from hrsi.hrsi_engine.geodesy import ground_difference_m
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.simulated_block import write_image
@@ -16,19 +16,6 @@ from hrsi.hrsi_engine.points import ImagePoints
 
 HALF = 350.0
 BIAS_PX = ((0.0, 0.0), (4.0, -3.0), (-6.0, 2.0))  # of the RPCs of the triplet
-
-
-class Pixels:
-    """An array as a raster."""
-
-    def __init__(self, grey: np.ndarray, valid: np.ndarray | None = None) -> None:
-        self.grey = grey
-        self.valid = np.ones(grey.shape, bool) if valid is None else valid
-        self.size = (grey.shape[1], grey.shape[0])
-
-    def read(self, sample, line, samples, lines):
-        window = np.s_[line : line + lines, sample : sample + samples]
-        return self.grey[window], self.valid[window]
 
 
 def ortho_texture(size: int = 1400, seed: int = 4) -> np.ndarray:
@@ -54,7 +41,7 @@ def rendered(view: int, texture: np.ndarray, bias_px=(0.0, 0.0), half: float = H
     row = (centre - metres[:, 1]).astype(np.float32).reshape(size, size)
     grey = cv2.remap(texture, column, row, cv2.INTER_CUBIC)
     grey += np.random.default_rng(view).normal(0, 3, grey.shape)
-    return Image(f"view{view}", rpc.shifted(*bias_px), (size, size), raster=Pixels(grey.astype(np.uint16)))
+    return Image(f"view{view}", rpc.shifted(*bias_px), (size, size), raster=ArrayRaster(grey.astype(np.uint16)))
 
 
 def triplet(texture: np.ndarray | None = None, half: float = HALF) -> list[Image]:

@@ -27,7 +27,6 @@ OPTIONS: dict[str, Any] = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},
     "error_model": "numpy",
 }
-LOCALISE_STEPS = 12
 Arrays = tuple[Any, ...]
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]

@@ -36,7 +36,6 @@ class ImageBias:
     offset_px: np.ndarray
     contrast: float
     rival: float
-    searched_px: float
 
 
 def search_bias(
@@ -63,7 +62,7 @@ def search_bias(
         if finer is None:
             return None
         offset = finer.shift
-    return ImageBias(offset, peak.contrast, peak.rival, reach)
+    return ImageBias(offset, peak.contrast, peak.rival)
 
 
 def _peak(

@@ -60,20 +60,3 @@ def epipolar_miss(
         step = np.where(distinct, along / np.maximum(stretch, MIN_STRETCH), 0.0)
         height = np.clip(height + step, lowest - reach, highest + reach)
     return EpipolarMiss(across, height, stretch, np.where(distinct, (height - height_m) * stretch, along))
-
-
-def overlap_window(
-    first: RPC, second: RPC, window: tuple[float, float, float, float], heights: tuple[float, float], margin_px: float
-) -> tuple[float, float, float, float]:
-    """Return the window of the second image where a window of the first can appear between two heights.
-
-    Windows are (first sample, last sample, first line, last line). All NaN where it appears nowhere.
-    """
-    s0, s1, l0, l1 = window
-    corners = np.array([(s, line) for s in (s0, 0.5 * (s0 + s1), s1) for line in (l0, 0.5 * (l0 + l1), l1)])
-    seen = np.concatenate([transfer(first, second, corners, height) for height in heights])
-    seen = seen[np.isfinite(seen).all(axis=1)]
-    if not len(seen):
-        return (np.nan,) * 4
-    low, high = seen.min(axis=0) - margin_px, seen.max(axis=0) + margin_px
-    return float(low[0]), float(high[0]), float(low[1]), float(high[1])

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from ..block import ArrayRaster
 from .control_network.matching import MatchOptions as NetworkOptions
 from .control_network.matching import match_windows
-from .control_network.views import Pixels
 from .features import CONTRAST, root_sift, stretch_to_byte
 from .matching import mutual_matches
 from .patch_finder import distinct_places, seek
@@ -77,7 +77,7 @@ def find_by_network(
 
     Both windows have nearly the same geometry here, so that only what differs by height is left to the tolerances.
     """
-    rasters = Pixels(first.pixels, first.valid), Pixels(second.pixels, second.valid)
+    rasters = ArrayRaster(first.pixels, first.valid), ArrayRaster(second.pixels, second.valid)
     result = match_windows(rasters[0], rasters[1], NetworkOptions(detectors=detectors))
     return _near(result.positions.first + first.origin_px, result.positions.second + second.origin_px, reach_px)
 

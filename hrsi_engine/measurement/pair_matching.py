@@ -292,7 +292,7 @@ def _judged(task: _Task, found: _Matched) -> TileMatches:
         & (sigma * scale < task.options.largest_sigma_px * frame.second.step)
     )
     xy = frame.first.to_image(task.points[known])
-    offset = float(np.median((fit.miss.across_px - 0.0)[good])) if good.any() else 0.0
+    offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
     matches = TileMatches(
         xy, frame.second.to_image(found.xy[known]), sigma * scale,
         1.0 / (1.0 + (sigma * scale / (GOOD_SIGMA_PX * frame.second.step)) ** 2),

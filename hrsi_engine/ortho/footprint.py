@@ -9,7 +9,6 @@ from ..block import Image
 from ..dem import HeightSurface, Status, intersect, surface_heights
 from ..errors import InputError
 from ..geodesy import utm_epsg
-from .grid import MapGrid
 
 PER_SIDE = 200  # outline points
 MARGIN_PX = 2.0
@@ -54,11 +53,6 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
     x, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(ground[:, 0], ground[:, 1])
     margin = MARGIN_PX * resolution
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
-
-
-def footprint_grid(image: Image, surface: HeightSurface, crs: str, resolution: float) -> MapGrid:
-    """Return the part of the map grid that an image shows."""
-    return MapGrid.around(crs, resolution, footprint_bounds(image, surface, crs, resolution))
 
 
 def covered_share(image: Image, surface: HeightSurface) -> float:

@@ -23,7 +23,6 @@ from hrsi.processing_algorithms import run
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PICTURES = REPOSITORY / "build" / "report"
-HOBART = REPOSITORY / "examples" / "hobart"
 CELL = re.compile(r'data-key="([^"]*)" data-value="([^"]*)">([^<]*)<')
 TELL_WIDTH = "<script>parent.postMessage(document.documentElement.scrollWidth + ' of ' + innerWidth, '*')</script>"
 FRAME = """<!DOCTYPE html><html><head><title></title><style>body {{ margin: 0 }} iframe {{ border: 0 }}</style>
@@ -63,19 +62,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.fixture(scope="module")
-def hobart(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A result without pixels or tie points."""
-    out = tmp_path_factory.mktemp("hobart") / "out"
-    run(
-        "triangulate", images=[str(HOBART / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)],
-        gcps=str(HOBART / "hobart_ground_points.csv"), image_points=str(HOBART / "hobart_image_points.csv"),
-        tie_points="none", gcp_ids="H003,H022,H024,H035,H048,H058", output_dir=str(out),
-    )  # fmt: skip
-    return out
-
-
-@pytest.fixture(params=["simulated", "hobart"])
+@pytest.fixture(params=["simulated", "hobart_result"])
 def result(request: pytest.FixtureRequest) -> Path:
     return request.getfixturevalue(request.param)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from network_scenes import (
     FALSE_PX,
     TEXTURES,
-    Window,
     across_epipolar,
     by_trying_everything,
     point_sets,
@@ -18,6 +16,7 @@ from network_scenes import (
     turned,
 )
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.measurement.control_network import (
@@ -226,14 +225,14 @@ def test_points_stay_out_of_nodata():
     pair = true_pair("grass", 400)
     valid = np.ones((400, 400), bool)
     valid[150:260, :] = False
-    found = match_windows(replace(pair.first, valid=valid, grey=np.where(valid, pair.first.grey, 0)), pair.second)
+    found = match_windows(ArrayRaster(np.where(valid, pair.first.grey, 0), valid), pair.second)
     line = found.positions.first[:, 1]
     assert np.sum(line < 150) > 50 and np.sum(line > 260) > 50
     assert not np.any((line >= 145) & (line < 265))
 
 
-def mirrored(window: Window) -> Window:
-    return Window(np.ascontiguousarray(window.grey[:, ::-1]), window.valid)
+def mirrored(window: ArrayRaster) -> ArrayRaster:
+    return ArrayRaster(np.ascontiguousarray(window.grey[:, ::-1]), window.valid)
 
 
 @pytest.mark.parametrize("other", ["elsewhere", "mirrored"])
@@ -253,14 +252,14 @@ def test_repeated_texture_is_ambiguous():
     y, x = np.mgrid[:400, :400]
     plants = np.exp(3.0 * (np.cos(2 * np.pi * x / 25.0) + np.cos(2 * np.pi * y / 25.0)))
     views = [400.0 + 100.0 * plants / plants.std() + rng.normal(0.0, 3.0, plants.shape) for _ in range(2)]
-    found = match_windows(*(Window(view.astype(np.uint16), np.ones(view.shape, bool)) for view in views))
+    found = match_windows(*(ArrayRaster(view.astype(np.uint16), np.ones(view.shape, bool)) for view in views))
     assert (found.status, len(found)) == (AMBIGUOUS, 0)
     assert "the texture repeats" in found.message
 
 
 def test_nothing_to_match():
-    flat = Window(np.full((300, 300), 500, np.uint16), np.ones((300, 300), bool))
-    hidden = replace(flat, valid=np.zeros((300, 300), bool))
+    flat = ArrayRaster(np.full((300, 300), 500, np.uint16), np.ones((300, 300), bool))
+    hidden = ArrayRaster(flat.grey, np.zeros((300, 300), bool))
     textured = true_pair("grass", 300).first
     for other in (flat, hidden):
         found = match_windows(textured, other)
@@ -298,7 +297,7 @@ def test_real_pairs_turned(real_data: Path, folder: str, names: tuple, window: t
     """Hundreds of correspondences on 400 x 400 px, at most 1 % farther than 1.5 px from their epipolar line."""
     images = [open_image(str(real_data / folder / name)) for name in names]
     sample, line, side = window
-    cut = [Window(*image.raster.read(sample, line, side, side)) for image in images]
+    cut = [ArrayRaster(*image.raster.read(sample, line, side, side)) for image in images]
     other = turned(cut[1], degrees)
     found = match_windows(cut[0], other.window)
     first, second = found.positions.first + (sample, line), other.back(found.positions.second) + (sample, line)

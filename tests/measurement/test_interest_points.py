@@ -8,6 +8,7 @@ import numpy as np
 import object_scenes as scenes
 import pytest
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters import GdalRaster
 from hrsi.hrsi_engine.measurement.interest_points import (
@@ -25,18 +26,6 @@ from hrsi.hrsi_engine.measurement.targets import measure_target
 from hrsi.hrsi_engine.simulation import SimulatedBlock
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
-
-
-class Pixels:
-    """An array as a raster."""
-
-    def __init__(self, grey: np.ndarray, valid: np.ndarray | None = None) -> None:
-        self.grey, self.valid = grey, np.ones(grey.shape, bool) if valid is None else valid
-        self.size = (grey.shape[1], grey.shape[0])
-
-    def read(self, sample, line, samples, lines):
-        window = np.s_[line : line + lines, sample : sample + samples]
-        return self.grey[window], self.valid[window]
 
 
 @pytest.fixture(scope="module")
@@ -67,21 +56,21 @@ def same_points(first: InterestPoints, second: InterestPoints, tolerance_px: flo
 @EVERY_DETECTOR
 def test_windows_leave_no_seams(monkeypatch, pixels: np.ndarray, detector: str):
     """The same points, to float32 rounding, in one window and in windows with cores of 384 px."""
-    whole = detect_interest_points(Pixels(pixels), detector)
+    whole = detect_interest_points(ArrayRaster(pixels), detector)
     monkeypatch.setattr(detectors, "cores", partial(windows.cores, step=384))
     assert len(windows.cores(Area(0, 0, 700, 700), 384)) == 4
-    same_points(whole, detect_interest_points(Pixels(pixels), detector), 1e-3)
-    same_points(whole, detect_interest_points(Pixels(pixels), detector, DetectionOptions(threads=3)), 1e-3)
+    same_points(whole, detect_interest_points(ArrayRaster(pixels), detector), 1e-3)
+    same_points(whole, detect_interest_points(ArrayRaster(pixels), detector, DetectionOptions(threads=3)), 1e-3)
 
 
 @EVERY_DETECTOR
 def test_grey_scale_does_not_matter(pixels: np.ndarray, detector: str):
     """8 bit loses a little; 16 bit, float and inverted grey values give the same points."""
-    found = detect_interest_points(Pixels(pixels), detector)
-    same_points(found, detect_interest_points(Pixels(pixels.astype(np.float32) * 0.25 + 3.0), detector), 1e-3)
-    inverted = detect_interest_points(Pixels(3000.0 - pixels.astype(np.float32)), detector)
+    found = detect_interest_points(ArrayRaster(pixels), detector)
+    same_points(found, detect_interest_points(ArrayRaster(pixels.astype(np.float32) * 0.25 + 3.0), detector), 1e-3)
+    inverted = detect_interest_points(ArrayRaster(3000.0 - pixels.astype(np.float32)), detector)
     assert len(inverted) == pytest.approx(len(found), rel=0.05)
-    byte = detect_interest_points(Pixels((pixels / 8.0).astype(np.uint8)), detector)
+    byte = detect_interest_points(ArrayRaster((pixels / 8.0).astype(np.uint8)), detector)
     _, near = scenes.pairs(found.xy, byte.xy, 1.0)
     assert len(near) > 0.85 * len(found)
 
@@ -92,12 +81,12 @@ def test_nodata_and_saturation_are_left_out(pixels: np.ndarray, detector: str):
     valid[200:400, 300:500] = False
     grey = pixels.copy()
     grey[~valid] = 0
-    found = detect_interest_points(Pixels(grey, valid), detector)
+    found = detect_interest_points(ArrayRaster(grey, valid), detector)
     pixel = np.rint(found.xy).astype(int)
     assert valid[pixel[:, 1], pixel[:, 0]].all()
     assert len(found) > 20
     saturated = np.minimum(pixels, 700)
-    found = detect_interest_points(Pixels(saturated), detector)
+    found = detect_interest_points(ArrayRaster(saturated), detector)
     area = windows.saturated_areas(saturated.astype(np.float32), 700.0)
     pixel = np.rint(found.xy).astype(int)
     assert area.mean() > 0.02
@@ -106,13 +95,13 @@ def test_nodata_and_saturation_are_left_out(pixels: np.ndarray, detector: str):
 
 @EVERY_DETECTOR
 def test_flat_images_have_no_points(detector: str):
-    assert len(detect_interest_points(Pixels(np.full((300, 300), 7, np.uint16)), detector)) == 0
+    assert len(detect_interest_points(ArrayRaster(np.full((300, 300), 7, np.uint16)), detector)) == 0
     nothing = np.zeros((300, 300), bool)
-    assert len(detect_interest_points(Pixels(np.zeros((300, 300), np.uint16), nothing), detector)) == 0
+    assert len(detect_interest_points(ArrayRaster(np.zeros((300, 300), np.uint16), nothing), detector)) == 0
 
 
 def test_spreading_keeps_the_best_of_each_cell(pixels: np.ndarray):
-    every = detect_interest_points(Pixels(pixels), "harris")
+    every = detect_interest_points(ArrayRaster(pixels), "harris")
     spread = every.select(spread_over_grid(every, 100.0, 3))
     cells = [tuple(cell) for cell in np.floor((spread.xy + 0.5) / 100.0)]
     assert max(map(cells.count, cells)) == 3
@@ -122,7 +111,7 @@ def test_spreading_keeps_the_best_of_each_cell(pixels: np.ndarray):
 
 
 def test_super_points_are_the_strongest(pixels: np.ndarray):
-    found = detect_interest_points(Pixels(pixels), "harris")
+    found = detect_interest_points(ArrayRaster(pixels), "harris")
     strong = found.kind == "super"
     assert 0.05 < strong.mean() < 0.35
     assert found.strength[strong].min() > found.strength[~strong].max()
@@ -130,11 +119,11 @@ def test_super_points_are_the_strongest(pixels: np.ndarray):
 
 def test_failures(pixels: np.ndarray):
     with pytest.raises(InputError, match="choose one of harris"):
-        detect_interest_points(Pixels(pixels), "sift")
+        detect_interest_points(ArrayRaster(pixels), "sift")
     with pytest.raises(InputError, match="choose a larger one"):
-        detect_interest_points(Pixels(pixels), "harris", region=Area(690, 0, 800, 100))
+        detect_interest_points(ArrayRaster(pixels), "harris", region=Area(690, 0, 800, 100))
     with pytest.raises(Cancelled):
-        detect_interest_points(Pixels(pixels), "harris", progress=lambda fraction, message="": False)
+        detect_interest_points(ArrayRaster(pixels), "harris", progress=lambda fraction, message="": False)
 
 
 @pytest.mark.parametrize(("size", "most_px"), [("small_objects", 0.10), ("large_objects", 0.05)])

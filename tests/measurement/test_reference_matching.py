@@ -9,6 +9,7 @@ import pytest
 import reference_scenes as scenes
 from scipy import ndimage
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.dem import cell_size_m
 from hrsi.hrsi_engine.measurement.orientation_correlation import orientation_field, peak_of, scores
 from hrsi.hrsi_engine.measurement.predicted_patches import image_patch, predicted_patch
@@ -61,7 +62,7 @@ def test_heights_are_those_of_the_dem(scene, control):
 
 def test_reference_of_another_season(scene):
     grey = scenes.another_season(scene.reference.raster.grey)
-    changed = replace(scene.reference, raster=scenes.Pixels(grey))
+    changed = replace(scene.reference, raster=ArrayRaster(grey))
     control = match_reference(scene.images[:1], changed, scene.terrain, OPTIONS)
     found = control.images[0]
     assert found.used.sum() > 0.5 * len(found.used) > 10
@@ -84,7 +85,7 @@ def test_coarser_reference_with_another_band_and_a_large_bias():
 
 
 def test_another_place_is_refused(scene):
-    turned = replace(scene.reference, raster=scenes.Pixels(np.ascontiguousarray(scene.reference.raster.grey.T[::-1])))
+    turned = replace(scene.reference, raster=ArrayRaster(np.ascontiguousarray(scene.reference.raster.grey.T[::-1])))
     control = match_reference(scene.images[:1], turned, scene.terrain, OPTIONS)
     assert control.images[0].agreement is None
     assert control.images[0].refusal

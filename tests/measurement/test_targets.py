@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.errors import InputError
 from hrsi.hrsi_engine.measurement.targets import MEASURES, TargetOptions, measure_edges, measure_target
-from hrsi.tests.measurement.test_interest_points import Pixels
 
 SIZE, BLUR = 400, 0.6
 NOISE = 6.0
 CENTRE = np.array([180.37, 211.62])
 
 
-def image(cover: np.ndarray, contrast: float = 300.0, seed: int = 1) -> Pixels:
+def image(cover: np.ndarray, contrast: float = 300.0, seed: int = 1) -> ArrayRaster:
     """Return an object on ground with broad and fine texture, 11 bit."""
     rng = np.random.default_rng(seed)
     rows, columns = np.indices((SIZE, SIZE))
     ground = 400.0 + 25.0 * np.sin(columns / 23.0) * np.cos(rows / 31.0) + rng.normal(0, NOISE, (SIZE, SIZE))
-    return Pixels(np.clip(np.rint(ground + contrast * cover), 0, 2047).astype(np.uint16))
+    return ArrayRaster(np.clip(np.rint(ground + contrast * cover), 0, 2047).astype(np.uint16))
 
 
 def disc(radius: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 import rendered_blocks as scenes
 import simulated_blocks as blocks
 
+from hrsi.hrsi_engine.block import ArrayRaster
 from hrsi.hrsi_engine.dem import ConstantHeight
 from hrsi.hrsi_engine.errors import Cancelled, InputError
 from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss, transfer
@@ -129,7 +130,7 @@ def test_flat_images_give_no_points_but_a_warning():
 
 def test_clouds_and_water_give_no_points(triplet):
     """A cloud that only one image has, and smooth water in both."""
-    images = [replace(image, raster=scenes.Pixels(image.raster.grey.copy())) for image in triplet[:2]]
+    images = [replace(image, raster=ArrayRaster(image.raster.grey.copy())) for image in triplet[:2]]
     rng = np.random.default_rng(1)
     for image in images:
         image.raster.grey[450:, :] = 300 + rng.normal(0, 3, image.raster.grey[450:, :].shape)
@@ -146,7 +147,7 @@ def test_clouds_and_water_give_no_points(triplet):
 def test_image_without_match_is_named(triplet):
     noise = replace(
         scenes.rendered(3, np.full((1400, 1400), 500.0, np.float32)),
-        raster=scenes.Pixels(np.random.default_rng(9).normal(500, 90, (701, 701)).astype(np.uint16)),
+        raster=ArrayRaster(np.random.default_rng(9).normal(500, 90, (701, 701)).astype(np.uint16)),
     )
     result = find_tie_points([*triplet[:2], noise], OPTIONS)
     assert len(result.ground) > 300

@@ -9,9 +9,6 @@ from pathlib import Path
 import pytest
 from osgeo import ogr
 
-from hrsi.processing_algorithms import run
-
-HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"
 TEXT, REAL = ogr.OFTString, ogr.OFTReal
 RESIDUALS = {
     "id": TEXT, "role": TEXT, "image": TEXT, "level": TEXT, "residual_sample_px": REAL, "residual_line_px": REAL,
@@ -31,15 +28,9 @@ FIELDS = {
 CRS = dict.fromkeys(FIELDS, 4326) | {"residuals_utm": 32755}  # Hobart: zone 55 south
 
 
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("hobart") / "out"
-    run(
-        "triangulate", images=[str(HOBART / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)],
-        gcps=str(HOBART / "hobart_ground_points.csv"), image_points=str(HOBART / "hobart_image_points.csv"),
-        tie_points="none", gcp_ids="H003,H022,H024,H035,H048,H058", output_dir=str(folder),
-    )  # fmt: skip
-    return folder
+@pytest.fixture
+def result(hobart_result: Path) -> Path:
+    return hobart_result
 
 
 @pytest.mark.parametrize("name", FIELDS)

@@ -9,29 +9,13 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from ...block import Raster
+from ...block import ArrayRaster, Raster
 from ...progress import Progress, silent, stage
 from ..interest_points import Area, DetectionOptions, InterestPoints, detect_interest_points
 from ..interest_points.points import joined
 from ..least_squares_matching import MatchImage
 
 SMOOTH_PX = 0.7  # before least-squares matching, against noise
-
-
-@dataclass(frozen=True, eq=False)
-class Pixels:
-    """Grey values in memory as a `Raster`."""
-
-    grey: np.ndarray
-    usable: np.ndarray
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.grey.shape[1], self.grey.shape[0]
-
-    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        window = np.s_[line : line + lines, sample : sample + samples]
-        return self.grey[window], self.usable[window]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,19 +68,19 @@ def view_of(
         )
         for k, name in enumerate(detectors)
     ]
-    return View(pixels.grey, pixels.usable, joined(parts), np.array([area.left, area.top], dtype=float), reduction)
+    return View(pixels.grey, pixels.valid, joined(parts), np.array([area.left, area.top], dtype=float), reduction)
 
 
-def _reduced(grey: np.ndarray, usable: np.ndarray, reduction: float) -> Pixels:
+def _reduced(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
     """Return the pixels enlarged; one is usable where all it is made of are."""
     if reduction == 1.0:
-        return Pixels(grey, usable)
+        return ArrayRaster(grey, usable)
     lines, samples = (int(length / reduction) for length in grey.shape)
     y, x = np.mgrid[:lines, :samples].astype(np.float32)
     places = (x + 0.5) * reduction - 0.5, (y + 0.5) * reduction - 0.5
     smooth = cv2.GaussianBlur(grey, (0, 0), 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
     hidden = cv2.dilate((~usable).astype(np.uint8), np.ones((2 * int(np.ceil(reduction)) + 1,) * 2, np.uint8))
-    return Pixels(
+    return ArrayRaster(
         cv2.remap(smooth, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
         cv2.remap(hidden, *places, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=1) == 0,
     )
