@@ -19,6 +19,7 @@ from ..block import Block
 from ..dem import surface_heights
 from ..errors import InputError, SolveError
 from ..refinement import MODELS, RefinementModel
+from ..refinement.ground_area import px_per_m
 from .compiled import equations_of
 from .dem_heights import DemHeights
 from .equations import Equations, PointPriors, State
@@ -31,7 +32,8 @@ from .variance_components import GROUPINGS
 from .weights import WEIGHTS
 
 Entry = TypeVar("Entry")
-WEAK_ANGLE_DEG = 3.0  # rays that converge by less leave the height open to a hundred times the image error
+WEAK_ANGLE_DEG = 3.0  # rays that converge by less know the height twenty times worse than the position, or more so
+OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
 NAMED = 8  # most ids in a message
 
 
@@ -277,32 +279,48 @@ def count(observations: Observations, contributes: np.ndarray, parameters: int) 
 def _point_priors(
     observations: Observations, ground: np.ndarray, options: AdjustOptions
 ) -> tuple[PointPriors, list[str]]:
-    """Return the points' priors: surveys; heights of a DEM; heights of the RPCs where rays hardly converge."""
+    """Return the points' priors: surveys; heights of a DEM; heights of the RPCs where rays leave them quite open.
+
+    Rays that tell a height within the RPC's range at all hold it themselves: thousands of priors together would
+    pull the whole block to the middle of that range.
+    """
     priors = PointPriors.of(observations, ground)
-    open_height = observations.survey_weight[:, 2] == 0.0
+    unknown = observations.survey_weight[:, 2] == 0.0
     if options.dem is not None:
         heights = np.full(len(ground), np.nan)
-        heights[open_height] = surface_heights(options.dem, ground[open_height, :2])
+        heights[unknown] = surface_heights(options.dem, ground[unknown, :2])
         found = np.isfinite(heights)
         priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / options.sigma_dem_m**2
         priors.observed[found, 2] = True
-        open_height &= ~found
-    weak = open_height & (convergence_deg(observations, ground) < WEAK_ANGLE_DEG) & (np.diff(observations.first) > 1)
+        unknown &= ~found
+    converging = convergence_deg(observations, ground)
+    weak = unknown & (converging < WEAK_ANGLE_DEG) & (np.diff(observations.first) > 1)
     if not weak.any():
         return priors, []
-    middle = np.array([image.rpc.height_off for image in observations.images])
-    reach = np.array([abs(image.rpc.height_scale) for image in observations.images])
-    image = observations.image[observations.first[:-1][weak]]
+    image = observations.image[observations.first[:-1]]
+    reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
+    pixels = np.array([px_per_m(one) for one in observations.images])[image] * np.radians(converging) * reach
+    open_height = weak & (pixels < 1.0)
+    middle = np.array([one.rpc.height_off for one in observations.images])[image]
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
-    priors.target[weak, 2] = np.median(known) if len(known) else middle[image]
-    priors.weight[weak, 2] = 1.0 / reach[image] ** 2
-    images = _weak_images(observations, weak)
-    if not images:
-        return priors, []
-    return priors, [
-        f"most rays of image {named(images)} converge by less than {WEAK_ANGLE_DEG:g} degrees: the heights of these "
-        "points are held by the RPCs' height range only; give a DEM to hold them better"
-    ]
+    priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
+    priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
+    return priors, _weak_warnings(observations, weak, open_height)
+
+
+def _weak_warnings(observations: Observations, weak: np.ndarray, open_height: np.ndarray) -> list[str]:
+    """Name the images most of whose points have weak or no heights."""
+    found = []
+    for points, consequence in (
+        (open_height, f"{OPEN_ANGLE}: the heights of these points are held by the RPCs' height range only"),
+        (weak & ~open_height, f"less than {WEAK_ANGLE_DEG:g} degrees: the heights of these points are uncertain"),
+    ):
+        images = _weak_images(observations, points)
+        if images:
+            found.append(
+                f"most rays of image {named(images)} converge by {consequence}; give a DEM to hold them better"
+            )
+    return found
 
 
 def _weak_images(observations: Observations, weak: np.ndarray) -> list[str]:

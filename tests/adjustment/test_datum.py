@@ -145,6 +145,30 @@ def test_weak_geometry_is_named_and_a_dem_mends_it():
     assert np.sqrt(np.mean(better**2)) < 0.3 * np.sqrt(np.mean(error**2))
 
 
+def test_narrow_pairs_do_not_pull_a_block_without_gcps():
+    """Hundreds of points on rays of 1 degree leave the block where its RPCs put it, not in their height range's middle.
+
+    One pixel of parallax between the images is 0.5 m / 0.018 = 28 m of height; 5 px of prior in each, 196 m.
+    """
+    cameras = [
+        Image(f"n{k}", blocks.oblique_rpc(tilt, 0.0, 0.5, 500.0), (1001, 1001)) for k, tilt in enumerate((0.1, 0.118))
+    ]
+    rng = np.random.default_rng(1)
+    start = rng.uniform(0.0, 1000.0, (400, 2))
+    truth = cameras[0].rpc.localize(start, 400.0 + rng.normal(0.0, 3.0, 400)).ground
+    ids = [f"P{k:03d}" for k in range(400)]
+    rows = [
+        ImagePoints.create(
+            ids, [camera.id] * 400, camera.rpc.project(truth) + (float(k), 0.0) + rng.normal(0.0, 0.1, (400, 2)), 0.1
+        )
+        for k, camera in enumerate(cameras)
+    ]
+    result = adjust(assemble(cameras, [], rows))
+    assert all(camera.rpc.height_off == 200.0 for camera in cameras)
+    assert abs(np.median(ground_difference_m(truth, result.ground)[:, 2])) == pytest.approx(28.0, abs=10.0)
+    assert result.parts[0].sigma_m[2] == pytest.approx(196.0, rel=0.1)
+
+
 def test_dem_heights_follow_the_points():
     """Where the DEM slopes, the height that holds a point is the one below its adjusted position."""
     block, truth = narrow_block(3)
