@@ -104,8 +104,9 @@ ADJUST_PARAMS = (
     ),
     Param(
         "sigma-drift", Kind.NUMBER,
-        "Prior standard deviation of the correction's drift across an image; by default 1e-3 with GCPs, else 1e-4",
-        minimum=1e-15, unit="px/px", advanced=True, metavar="X",
+        "Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the model does not "
+        "follow drift, which then is an error, 3e-5; 0: no drift",
+        minimum=0.0, unit="px/px", advanced=True, metavar="X",
     ),
 )  # fmt: skip
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..geodesy import ground_difference_m
 from ..progress import Progress, advance, silent
+from .delivery import delivered
 from .gauss_newton import GaussNewton, Solution
 from .problem import Problem
 from .result import CrossValidation
@@ -42,7 +43,8 @@ def cross_validate(
             problem.options.tolerance, silent,
         )  # fmt: skip
         survey = observations.survey[point : point + 1]
-        error[number] = ground_difference_m(survey, without.state.ground[point : point + 1])[0]
+        predicted = delivered(problem, loop, without).ground[point : point + 1]
+        error[number] = ground_difference_m(survey, predicted)[0]
         if rays[point] < 2:
             error[number, 2] = np.nan
     ids = problem.block.points.ids[observations.points[chosen]]

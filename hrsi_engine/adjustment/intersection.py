@@ -60,7 +60,7 @@ def intersect(observations: Observations, model: RefinementModel, values: np.nda
 
     ``ground`` is the start. Points that cannot be computed come out as NaN.
     """
-    return _equations(observations, model).intersect(
+    return fixed_cameras(observations, model).intersect(
         State(values, ground), 1.0 / observations.sigma_px**2, PointPriors.of(observations, ground)
     )
 
@@ -69,8 +69,9 @@ def image_residuals(
     observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
     """Return observed - computed ``(n, 2)`` of all measurements."""
-    return _equations(observations, model).residuals(State(values, ground))
+    return fixed_cameras(observations, model).residuals(State(values, ground))
 
 
-def _equations(observations: Observations, model: RefinementModel) -> Equations:
-    return equations_of(observations, model, trivial_pattern(observations.cameras, len(model.parameters)))
+def fixed_cameras(observations: Observations, model: RefinementModel, threads: int = 0) -> Equations:
+    """Return the equations of points alone."""
+    return equations_of(observations, model, trivial_pattern(observations.cameras, len(model.parameters)), threads)

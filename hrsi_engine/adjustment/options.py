@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ..block import Image
 from ..dem import HeightSurface
 from ..refinement import Priors, priors_of
+from ..refinement.model import UNFOLLOWED_DRIFT
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,8 @@ class AdjustOptions:
     """How to adjust.
 
     model, robust : names in `MODELS` and `WEIGHTS`
-    sigma_shift_px, sigma_drift : priors of the corrections; None chooses them (`refinement.priors_of`)
+    sigma_shift_px, sigma_drift : priors of the corrections; None chooses them (`refinement.priors_of`). Drift that an
+        image-space model does not follow is an error common to all points of an image, with this sigma
     check_as_ties : the check points' image measurements take part like those of tie points (never their survey)
     reject_sigma : measurements and GCPs that fail their test at this many sigmas are left out; 0 keeps all
     variance_components : estimate the sigmas of the groups of observations
@@ -54,3 +56,9 @@ class AdjustOptions:
             chosen.shift_px if self.sigma_shift_px is None else self.sigma_shift_px,
             chosen.drift if self.sigma_drift is None else self.sigma_drift,
         )
+
+    def unfollowed_drift(self, priors: Priors) -> float:
+        """Return the sigma (px/px) of the drift that the model leaves; estimated, it starts as any drift does."""
+        if self.sigma_drift is not None:
+            return self.sigma_drift
+        return priors.drift if self.variance_components else UNFOLLOWED_DRIFT

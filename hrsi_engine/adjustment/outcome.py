@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..geodesy import ground_difference_m
+from .delivery import delivered
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests
 from .problem import Problem, named
@@ -45,22 +47,28 @@ class _Sums:
 def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solution, precise: Precision) -> Adjustment:
     """Return the result of an adjustment."""
     observations, block = problem.observations, problem.block
-    prior_share = _prior_share(loop, precise)
-    sums = _sums(problem, loop, solution, prior_share)
+    shares = _prior_share(loop, precise)
+    sums = _sums(problem, loop, solution, shares)
+    own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
+    prior_share = shares[:, own]
+    cameras = delivered(problem, loop, solution)
     rows, points, camera = observations.rows, observations.points, observations.camera_of_image
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.surveyed | ~observations.contributing_points
     kept = (solution.weight > 0.0) & placed[observations.point]
     part_of_image = _part_of_image(problem)
     # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
-    factor = np.array([sums.sigma0**2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
+    # A sigma0 below 1 is the image points' own too: it makes no survey better than it was said to be.
+    factor = np.array([max(sums.sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
     covariance = factor[observations.image[observations.first[:-1]], None, None] * precise.points
+    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
+    covariance += without_drift[:, :, None] * without_drift[:, None, :]
     covariance[~placed] = np.nan
     covariance = _spread(len(block.points), points, covariance)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
     heights = problem.dem_heights
-    agreement = None if heights is None else heights.agreement(solution.weighting.points, solution.state.ground)
+    agreement = None if heights is None else heights.agreement(solution.weighting.points, cameras.ground)
     redundancy_numbers, statistic = _reliability(problem, solution, precise, found.tie_variance)
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
@@ -68,12 +76,12 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     return Adjustment(
         block=block,
         model=problem.model,
-        values=solution.state.values[camera],
-        values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera]),
-        ground=_spread(len(block.points), points, np.where(placed[:, None], solution.state.ground, np.nan)),
+        values=cameras.values[camera],
+        values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own]),
+        ground=_spread(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=ground_sigma,
         ground_covariance_m2=covariance,
-        residual_px=_spread(measurements, rows, np.where(kept[:, None], solution.normals.residual, np.nan)),
+        residual_px=_spread(measurements, rows, np.where(kept[:, None], cameras.residual, np.nan)),
         weight=_spread(measurements, rows, np.where(kept, solution.factor, 0.0), 0.0),
         redundancy_numbers=_spread(measurements, rows, redundancy_numbers),
         statistic=_spread(measurements, rows, statistic),
@@ -121,8 +129,9 @@ def _sums(problem: Problem, loop: GaussNewton, solution: Solution, prior_share: 
     weighting, contributes = solution.weighting, solution.weighting.contributes
     rows = int(((weighting.image > 0.0) & contributes[problem.observations.point]).sum())
     observed = 2 * rows + int(weighting.points.observed[contributes].sum())
-    unknowns = 3 * int(contributes.sum()) + loop.prior_weight.size
-    redundancy = observed - unknowns + float(np.nan_to_num(prior_share).sum())
+    positions = 3 * int(contributes.sum())
+    unknowns = positions + len(prior_share) * len(problem.model.parameters)
+    redundancy = observed - positions - float(np.sum(1.0 - np.nan_to_num(prior_share)))
     sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
     return _Sums(observed, unknowns, redundancy, sigma0)
 
@@ -184,8 +193,9 @@ def _undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) 
     Not those whose prior was estimated from the block: these are as good as the block can say.
     """
     names, observations = problem.model.parameters, problem.observations
-    given = problem.prior_weight == loop.prior_weight
-    poor = (prior_share > HELD_BY_PRIOR) & given & ~np.isinf(problem.prior_weight)
+    prior = problem.prior_weight[:, : prior_share.shape[1]]
+    given = prior == loop.prior_weight[:, : prior_share.shape[1]]
+    poor = (prior_share > HELD_BY_PRIOR) & given & ~np.isinf(prior)
     by_set: dict[tuple[str, ...], list[str]] = {}
     for part in problem.parts:
         for index in part.images if part.gcps else ():

@@ -20,6 +20,7 @@ from ..dem import surface_heights
 from ..errors import InputError, SolveError
 from ..refinement import MODELS, RefinementModel
 from ..refinement.ground_area import px_per_m
+from ..refinement.image_space import ImagePolynomial, with_drift
 from .compiled import equations_of
 from .dem_heights import DemHeights
 from .equations import Equations, PointPriors, State
@@ -48,11 +49,16 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything that stays the same while a block is adjusted."""
+    """Everything that stays the same while a block is adjusted.
+
+    model : the refinement that is asked for, and delivered
+    camera : what is estimated: the model, and the drift that it does not follow behind it
+    """
 
     block: Block
     observations: Observations
     model: RefinementModel
+    camera: RefinementModel
     options: AdjustOptions
     pattern: Pattern
     equations: Equations
@@ -118,15 +124,17 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     parts = _parts(observations)
     start = _start_values(observations, model, values)
     observations, ground, lost = _starting_points(block, observations, model, start, options.threads)
-    pattern = find_pattern(observations, len(model.parameters))
-    equations = equations_of(observations, model, pattern, options.threads)
-    prior_weight = _prior_weight(observations, model, parts, options)
+    camera = _camera(model, options)
+    pattern = find_pattern(observations, len(camera.parameters))
+    equations = equations_of(observations, camera, pattern, options.threads)
+    prior_weight = _prior_weight(observations, model, camera, parts, options)
     _require_solvable(observations, model, prior_weight)
+    start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     priors, weak = _point_priors(observations, ground, options)
     image_weight = 1.0 / observations.sigma_px**2
     contributes = observations.contributing_points & determined(observations, image_weight, observations.survey_weight)
     return Problem(
-        block, observations, model, options, pattern, equations, prior_weight, parts, State(start, ground),
+        block, observations, model, camera, options, pattern, equations, prior_weight, parts, State(start, ground),
         Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)),
     )  # fmt: skip
 
@@ -225,16 +233,30 @@ def _starting_points(
     return observations.without(lost), ground[~lost], [message]
 
 
+def _camera(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
+    """Return the model with the drift that it does not follow; without parameters, or drift, the model itself."""
+    drifts = model.parameters and options.sigma_drift != 0.0
+    return with_drift(model) if drifts and isinstance(model, ImagePolynomial) else model
+
+
 def _prior_weight(
-    observations: Observations, model: RefinementModel, parts: Sequence[Part], options: AdjustOptions
+    observations: Observations,
+    model: RefinementModel,
+    camera: RefinementModel,
+    parts: Sequence[Part],
+    options: AdjustOptions,
 ) -> np.ndarray:
     """Return the weights ``(cameras, p)`` of the parameters' priors, infinite for fixed images."""
-    weight = np.empty((observations.cameras, len(model.parameters)))
+    p, unfollowed = len(model.parameters), len(camera.parameters) - len(model.parameters)
+    sigma = np.empty((observations.cameras, p + unfollowed))
     for part in parts:
         for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
             image = observations.images[index]
-            sigma = model.prior_sigmas(image, options.priors(image, part.gcps > 0))
-            weight[observations.camera_of_image[index]] = 1.0 / np.asarray(sigma) ** 2
+            priors = options.priors(image, part.gcps > 0)
+            number = observations.camera_of_image[index]
+            sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, priors), options.unfollowed_drift(priors)
+    with np.errstate(divide="ignore"):
+        weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}
     unknown = [name for name in options.fixed_images if name not in place]
     if unknown:

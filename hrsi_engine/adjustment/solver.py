@@ -163,7 +163,7 @@ class Adjuster:
         groups = Groups.of(problem.block, observations, problem.options.variance_groups, problem.options.sensor_images)
         sigmas = Sigmas(np.ones(len(groups.names)))
         given_image, given_survey = self.image_weight, self.survey_weight.copy()
-        drift = DriftPrior(problem.model, problem.prior_weight)
+        drift = DriftPrior(problem.camera, problem.prior_weight)
         for _ in range(ROUNDS):
             precise = precision(problem.equations, self.loop, solution)
             sums = components(groups, observations, solution, precise)

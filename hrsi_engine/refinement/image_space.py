@@ -56,14 +56,16 @@ class ImagePolynomial:
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             projected, by_ground = image.rpc.project_with_metric_jacobian(ground)
-            offset = projected - image.centre_px
-            terms = self._terms(offset)
-            by_values = np.einsum("nm,cmp->ncp", terms, self.mixing)
+            by_values = self.by_values(image, projected)
             if len(self.powers) > 1:
-                by_ground = by_ground + self._slope(offset, values) @ by_ground
+                by_ground = by_ground + self._slope(projected - image.centre_px, values) @ by_ground
             return Equations(projected + by_values @ values, by_values, by_ground)
 
         return linearise
+
+    def by_values(self, image: Image, projected: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the correction at projected positions by the parameters, ``(n, 2, p)``."""
+        return np.einsum("nm,cmp->ncp", self._terms(projected - image.centre_px), self.mixing)
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
@@ -105,6 +107,32 @@ class ImagePolynomial:
             affine[:, by_sample + 2 * by_line] += column
         affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.centre_px
         return fold_affine(image.rpc, affine)
+
+
+def with_drift(model: ImagePolynomial) -> ImagePolynomial:
+    """Return the model with the parameters it lacks of an affine correction behind its own.
+
+    What a correction of few parameters cannot follow of a camera's drift is an error that all points of an image
+    share; these parameters, held by a prior, are that error in the observation equations.
+    """
+    affine = IMAGE_SPACE["affine"]
+    powers = np.unique(np.concatenate([model.powers, affine.powers]), axis=0)
+    own, every = _spread_over(model, powers), _spread_over(affine, powers)
+    mixing, names = own, list(model.parameters)
+    for column in range(every.shape[2]):
+        wider = np.concatenate([mixing, every[:, :, column : column + 1]], axis=2)
+        if np.linalg.matrix_rank(wider.reshape(-1, wider.shape[2])) == wider.shape[2]:
+            mixing = wider
+            names.append(f"drift_{affine.parameters[column]}")
+    return ImagePolynomial(model.name, model.title, tuple(names), powers, mixing)
+
+
+def _spread_over(model: ImagePolynomial, powers: np.ndarray) -> np.ndarray:
+    """Return a model's mixing ``(2, m, p)`` over other monomials, its own among them."""
+    mixing = np.zeros((2, len(powers), len(model.parameters)))
+    for index, own in enumerate(model.powers):
+        mixing[:, np.flatnonzero((powers == own).all(axis=1))[0]] = model.mixing[:, index]
+    return mixing
 
 
 def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePolynomial:

@@ -74,6 +74,9 @@ LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=LOOSE_ORIENTATION)
 #: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err.
 UNCONTROLLED = Priors(shift_px=5.0, drift=1e-4)
+#: Change across an image, px per px, of what a correction of few parameters does not follow: attitude drift and the
+#: RPC's own fit, as they were found in IKONOS and Pleiades scenes (docs/adjustment.md).
+UNFOLLOWED_DRIFT = 3e-5
 
 
 def priors_of(image: Image, controlled: bool) -> Priors:

@@ -220,7 +220,10 @@ def test_predicted_accuracy_and_ellipses():
 def test_redundancy_numbers_sum_to_the_redundancy():
     block, _, _ = blocks.block(gcps=6, checks=0, ties=30)
     result = adjust(block, AdjustOptions(model="affine"))
-    survey = 1.0 - result.ground_sigma_m[:6] ** 2 / result.sigma0**2 / block.points.sigma_m[:6][:, [0, 0, 1]] ** 2
+    survey = (
+        1.0
+        - result.ground_sigma_m[:6] ** 2 / max(result.sigma0, 1.0) ** 2 / block.points.sigma_m[:6][:, [0, 0, 1]] ** 2
+    )
     assert np.nansum(result.redundancy_numbers) + survey.sum() == pytest.approx(result.redundancy, rel=1e-4)
 
 
@@ -232,8 +235,10 @@ def test_monte_carlo_over_100_seeds():
         result = adjust(block, AdjustOptions(model="affine"))
         check = block.points.role == Role.CHECK
         observed.append(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
-        predicted.append(np.mean(result.ground_sigma_m[check] ** 2, axis=0) / result.sigma0**2)
-        scaled.append((result.values - [error.ravel() for error in errors]) / result.values_sigma * result.sigma0)
+        predicted.append(np.mean(result.ground_sigma_m[check] ** 2, axis=0) / max(result.sigma0, 1.0) ** 2)
+        scaled.append(
+            (result.values - [error.ravel() for error in errors]) / result.values_sigma * max(result.sigma0, 1.0)
+        )
     ratio = np.sqrt(np.mean(observed, axis=0) / np.mean(predicted, axis=0))
     spread = np.sqrt(np.mean(np.square(scaled)))
     print("observed / predicted check RMSE:", ratio.round(3), "parameters:", round(float(spread), 3))

@@ -55,9 +55,9 @@ def test_hobart_corners_are_twice_as_noisy_as_centres():
         found = {part.group: part.sigma for part in result.variance_components}
         sigmas.append(found["image points: corner"] / found["image points: center"])
     print("ratio: all points as control, check points as ties", np.round(sigmas, 2))
-    assert sigmas[0] == pytest.approx(2.1, abs=0.1)
+    assert sigmas[0] == pytest.approx(2.0, abs=0.4)  # 90 measurements of each: 7 % a sigma, 10 % their ratio, twice
     # two rays show what lies across the epipolar line only; the rest of a corner's error goes into its position
-    assert sigmas[1] == pytest.approx(1.34, abs=0.05)
+    assert sigmas[1] == pytest.approx(1.34, abs=0.13)  # 10 %, as above
 
 
 def test_zy3():
@@ -95,15 +95,21 @@ def test_triplet_with_independent_tracks():
     assert np.mean(result.verdict > 0) < 0.05
 
 
-@pytest.mark.parametrize(("model", "px"), [("shift", 0.225), ("affine", 0.215)])
+@pytest.mark.parametrize(("model", "px"), [("shift", 0.235), ("affine", 0.215)])
 def test_spot7_pair(model, px):
-    """115 109 tie points of MicMac; the gross errors among them are found whatever the model."""
+    """115 109 tie points of MicMac; the gross errors among them are found whatever the model.
+
+    The RPCs of the pair fit each other to 0.4 px as they are, but for a trend of 0.27 px over 10 000 lines. A shift can
+    follow it by moving the block 150 px away and 200 m up (0.2205 px); the trend is no reason to do so.
+    """
     result = adjust(real_blocks.spot7(), AdjustOptions(model=model, reject_sigma=4.0))
     gross = np.nan_to_num(result.statistic) > 10.0
     out = np.mean(result.verdict > 0)
     print(f"{model}: ties {real_blocks.tie_rmse(result):.3f} px, {out:.2%} left out, {gross.sum()} gross")
     assert len(result.block.points) == 115_109
     assert real_blocks.tie_rmse(result) < px
+    constant = [name.endswith("_0") for name in result.model.parameters]
+    assert np.abs(result.values[:, constant]).max() < 5.0  # the prior, one sigma
     assert out < 0.03
     assert np.all(result.verdict[gross] > 0)
     assert gross.sum() > 50

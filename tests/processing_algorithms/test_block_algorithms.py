@@ -100,7 +100,9 @@ def test_report_has_the_schema(adjusted):
     assert on_disk["check"]["points"] == 61
     assert on_disk["ties"]["points"] == 0
     assert on_disk["ties"]["rmse_px"] is None
-    assert on_disk["redundancy"] == on_disk["observations"] - on_disk["unknowns"]
+    # what the points say of the images' drift, four unknowns each, which the shift leaves to its prior
+    drift = on_disk["observations"] - on_disk["unknowns"] - on_disk["redundancy"]
+    assert 0.0 < drift < 4 * len(on_disk["images"])
     assert {"total", "adjust", "write"} <= set(on_disk["seconds"])
     image = on_disk["images"]["hobart_ikonos_2"]
     assert image["observations"] == 17

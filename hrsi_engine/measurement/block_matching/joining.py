@@ -15,10 +15,9 @@ from ...scheduling import Result
 from ..epipolar import epipolar_miss
 from ..tracks import spread
 
-#: What cameras do between their points, whatever a match's own sigma: vibration, drift and the RPC's fit, alike for
-#: neighbouring points. Without it thousands of ties of 0.01 px outvote the GCPs where a model of few parameters cannot
-#: follow the camera.
-CAMERA_SIGMA_PX = 0.1
+#: What cameras do from point to point, whatever a match's own sigma: vibration, and the RPC's fit. With it the residuals
+#: of Pleiades triplets and pairs agree with the sigmas (docs/tie_points.md). Drift is the adjustment's to deal with.
+CAMERA_SIGMA_PX = 0.04
 SIGMAS = 4.0
 FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
 ROUNDS = 10
