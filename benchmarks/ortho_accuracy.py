@@ -5,7 +5,8 @@ Names: ``s2p``, ``kahramanmaras``, ``ventoux``, ``simulated``; all by default. M
 
 * s2p: three Pleiades crops and the DSM that s2p made of them (gaps up to 12 cells interpolated).
 * kahramanmaras: four Pleiades crops of two dates without any DEM: constant height, and the terrain through the tie
-  points, which come from the original RPCs for "before" (model none) and from the refined ones for "after".
+  points, the usual ones and dense ones, intersected with the original RPCs for "before" (model none) and with the
+  refined ones for "after".
 * ventoux: a Pleiades pair of 20 degrees convergence and SRTM of 90 m with EGM96; with its heights as control too.
 * simulated: three images with vendor errors, refined with 5 GCPs, against the orthophoto that the simulator draws.
 """
@@ -76,22 +77,21 @@ def s2p(folder: Path) -> None:
 
 
 def kahramanmaras(folder: Path) -> None:
-    """Print the tables of the block of two dates."""
+    """Print the tables of the block of two dates, with the usual tie points and with dense ones."""
     images = [str(path) for path in sorted((DATA / "kahramanmaras_phr4").glob("p*.tif"))]
-    refined = triangulated(images, folder / "refined")
-    triangulated(images, folder / "original", model="none", write="none")
-    flat = {"height": 704.0}
-    first, second = (
-        {"terrain_points": f"{folder / name / 'block.gpkg'}|layername=ground_points"}
-        for name in ("original", "refined")
-    )
     check = {"search": 12, "window": 32}
-    compared("Kahramanmaras, constant height of 704 m", images, refined, folder, flat, flat, **check)
-    compared("Kahramanmaras, terrain through the tie points", images, refined, folder, first, second, **check)
-    dates = [[k for k, path in enumerate(images) if Path(path).name.startswith(date)] for date in ("pre", "post")]
-    for name, chosen in zip(("pre", "post"), dates, strict=True):
-        both = [[paths[k] for k in chosen] for paths in (images, refined)]
-        compared(f"  the same, {name} only", *both, folder / name, first, second, **check)
+    for name, dense in (("tie points", False), ("dense tie points", True)):
+        here = folder / name.replace(" ", "_")
+        run("tie-points", images=images, output_dir=str(here / "ties"), dense=dense)
+        ties = {"tie_points": str(here / "ties" / "block.gpkg")}
+        refined = triangulated(images, here / "refined", **ties)
+        triangulated(images, here / "original", model="none", write="none", **ties)
+        if not dense:
+            flat = {"height": 704.0}
+            compared("Kahramanmaras, constant height of 704 m", images, refined, here, flat, flat, **check)
+        terrain = points_of(here / "original"), points_of(here / "refined")
+        compared(f"Kahramanmaras, terrain through the {name}", images, refined, here, *terrain, **check)
+        compared("  the same, windows of 48 px", images, refined, here, *terrain, search=12)
 
 
 def ventoux(folder: Path) -> None:
@@ -101,14 +101,11 @@ def ventoux(folder: Path) -> None:
            "height_datum": str(DATA / "ventoux_phr_pair" / "dem" / "egm96_15.gtx")}  # fmt: skip
     refined = triangulated(images, folder / "refined", **dem)
     triangulated(images, folder / "original", model="none", write="none", **dem)
-    first, second = (
-        {"terrain_points": f"{folder / name / 'block.gpkg'}|layername=ground_points"}
-        for name in ("original", "refined")
-    )
+    terrain = points_of(folder / "original"), points_of(folder / "refined")
     compared("Ventoux, SRTM and EGM96", images, refined, folder, dem, dem, search=32)
     held = triangulated(images, folder / "held", sigma_dem=5.0, **dem)
     compared("Ventoux, SRTM and EGM96, tie points held to it (5 m)", images, held, folder, dem, dem, search=32)
-    compared("Ventoux, terrain through the tie points", images, refined, folder, first, second, search=32)
+    compared("Ventoux, terrain through the tie points", images, refined, folder, *terrain, search=32)
 
 
 NOISE = {

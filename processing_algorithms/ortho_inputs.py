@@ -80,7 +80,7 @@ def _terrain_of_points(options: Mapping[str, Any]) -> Terrain:
     tables = read_points(spec, ground_crs=options["ground_crs"], height_datum=options["height_datum"], adjusted=True)
     if tables.ground is None:
         raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
-    surface, left_out = surface_of_points(tables.ground.ground)
+    surface, left_out = surface_of_points(tables.ground.ground, tables.ground.sigma_m[:, 1])
     warnings = ["the terrain was interpolated between points: what stands between them has no height of its own"]
     if left_out:
         warnings.append(f"{spec}: {left_out} points stand far above or below their neighbours and were left out")

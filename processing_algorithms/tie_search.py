@@ -33,6 +33,12 @@ SEARCH_PARAMS = (
         default=0, minimum=0, advanced=True, metavar="N",
     ),
     Param(
+        "dense", Kind.FLAG,
+        "Match all of every image, with small windows first, and keep all tie points: for terrain through them "
+        "(orthorectify --terrain-points); some 15 s of one core for a pair's megapixel",
+        default=False, advanced=True,
+    ),
+    Param(
         "partners", Kind.INTEGER, "Match each image with so many others, those with the largest overlap", default=8,
         minimum=1, advanced=True, metavar="N",
     ),
@@ -68,7 +74,7 @@ def find(
         context.log(f"continues with {kept} finished parts in {finished.parts.folder}")  # type: ignore[union-attr]
     search = TieOptions(
         margin_px=options["search_margin"], cells=options["cells"], per_cell=options["per_cell"],
-        most_partners=options["partners"], smallest_overlap=options["min_overlap"],
+        most_partners=options["partners"], smallest_overlap=options["min_overlap"], dense=options["dense"],
     )  # fmt: skip
     scheduler = open_scheduler(options["scheduler"], options["threads"])
     found = find_tie_points(

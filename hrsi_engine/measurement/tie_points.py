@@ -28,6 +28,7 @@ from .tile_types import MatchOptions
 
 AUTOMATIC = 0
 FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are
+EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
 CELLS_PER_PART = 12  # of a star job: about a second of work
 DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
 
@@ -41,8 +42,10 @@ class TieOptions:
     per_cell : points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2 from a window
     most_partners : images with the largest overlap that each image is matched with
     smallest_overlap : share of an image that another one must show, to be matched
+    dense : match all of every image, with small windows first, and keep all points: for terrain through them
     match : how two windows are matched, of images that are matched everywhere
     match_sampled : the same for windows of larger images, where a few points of each are enough
+    match_dense : the same where points are to be dense: heights of small windows mix less of roofs and ground
     """
 
     margin_px: float = 128.0
@@ -50,17 +53,23 @@ class TieOptions:
     per_cell: int = AUTOMATIC
     most_partners: int = 8
     smallest_overlap: float = 0.02
+    dense: bool = False
     match: MatchOptions = MatchOptions()
     match_sampled: MatchOptions = MatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
+    match_dense: MatchOptions = MatchOptions(spacing_px=1.0, windows_px=(15, 21, 31, 41))
 
     def match_options(self, image: Image) -> MatchOptions:
         """Return how windows of a reference image are matched."""
+        if self.dense:
+            return self.match_dense
         return self.match if plan.is_matched_everywhere(image) else self.match_sampled
 
     def points_of_a_cell(self, image: Image) -> int:
         """Return how many points a cell of an image is to have."""
         if self.per_cell != AUTOMATIC:
             return self.per_cell
+        if self.dense:
+            return EVERY
         return FULL_PER_CELL if plan.is_matched_everywhere(image) else SAMPLED_PER_CELL
 
 
@@ -203,7 +212,8 @@ class _Search:
 
     def _parts_of(self, number: int, partners: list[Partner]) -> list[Part]:
         image = self.images[number]
-        rows = plan.cell_rows(image, self.options.cells, self.options.points_of_a_cell(image))
+        cells_of_image = EVERY if self.options.dense else self.options.cells
+        rows = plan.cell_rows(image, cells_of_image, self.options.points_of_a_cell(image))
         cells = [cell for row in rows for cell in row]
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []

@@ -1,10 +1,20 @@
-"""Terrain from scattered points, for places without a DEM: a triangulated surface through the adjusted tie points."""
+"""Terrain from scattered points, for places without a DEM: a surface through the adjusted tie points.
+
+Heights are moving least squares (Lancaster and Salkauskas 1981): at every node a plane is fitted to the points around.
+Weights fall with the distance, as a Gaussian as wide as the points are apart there, and with the points' variances. The
+planes are fitted robustly, with weights ``1 / (1 + (v / s)²)²`` for the residual v of a point (Geman and McClure 1987),
+where s comes down to the points' usual scatter in several rounds (graduated non-convexity, Blake and Zisserman 1987).
+Beside a wall, where points lie on the roof and on the ground, a plane is therefore one of the two and not their mean; a
+triangulation would lead a ramp from one to the other, and pass through every error of a single height.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import KDTree
+from scipy.spatial import ConvexHull, Delaunay, KDTree, QhullError
 
 from ..dem import GridSurface
 from ..errors import InputError
@@ -12,55 +22,147 @@ from ..geodesy import LocalFrame, metres_per_degree, wrap_degrees
 
 NEIGHBOURS = 12  # points around each, whose median height it is compared with
 BLUNDER_NMAD = 6.0
-CELLS_PER_SPACING = 2.0
-MOST_CELLS = 4_000_000
+COMPANIONS = 3  # neighbours at a point's own height that make it part of something, such as a roof
+CELLS_PER_SPACING = 5.0
+MOST_CELLS = 9_000_000
 MARGIN_SPACINGS = 200.0  # how far the surface goes on around the points, at the height of the nearest ones
+FITTED = 20  # points that a plane is fitted to
+NEAREST, WIDTH = 5, 0.33  # the Gaussian's sigma, as a share of the distance to the so many nearest points
+SIGMA_SLOPE = 0.3  # of the ground (m per m) where the points do not tell it
+SCATTERS = (16.0, 8.0, 4.0, 2.0, 1.0, 1.0)  # tolerated in one round of the fit after the other
+PART = 16384  # nodes at a time
+LEAST_SCATTER_M = 0.1
 
 
-def surface_of_points(ground: np.ndarray) -> tuple[GridSurface, int]:
+def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:
     """Return a surface through points ``(n, 3)`` (lon, lat, ellipsoidal height), and how many were left out.
 
-    The surface is linear within Delaunay triangles, sampled at half the points' mean spacing; outside the points it
-    takes the height of the nearest point. Left out are points far from the median height of their neighbours (a wrong
-    match of a tie point across the epipolar direction is found by the adjustment, one along it is not).
+    The surface has cells of a fifth of the points' mean spacing; outside the points' convex hull it takes the height of
+    the nearest point. ``sigma_height_m (n,)`` are the heights' standard deviations, NaN where not known: points that
+    are less certain than their neighbours count less. Left out are points far from the median height of their
+    neighbours and from nearly all of them (a wrong match of a tie point across the epipolar direction is found by the
+    adjustment, one along it is not).
 
     Raises `InputError` with fewer than three points.
     """
-    ground = ground[np.isfinite(ground).all(axis=1)]
+    known = np.isfinite(ground).all(axis=1)
+    sigma = np.full(len(ground), np.nan) if sigma_height_m is None else np.asarray(sigma_height_m, dtype=np.float64)
+    ground, sigma = ground[known], sigma[known]
     if len(ground) < 3:
         raise InputError(f"a surface needs 3 points with heights or more, there are {len(ground)}: use a DEM")
     middle = float(np.median(ground[:, 0]))
     ground = np.column_stack([middle + wrap_degrees(ground[:, 0] - middle), ground[:, 1:]])
     frame = LocalFrame(middle, float(np.median(ground[:, 1])), float(np.median(ground[:, 2])))
     xy = frame.from_ground(np.column_stack([ground[:, :2], np.full(len(ground), frame.height_m)]))[:, :2]
-    keep = _plausible(xy, ground[:, 2])
-    return _gridded(ground[keep], xy[keep]), int(np.sum(~keep))
+    variance = _own_variance(xy, sigma)
+    keep = _plausible(xy, ground[:, 2], variance)
+    scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
+    points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
+    return _gridded(points, scale), int(np.sum(~keep))
 
 
-def _plausible(xy: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Return which points do not stand out from their neighbours."""
+def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+    """Return the part of each height's variance ``(n,)`` that its neighbours do not share.
+
+    Most of what an adjustment says of a height without GCPs is how well the block's height is known. Neighbours share
+    that; the most certain of them tells how much it is at most.
+    """
+    known = np.flatnonzero(np.isfinite(sigma_m))
+    own = np.zeros(len(xy))
+    if len(known):
+        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(NEIGHBOURS + 1, len(known)) + 1))
+        own[known] = sigma_m[known] ** 2 - (sigma_m[known][near] ** 2).min(axis=1)
+    return own
+
+
+def _plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return which points do not stand alone: near the median of their neighbours, or at the height of some of them."""
     count = min(NEIGHBOURS + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
-    away = np.abs(height - np.median(height[index], axis=1))
-    spread = 1.4826 * np.median(np.abs(height[index] - np.median(height[index], axis=1)[:, None]), axis=1)
-    typical = max(1.4826 * float(np.median(away)), 0.1)
-    return np.asarray(away <= BLUNDER_NMAD * np.maximum(spread, typical))
+    middle = np.median(height[index], axis=1)
+    away = np.abs(height - middle)
+    spread = 1.4826 * np.median(np.abs(height[index] - middle[:, None]), axis=1)
+    typical = max(1.4826 * float(np.median(away)), LEAST_SCATTER_M)
+    alike = np.abs(height[index] - height[:, None]) <= BLUNDER_NMAD * typical
+    near = away <= BLUNDER_NMAD * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
+    return np.asarray(near | (alike.sum(axis=1) > COMPANIONS))
 
 
-def _gridded(ground: np.ndarray, xy: np.ndarray) -> GridSurface:
-    """Return the triangulated surface sampled on a grid of degrees."""
-    area = np.prod(np.maximum(np.ptp(xy, axis=0), 1.0))
-    spacing = float(np.sqrt(area / len(xy)))
-    reach = np.minimum(MARGIN_SPACINGS * spacing, np.ptp(xy, axis=0).max())
-    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(np.ptp(xy, axis=0) + 2.0 * reach) / MOST_CELLS)))
-    scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
-    low, high = ground[:, :2].min(axis=0) - reach / scale, ground[:, :2].max(axis=0) + reach / scale
-    columns, rows = (np.ceil((high - low) * scale / cell_m).astype(int) + 1).tolist()
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points on a plane ``xy (n, 2)`` in m, with heights and variances of these (m, m²), ``(n,)``."""
+
+    xy: np.ndarray
+    height: np.ndarray
+    variance: np.ndarray
+
+    @cached_property
+    def tree(self) -> KDTree:
+        return KDTree(self.xy)
+
+    @cached_property
+    def scatter_m(self) -> float:
+        """How far a point usually lies from the plane of its neighbours."""
+        near = self.tree.query(self.xy, k=np.arange(2, min(NEIGHBOURS + 1, len(self.xy)) + 1))[1]
+        A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
+        plane = np.linalg.pinv(A) @ self.height[near][..., None]
+        return max(1.4826 * float(np.median(np.abs(self.height - plane[:, 0, 0]))), LEAST_SCATTER_M)
+
+    @property
+    def spacing_m(self) -> float:
+        return float(np.sqrt(np.prod(np.maximum(np.ptp(self.xy, axis=0), 1.0)) / len(self.xy)))
+
+
+def _gridded(points: _Points, scale: np.ndarray) -> GridSurface:
+    """Return the surface on a grid of degrees; ``scale (2,)`` is metres per degree."""
+    extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
+    reach = np.minimum(MARGIN_SPACINGS * spacing, extent.max())
+    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(extent + 2.0 * reach) / MOST_CELLS)))
+    low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
+    columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
+    x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
+    heights = _heights(points, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
     step = cell_m / scale
-    lon, lat = low[0] + step[0] * np.arange(columns), high[1] - step[1] * np.arange(rows)
-    nodes = np.stack(np.meshgrid(lon, lat), axis=-1).reshape(-1, 2)
-    heights = LinearNDInterpolator(ground[:, :2] * scale, ground[:, 2])(nodes * scale)
-    outside = np.isnan(heights)
-    _, nearest = KDTree(ground[:, :2] * scale).query(nodes[outside] * scale)
-    heights[outside] = ground[nearest, 2]
-    return GridSurface.from_array(heights.reshape(rows, columns), (lon[0], lat[0]), (step[0], -step[1]))
+    return GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
+
+
+def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
+    """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
+    heights = np.empty(len(nodes))
+    hull = Delaunay(_hull(points.xy))
+    for start in range(0, len(nodes), PART):
+        part = slice(start, start + PART)
+        inside = hull.find_simplex(nodes[part]) >= 0
+        found = points.height[points.tree.query(nodes[part])[1]]
+        found[inside] = _fitted(points, nodes[part][inside])
+        heights[part] = found
+    return heights
+
+
+def _hull(xy: np.ndarray) -> np.ndarray:
+    """Return the corners of the convex hull of points, (k, 2)."""
+    try:
+        return np.asarray(xy[ConvexHull(xy).vertices])
+    except QhullError:
+        raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
+
+
+def _fitted(points: _Points, nodes: np.ndarray) -> np.ndarray:
+    """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
+    count = min(FITTED, len(points.xy))
+    distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))
+    width = np.maximum(WIDTH * distance[:, min(NEAREST, count) - 1], 1e-3)[:, None]
+    away = (points.xy[near] - nodes[:, None]) / width[..., None]
+    height, scatter = points.height[near], points.scatter_m
+    nearness = np.exp(0.5 * ((distance[:, :1] / width) ** 2 - (distance / width) ** 2))  # 1 for the nearest
+    P = nearness / (points.variance[near] + (0.5 * scatter) ** 2)
+    A = np.concatenate([np.ones_like(away[..., :1]), away], axis=-1)
+    robust = np.ones_like(P)
+    for tolerance in SCATTERS:
+        weighted = A * (P * robust)[..., None]
+        N = np.swapaxes(A, 1, 2) @ weighted
+        N[:, [1, 2], [1, 2]] += (SIGMA_SLOPE * width) ** -2
+        x = np.linalg.solve(N, np.einsum("mki,mk->mi", weighted, height)[..., None])
+        v = height - (A @ x)[..., 0]
+        robust = (1.0 + (v / (tolerance * scatter)) ** 2) ** -2
+    return np.clip(x[:, 0, 0], height.min(axis=1), height.max(axis=1))

@@ -107,6 +107,22 @@ def test_windows_of_large_images(triplet, monkeypatch):
     assert np.sum(views == 3) > 60
 
 
+@pytest.mark.parametrize("large", [False, True])
+def test_dense_points(triplet, found, monkeypatch, large):
+    """More points, everywhere, and still where the truth is; large images are then matched everywhere, too."""
+    from hrsi.hrsi_engine.measurement.block_matching import plan
+
+    if large:
+        monkeypatch.setattr(plan, "FULL_PX", 400)
+    ties = find_tie_points(triplet, replace(OPTIONS, dense=True))
+    apart, _ = scenes.ground_spread_m(triplet, ties.image_points)
+    assert len(ties.ground) > (1.0 if large else 1.5) * len(found.ground)  # windows' borders have no points
+    assert np.sqrt(np.mean(apart**2)) < 0.15  # windows of 15 px have a quarter of the pixels of those of 31 px
+    for image in triplet:
+        xy = ties.image_points.xy[ties.image_points.image_ids == image.id]
+        assert len(np.unique(np.floor(8 * xy / image.size).astype(int), axis=0)) >= 60
+
+
 def test_no_points_on_nodata():
     texture = scenes.ortho_texture()
     first, second = scenes.rendered(0, texture), scenes.rendered(1, texture)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import LinearNDInterpolator
 
 from hrsi.hrsi_engine.dem import surface_heights
 from hrsi.hrsi_engine.errors import InputError
@@ -35,6 +36,64 @@ def test_blunders_are_left_out() -> None:
     assert 20 <= left_out <= 40
     left = np.abs(surface_heights(surface, ground[::100, :2]) - (ground[::100, 2] - 150.0))
     assert np.median(left) < 1.0 and left.max() < 50.0  # none of 150 m is left; the largest stand outside the triangles
+
+
+def metres(lonlat: np.ndarray) -> np.ndarray:
+    """East and north of the middle, to 1 %."""
+    return (lonlat - (LON, LAT)) * (111_320.0 * np.cos(np.radians(LAT)), 111_000.0)
+
+
+def test_an_uncertainty_that_all_points_share_changes_nothing() -> None:
+    """A block without GCPs: its height is known to 8 m, and the points' heights relative to one another to 0.3 m."""
+    ground = points(1000)
+    sigma = np.random.default_rng(4).uniform(0.2, 0.4, 1000)
+    places = points(300, seed=2)[:, :2]
+    alone, shared = (
+        surface_heights(surface_of_points(ground, np.hypot(sigma, common))[0], places) for common in (0.0, 8.0)
+    )
+    np.testing.assert_allclose(alone, shared, atol=1e-6)
+
+
+def test_points_that_are_less_certain_count_less() -> None:
+    """Every third point is a narrow pair's, 5 m uncertain among such of 0.2 m; without sigmas the surface shows it."""
+    rng = np.random.default_rng(5)
+    ground, sigma = points(3000), np.where(np.arange(3000) % 3 == 0, 5.0, 0.2)
+    ground[:, 2] += rng.normal(0.0, sigma)
+    inside = points(500, seed=2)
+    inside[:, :2] = (LON, LAT) + 0.9 * (inside[:, :2] - (LON, LAT))
+    rmse = {}
+    for name, known in (("sigmas", sigma), ("none", None)):
+        found = surface_heights(surface_of_points(ground, known)[0], inside[:, :2])
+        rmse[name] = np.sqrt(np.mean((found - hills(*inside[:, :2].T)) ** 2))
+    assert rmse["sigmas"] < 0.6  # the good points alone give 0.2 m times a little more than 1, and hills between them
+    assert rmse["none"] > 2.0 * rmse["sigmas"]
+
+
+def test_walls_stay_steep() -> None:
+    """Blocks of houses of 15 m, 30 m wide and 20 m apart; points every 6 m on roofs and ground, 0.3 m uncertain.
+
+    A triangulation is a ramp as wide as the points are apart, wrong by more than 1 m on about a third of the area.
+    """
+    rng = np.random.default_rng(6)
+    lonlat = rng.uniform([LON - 0.002, LAT - 0.002], [LON + 0.002, LAT + 0.002], (4500, 2))
+
+    def town(places: np.ndarray) -> np.ndarray:
+        return np.where((metres(places) % 50.0 < 30.0).all(axis=1), 215.0, 200.0)
+
+    ground = np.column_stack([lonlat, town(lonlat) + rng.normal(0.0, 0.3, len(lonlat))])
+    places = rng.uniform([LON - 0.0018, LAT - 0.0018], [LON + 0.0018, LAT + 0.0018], (4000, 2))
+    surface, left_out = surface_of_points(ground, np.full(len(ground), 0.3))
+    wrong = np.abs(surface_heights(surface, places) - town(places)) > 1.0
+    ramps = LinearNDInterpolator(metres(lonlat), ground[:, 2])(metres(places))
+    assert left_out < 0.02 * len(ground)
+    assert wrong.mean() < 0.6 * np.mean(np.abs(ramps - town(places)) > 1.0)
+
+
+def test_points_on_a_line_are_an_error() -> None:
+    ground = points(5)
+    ground[:, 1] = LAT
+    with pytest.raises(InputError, match="on a line"):
+        surface_of_points(ground)
 
 
 def test_a_surface_needs_three_points() -> None:

@@ -31,6 +31,7 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "survey_height": ("survey_height",),
     "sigma_xy": ("sigma_xy",),
     "sigma_h": ("sigma_h", "sigma_z"),
+    "sigma_height_m": ("sigma_height_m",),
     "sigma_east": ("sigma_east", "sigma_e", "sigma_x"),
     "sigma_north": ("sigma_north", "sigma_n", "sigma_y"),
     "corr_en": ("corr_en",),

@@ -14,6 +14,8 @@ from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy
 from .table import Table
 
+#: Of HRSI's own layers: how well the adjusted heights are known, as ``sigma_h`` tells of surveyed ones.
+ADJUSTED_SIGMA = "sigma_height_m"
 _CHUNK_ROWS = 100_000
 _SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
 
@@ -126,6 +128,8 @@ def _ground_points(table: Table, measures: bool, reference: Reference) -> tuple[
     ground, warnings = ground_positions(table, reference)
     role = _roles(table)
     sigma, covariance = survey_accuracy(table)
+    if reference.adjusted and ADJUSTED_SIGMA in table.columns:
+        sigma, covariance = np.column_stack([sigma[:, 0], table.columns[ADJUSTED_SIGMA]]), None
     rows = np.flatnonzero(~np.isnan(ground[:, 0]))
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
     chosen = rows[first]

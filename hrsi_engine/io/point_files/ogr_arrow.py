@@ -1,7 +1,7 @@
 """Columns of a vector layer in one go, through OGR's Arrow stream: twenty times as fast as feature by feature.
 
-It serves what point layers are made of: numbers, texts and points. For anything else, and for GDAL before 3.6,
-`arrow_columns` returns None, and the features are read one by one.
+It serves what point layers are made of: numbers, texts and points, in formats that hold such columns. For all else, and
+for GDAL before 3.6, `arrow_columns` returns None, and the features are read one by one.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from osgeo import ogr
 
 from .columns import NUMBER_FIELDS
 
+#: Drivers with columns of one type. What GDAL 3.6 makes of damaged text formats can end the program.
+BY_COLUMNS = ("GPKG", "Arrow", "Parquet")
 _POINT, _POINT_Z = (1,), (1001, 0x80000001)  # type codes of ISO and of old WKB
 _WKB_BYTES = {21: (_POINT, 2), 29: (_POINT_Z, 3)}
 

@@ -11,7 +11,7 @@ from osgeo import gdal, ogr
 from ...errors import InputError
 from ..datasets import gdal_messages
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
-from .ogr_arrow import arrow_columns
+from .ogr_arrow import BY_COLUMNS, arrow_columns
 from .table import Reader, Table
 
 _NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
@@ -36,7 +36,7 @@ def read(path: str, layer_wanted: str = "") -> Table:
     source = path if dataset.GetLayerCount() == 1 else f"{path}, layer {layer.GetName()!r}"
     table = None
     with gdal_messages() as messages:
-        table = _read_layer(source, layer)
+        table = _read_layer(source, layer, dataset.GetDriver().ShortName)
     if table is None or messages:
         reason = messages[-1] if messages else "unknown reason"
         raise InputError(f"{source}: cannot be read to the end ({reason}): get it again")
@@ -58,14 +58,15 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
 
 
-def _read_layer(source: str, layer: ogr.Layer) -> Table:
+def _read_layer(source: str, layer: ogr.Layer, driver: str) -> Table:
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
     found = match_fields(names)
     types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
     layer.ResetReading()
-    quick = arrow_columns(layer, {field: names[index] for field, index in found.items()}, has_geometry)
+    wanted = {field: names[index] for field, index in found.items()}
+    quick = arrow_columns(layer, wanted, has_geometry) if driver in BY_COLUMNS else None
     if quick is not None:
         ids = quick.feature_ids
         columns = {f: _column(source, f, names[found[f]], quick.values[f], ids) for f in found}
