@@ -27,7 +27,6 @@ from ..hrsi_engine.io.orthoimages import (
     write_orthoimage,
 )  # fmt: skip
 from ..hrsi_engine.io.output_dir import staged
-from ..hrsi_engine.io.pages import write_page
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.ortho.grid import MapGrid
@@ -192,6 +191,8 @@ def write_report(
         context.log(f"warning: {text}")
     with staged(options["output_dir"], [image.path for image in plan.images]) as folder:
         if options["report"]:
+            from ..hrsi_engine.io.pages import write_page
+
             write_page(str(folder / "report.html"), "orthoimages.html.j2", report)
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")

@@ -44,10 +44,10 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
     return GridSurface((dataset.RasterYSize, dataset.RasterXSize), reader.read, place.to_grid)
 
 
-def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations:
-    """Return the function that gives what is to be added to the DEM's heights."""
+def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations | None:
+    """Return the function that gives what is to be added to the DEM's heights, None for ellipsoidal ones."""
     if height_datum == "ellipsoidal":
-        return lambda ground: np.zeros(len(ground))
+        return None
     if height_datum != "layer":
         return lambda ground: geoid_heights(ground, height_datum)
     if not has_vertical_datum(crs.to_wkt()):
@@ -71,7 +71,7 @@ def _metres_per_unit(band: gdal.Band, crs: pyproj.CRS, path: str) -> float:
 class _DemReader:
     """Reads windows of a DEM and places its cells; used by one thread at a time (`GridSurface` sees to that)."""
 
-    def __init__(self, dataset: gdal.Dataset, path: str, place: Georeference, undulations: Undulations) -> None:
+    def __init__(self, dataset: gdal.Dataset, path: str, place: Georeference, undulations: Undulations | None) -> None:
         self._dataset, self._path, self._place, self._undulations = dataset, path, place, undulations
         band = dataset.GetRasterBand(1)
         self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
@@ -92,7 +92,7 @@ class _DemReader:
         heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
         known = (mask != 0) & np.isfinite(heights)
         heights[~known] = np.nan
-        if known.any():
+        if self._undulations is not None and known.any():
             heights[known] += self._undulations(self._positions(row, column, known))
         return heights
 

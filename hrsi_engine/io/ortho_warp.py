@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -27,6 +29,7 @@ RESAMPLING = {
     "min": 1, "med": 1, "q1": 1, "q3": 1,
 }  # fmt: skip
 NOWHERE = -1e9  # image position of pixels whose terrain is not known
+SCRATCH = "CPL_TMPDIR"
 SAME_SCALE = 1.05  # below, a pixel of the map counts as one of the image; GDAL does the same
 
 
@@ -132,10 +135,10 @@ def warp_chunk(
         return None
     whole = not source.has_gaps and _is_inside(source.size, positions)
     image = _in_memory(source, window, warp)
-    target = _target(source, columns, rows, warp.nodata or 0.0, warp.nodata is None and not whole)
+    target = _target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
-        with gdal_messages() as messages:
+        with gdal_messages() as messages, _scratch_in_memory():
             _write_table(table, positions, window[:2] - 0.5)
             target.SetMetadata(_geolocation(table, step), "GEOLOCATION")
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
@@ -144,6 +147,17 @@ def warp_chunk(
         return _pixels(source, target, warp, whole)
     finally:
         gdal.Unlink(table)
+
+
+@contextmanager
+def _scratch_in_memory() -> Iterator[None]:
+    """Have GDAL keep in memory the scratch files of its geolocation arrays, else made in the current directory."""
+    before = gdal.GetThreadLocalConfigOption(SCRATCH)
+    gdal.SetThreadLocalConfigOption(SCRATCH, "/vsimem")
+    try:
+        yield
+    finally:
+        gdal.SetThreadLocalConfigOption(SCRATCH, before)
 
 
 def _image_window(size: tuple[int, int], positions: np.ndarray, reach: int) -> np.ndarray | None:
@@ -171,12 +185,21 @@ def _in_memory(source: OrthoSource, window: np.ndarray, warp: Warp) -> gdal.Data
     return dataset
 
 
+def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
+    """Tell whether GDAL says by an alpha band which pixels of a chunk the image shows.
+
+    It does so for a mask, and where nothing else than the image's border leaves pixels out: GDAL's kernels are several
+    times as fast without nodata values.
+    """
+    return not whole and (warp.nodata is None or not source.has_gaps)
+
+
 def _target(source: OrthoSource, columns: int, rows: int, nodata: float, with_alpha: bool) -> gdal.Dataset:
     """Return an empty chunk in memory."""
     bands = len(source.bands) + with_alpha
     dataset = gdal.GetDriverByName("MEM").Create("", columns, rows, bands, source.data_type)
     if nodata:
-        for number in range(1, bands + 1):
+        for number in range(1, len(source.bands) + 1):
             dataset.GetRasterBand(number).Fill(nodata)  # GDAL's INIT_DEST does not reach a dataset that is there
     if with_alpha:
         dataset.GetRasterBand(bands).SetColorInterpretation(gdal.GCI_AlphaBand)
@@ -213,35 +236,47 @@ def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarp
     """Return GDAL's options.
 
     The scale is that of the whole orthoimage: GDAL's own guess, from the extents of the windows, differs from chunk to
-    chunk. The table of the way back from image to map is not needed and made as small as can be.
+    chunk. The table of the way back from image to map is not needed and made as small as can be. Chunks run in
+    parallel, so none needs threads inside, each of which would copy the tables.
     """
     scale = 1.0 / warp.scale if warp.scale > SAME_SCALE else 1.0
-    options = [f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO"]
+    options = [
+        f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO",
+        "NUM_THREADS=1",
+    ]  # fmt: skip
     if source.masked:
         options.append(f"SRC_ALPHA_MAX={255 if source.data_type == gdal.GDT_Byte else 1}")
     nodata = [value for value in source.nodata if value is not None]
+    with_alpha = _with_alpha(source, warp, whole)
     return gdal.WarpOptions(
         transformerOptions=[
             "SRC_METHOD=NO_GEOTRANSFORM", "DST_METHOD=GEOLOC_ARRAY", "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
         ],
         warpOptions=options, errorThreshold=0.0, resampleAlg=warp.resampling, warpMemoryLimit=2000,
         srcNodata=" ".join(repr(value) for value in nodata) if len(nodata) == len(source.bands) else None,
-        dstNodata=None if warp.nodata is None or whole else repr(warp.nodata), srcAlpha=source.masked,
-        dstAlpha=warp.nodata is None and not whole,
+        dstNodata=None if with_alpha or whole else repr(warp.nodata), srcAlpha=source.masked, dstAlpha=with_alpha,
     )  # fmt: skip
 
 
 def _pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: bool) -> Pixels:
     count = len(source.bands)
-    values = np.stack([target.GetRasterBand(number).ReadAsArray() for number in range(1, count + 1)])
+    values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
+    valid = values[count] != 0 if _with_alpha(source, warp, whole) else None
+    values = values[:count]
     if warp.nodata is None:
-        valid = None if whole else target.GetRasterBand(count + 1).ReadAsArray() != 0
         return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
-    if whole and not np.isnan(warp.nodata):  # grey values that equal nodata move by one step; elsewhere GDAL does so
-        same = values == warp.nodata
-        if same.any():
-            values[same] = _next_to(warp.nodata, values.dtype)
+    if (whole or valid is not None) and not np.isnan(warp.nodata):
+        _keep_from(warp.nodata, values, valid)  # elsewhere GDAL does so
     return Pixels(values, None)
+
+
+def _keep_from(nodata: float, values: np.ndarray, valid: np.ndarray | None) -> None:
+    """Move grey values that equal nodata by one step, of pixels that are valid."""
+    same = values == nodata
+    if valid is not None:
+        same &= valid
+    if same.any():
+        values[same] = _next_to(nodata, values.dtype)
 
 
 def _next_to(nodata: float, dtype: np.dtype) -> float:

@@ -13,6 +13,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, Protocol
@@ -29,15 +30,19 @@ from .replacing import replacing
 #: Metadata items; in the default domain, because GDAL's COG driver drops others.
 FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
 TILE = 512
-CHUNK = 512  # pixels along the side of a chunk
+WIDE = 2  # columns of a chunk for each row: what GDAL does once for a chunk costs as much as some 50 rows
+LEAST_ROWS = 128  # of a chunk
+SAME_SIZE = 1.5  # share by which a chunk's part of the image may be longer than a tile
 AHEAD = 2  # chunks in work per thread
-WARPED = 0.85  # share of the time that the chunks take, the rest goes into the finished format
+WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes into the finished format
 
 _PREDICTED = ("deflate", "lzw", "zstd")
+TILED = ("TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER")
+INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK"  # else a second file that would have to be renamed, too
 #: By the choice of ``--format``: GDAL driver, its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
     "cog": ("COG", (f"BLOCKSIZE={TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # copies overviews that are there
-    "gtiff": ("GTiff", ("TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER")),
+    "gtiff": ("GTiff", TILED),
 }
 COMPRESSION = ("deflate", "lzw", "zstd", "none")
 #: Resampling of overviews by that of the orthoimage, where it is not the mean: values that may not be mixed stay whole.
@@ -55,8 +60,8 @@ class Grid(Protocol):
     def geotransform(self) -> tuple[float, float, float, float, float, float]:
         """GDAL's geotransform."""
 
-    def chunks(self, side: int) -> Iterable[Any]:
-        """Yield windows (column, row, columns, rows) that cover the grid."""
+    def chunks(self, columns: int, rows: int) -> Iterable[Any]:
+        """Yield windows (column, row, columns, rows), which have parts again, that cover the grid."""
 
 
 MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where the image shows nothing
@@ -137,33 +142,55 @@ def write_orthoimage(
     Raises `OutputError` where it cannot be written, `Cancelled` where ``progress`` asks to stop.
     """
     figures = OrthoFigures()
-    folder = os.path.dirname(os.path.abspath(path))
-    try:
-        temporary = tempfile.mkdtemp(prefix=".hrsi-unfinished-", dir=folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another --output-dir") from None
-    try:
-        plain = os.path.join(temporary, "chunks.tif")
-        with gdal_messages() as messages:
-            dataset = _create(plain, source, grid, warp)
-            if dataset is not None:
-                _fill(dataset, source, grid, map_chunk, warp, threads, figures, stage(progress, 0.0, WARPED))
-                dataset.SetMetadata(_metadata(made_from, figures))
-                dataset.FlushCache()
-        if dataset is None or messages:
-            raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
-        del dataset
-        if form.name == "cog":
+
+    def fill(dataset: gdal.Dataset, part: Progress) -> None:
+        _fill(dataset, source, grid, map_chunk, warp, threads, figures, part)
+        dataset.SetMetadata(_metadata(made_from, figures))
+
+    options = form.creation_options(source.is_integer, threads)
+    with _hidden_folder(path) as hidden, replacing(path) as temporary:
+        if FORMATS[form.name][0] == "GTiff":
+            _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
+        else:
+            plain = os.path.join(hidden, "chunks.tif")
+            part = stage(progress, 0.0, WARPED)
+            _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
             _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
-        _finish(plain, path, source.is_integer, form, threads, stage(progress, WARPED, 1.0))
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+            _copy(plain, temporary, path, FORMATS[form.name][0], options, stage(progress, WARPED, 1.0))
     return figures
 
 
-def _create(path: str, source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
-    """Create the tiled, uncompressed file that the chunks go into, with the bands' descriptions."""
-    options = ["TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER", "SPARSE_OK=TRUE"]
+@contextmanager
+def _hidden_folder(path: str) -> Iterator[str]:
+    """Give a folder beside a file for what is needed until it is finished."""
+    folder = os.path.dirname(os.path.abspath(path))
+    try:
+        hidden = tempfile.mkdtemp(prefix=".hrsi-unfinished-", dir=folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another --output-dir") from None
+    try:
+        yield hidden
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
+
+
+def _write_tiles(
+    target: str, path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp,
+    fill: Callable[[gdal.Dataset], None],
+) -> None:  # fmt: skip
+    """Write a tiled file that ``fill`` fills; ``path`` is what errors name."""
+    with gdal_messages() as messages:
+        dataset = _create(target, options, source, grid, warp)
+        created = dataset is not None
+        if created:
+            fill(dataset)
+        del dataset  # closed here, so that failures of the last writing count
+    if messages or not created:
+        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+
+
+def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
+    """Create a tiled file for the chunks, with the bands' descriptions."""
     count = len(source.bands)
     dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, count, source.data_type, options)
     if dataset is None:
@@ -171,20 +198,27 @@ def _create(path: str, source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Data
     dataset.SetProjection(grid.crs)
     dataset.SetGeoTransform(grid.geotransform)
     for number, origin in enumerate(source.bands, 1):
-        old, new = source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number)
-        new.SetDescription(old.GetDescription())
-        new.SetColorInterpretation(old.GetColorInterpretation())
-        if old.GetScale() is not None:
-            new.SetScale(old.GetScale())
-        if old.GetOffset() is not None:
-            new.SetOffset(old.GetOffset())
-        if old.GetUnitType():
-            new.SetUnitType(old.GetUnitType())
+        _describe(source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number))
         if warp.nodata is not None:
-            new.SetNoDataValue(warp.nodata)
+            dataset.GetRasterBand(number).SetNoDataValue(warp.nodata)
     if warp.nodata is None:
+        before = gdal.GetThreadLocalConfigOption(INTERNAL_MASK)
+        gdal.SetThreadLocalConfigOption(INTERNAL_MASK, "YES")
         dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
+        gdal.SetThreadLocalConfigOption(INTERNAL_MASK, before)
     return dataset
+
+
+def _describe(old: gdal.Band, new: gdal.Band) -> None:
+    """Give a band the name, meaning, scale, offset and unit of another."""
+    new.SetDescription(old.GetDescription())
+    new.SetColorInterpretation(old.GetColorInterpretation())
+    if old.GetScale() is not None:
+        new.SetScale(old.GetScale())
+    if old.GetOffset() is not None:
+        new.SetOffset(old.GetOffset())
+    if old.GetUnitType():
+        new.SetUnitType(old.GetUnitType())
 
 
 def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
@@ -206,11 +240,12 @@ def _fill(
             return window, None, None
         return window, mapping, warp_chunk(source, mapping.positions, mapping.step, window.columns, window.rows, warp)
 
-    side = chunk_side(warp.scale)
-    total = -(-grid.columns // side) * -(-grid.rows // side)
+    columns, rows = chunk_size(warp.scale)
+    total = -(-grid.columns // columns) * -(-grid.rows // rows)
+    chunks = (part for tiles in grid.chunks(WIDE * TILE, TILE) for part in tiles.parts(columns, rows))  # a tile at once
     with ThreadPoolExecutor(threads) as pool:
         try:
-            for done, (window, mapping, pixels) in enumerate(_in_turn(pool, make, grid.chunks(side), AHEAD * threads)):
+            for done, (window, mapping, pixels) in enumerate(_in_turn(pool, make, chunks, AHEAD * threads)):
                 advance(progress, done / total, f"warping {os.path.basename(source.path)}")
                 if mapping is not None:
                     _count(figures, window, mapping)
@@ -221,9 +256,12 @@ def _fill(
             raise
 
 
-def chunk_side(scale: float) -> int:
-    """Return the side of a chunk whose part of the image is no larger than for equal pixels."""
-    return max(128, min(CHUNK, int(CHUNK / max(scale, 1.0)) // 128 * 128))
+def chunk_size(scale: float) -> tuple[int, int]:
+    """Return columns and rows of a chunk whose part of the image is hardly larger than for equal pixels."""
+    rows = TILE
+    while rows > LEAST_ROWS and rows * scale > TILE * SAME_SIZE:
+        rows //= 2
+    return WIDE * rows, rows
 
 
 def _in_turn(pool: ThreadPoolExecutor, make: Callable[[Any], Any], jobs: Iterable[Any], ahead: int) -> Iterator[Any]:
@@ -272,8 +310,8 @@ def _add_overviews(plain: str, resampling: str) -> None:
         raise OutputError(f"{plain}: cannot be written ({messages[-1]})")
 
 
-def _finish(plain: str, path: str, is_integer: bool, form: OrthoFormat, threads: int, progress: Progress) -> None:
-    """Bring the chunks into the wanted format, with overviews, and put the file in its place."""
+def _copy(plain: str, target: str, path: str, driver: str, options: list[str], progress: Progress) -> None:
+    """Bring the chunks, with their overviews, into the wanted format; ``path`` is what errors name."""
     cancelled = False
 
     def tell(fraction: float, _message: str, _data: object) -> int:
@@ -281,15 +319,12 @@ def _finish(plain: str, path: str, is_integer: bool, form: OrthoFormat, threads:
         cancelled = progress(fraction, f"writing {os.path.basename(path)}") is False
         return 0 if cancelled else 1
 
-    driver = gdal.GetDriverByName(FORMATS[form.name][0])
-    with replacing(path) as temporary:
-        copy = None
-        with gdal_messages() as messages:
-            source = gdal.Open(plain)
-            options = form.creation_options(is_integer, threads)
-            copy = driver.CreateCopy(temporary, source, 0, options, callback=tell)
-        if cancelled:
-            raise Cancelled("cancelled")
-        if copy is None or messages:
-            raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
-        del copy
+    copy = None
+    with gdal_messages() as messages:
+        copy = gdal.GetDriverByName(driver).CreateCopy(target, gdal.Open(plain), 0, options, callback=tell)
+        copied = copy is not None
+        del copy  # closed here, so that failures of the last writing count
+    if cancelled:
+        raise Cancelled("cancelled")
+    if messages or not copied:
+        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")

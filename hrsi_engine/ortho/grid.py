@@ -31,6 +31,13 @@ class Window(NamedTuple):
     columns: int
     rows: int
 
+    def parts(self, columns: int, rows: int) -> Iterator[Window]:
+        """Yield windows of so many columns and rows, or what is left, that cover this one, row by row."""
+        for row in range(0, self.rows, rows):
+            for column in range(0, self.columns, columns):
+                size = min(columns, self.columns - column), min(rows, self.rows - row)
+                yield Window(self.column + column, self.row + row, *size)
+
 
 def rounded_resolution(gsd: float) -> float:
     """Return the largest round number not above 1.05 times a ground sample distance: 0.52 gives 0.5, 6.5 gives 6."""
@@ -86,11 +93,9 @@ class MapGrid:
         y = (self.top - 0.5 - pixels[:, 1]) * self.resolution
         return np.column_stack(self._to_wgs84.transform(x, y))
 
-    def chunks(self, side: int) -> Iterator[Window]:
-        """Yield windows that cover the grid, row by row."""
-        for row in range(0, self.rows, side):
-            for column in range(0, self.columns, side):
-                yield Window(column, row, min(side, self.columns - column), min(side, self.rows - row))
+    def chunks(self, columns: int, rows: int | None = None) -> Iterator[Window]:
+        """Yield windows of so many columns and rows (the same number) that cover the grid, row by row."""
+        return Window(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
 
     def common(self, other: MapGrid) -> MapGrid | None:
         """Return the part that two grids on the same lattice share, None where they do not meet."""

@@ -10,10 +10,8 @@ every pixel goes through all three by itself.
 
 from __future__ import annotations
 
-import os
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
@@ -23,10 +21,11 @@ from ..rpc import RPC
 from .grid import MapGrid, Window
 
 LATTICE = 32  # pixels between positions where the map projection is evaluated; also the largest step
-CHECKED_PIXELS = 200  # of each chunk, at random
+CHECKED_PIXELS = 400  # of each chunk, at random
 UNKNOWN_GRID = 65  # positions along each side of a chunk at which pixels without height are counted
-WORTH_COMPILING = 25_000_000  # pixels of an orthoimage, below which loading numba takes longer than it saves
-PART = 16384  # points whose intermediate results stay in the processor's cache
+PART = 16384  # nodes whose intermediate results stay in the processor's cache
+MOST_CELLS = 4_000_000  # below a chunk that are held at once; of finer terrain, heights are taken one by one
+STRAIGHT = 0.01  # share of the error asked for; where all curvature with the height is below, it is left out
 
 
 class ChunkMapping(NamedTuple):
@@ -44,133 +43,147 @@ class ChunkMapping(NamedTuple):
     unknown: int
 
 
-def _interpolated(values: np.ndarray, position: np.ndarray, axis: int) -> np.ndarray:
-    """Return ``values``, given every `LATTICE` pixels along an axis, linearly interpolated at pixel positions."""
-    left = np.minimum((position / LATTICE).astype(int), values.shape[axis] - 2)
-    share = (position / LATTICE - left).reshape([-1 if k == axis else 1 for k in range(values.ndim)])
-    result = np.take(np.diff(values, axis=axis), left, axis=axis)
-    result *= share
-    result += np.take(values, left, axis=axis)
-    return np.asarray(result)
+def _spread_columns(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Return values ``(k, rows, n)`` at some shares of the way from each column of ``(k, rows, m)`` to the next one."""
+    result = np.diff(values, axis=2)[..., None] * shares
+    result += values[:, :, :-1, None]
+    return result.reshape(*values.shape[:2], -1)
 
 
-class _Terrain:
-    """Heights under a chunk, bilinear like those of the surface, from one block of its cells."""
-
-    def __init__(self, surface: HeightSurface, grid: np.ndarray) -> None:
-        low, high = grid.min(axis=0) - 1.0, grid.max(axis=0) + 1.0
-        self._surface = surface
-        self.cells: np.ndarray | None = None
-        if isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all():
-            row, column, self.cells = surface.window(low, high)
-            self.origin = float(row), float(column)
-        self.range = surface.bounds(low, high) if self.cells is None else _range(self.cells)
-
-    def heights(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Return heights ``(n,)`` at grid coordinates; NaN where there are none."""
-        if self.cells is None:
-            return self._surface.heights(np.column_stack([column, row]))
-        width = self.cells.shape[1]
-        right, down = column - self.origin[1], row - self.origin[0]
-        j, i = right.astype(np.intp), down.astype(np.intp)
-        right -= j
-        down -= i
-        i *= width
-        i += j
-        cells = self.cells.ravel()
-        upper = _between(cells, i, right)
-        i += width
-        upper += down * (_between(cells, i, right) - upper)
-        return upper
+def _spread_rows(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Return values ``(k, n, columns)`` at some shares of the way from each row of ``(k, m, columns)`` to the next."""
+    result = np.diff(values, axis=1)[:, :, None] * shares[:, None]
+    result += values[:, :-1, None]
+    return result.reshape(len(values), -1, values.shape[2])
 
 
-def _between(cells: np.ndarray, left: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return values between each cell and the next one."""
-    start = cells.take(left)
-    step = cells.take(left + 1)
-    step -= start
-    step *= share
-    step += start
-    return np.asarray(step)
+class _Cells:
+    """Cells of a grid surface under a chunk: heights between them are ``a + x b + y (c + x d)``.
+
+    Heights are in half ranges from the middle of the chunk's heights, as the RPC's parabolas want them.
+    """
+
+    def __init__(self, cells: np.ndarray, middle_m: float, half_m: float) -> None:
+        unit = (cells - middle_m) / half_m
+        right, down = np.diff(unit, axis=1), np.diff(unit, axis=0)
+        self._width = cells.shape[1] - 1
+        self._terms = [
+            np.ascontiguousarray(term).ravel() for term in (unit[:-1, :-1], right[:-1], down[:, :-1], np.diff(down))
+        ]
+
+    def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return heights at columns and rows from the first cell; both arrays are used up."""
+        column, cell = x.astype(np.intp), y.astype(np.intp)
+        x -= column
+        y -= cell
+        cell *= self._width
+        cell += column
+        a, b, c, d = (term.take(cell) for term in self._terms)
+        d *= x
+        d += c
+        d *= y
+        b *= x
+        b += a
+        b += d
+        return np.asarray(b)
 
 
-def _range(cells: np.ndarray) -> tuple[float, float]:
+def _nodes_along(window: Window, step: int) -> tuple[int, int]:
+    """Return the numbers of nodes along a row and a column of a window."""
+    return (window.columns - 1) // step + 2, (window.rows - 1) // step + 2
+
+
+def _cells_below(surface: HeightSurface, grid: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, tuple[float, float]]:
+    """Return cells below grid coordinates, place of the first one and range of heights.
+
+    There are no cells, and the place is that of the coordinates, beside a grid and where there are too many.
+    """
+    low, high = grid.min(axis=0) - 1.0, grid.max(axis=0) + 1.0
+    few = np.prod(high - low) <= MOST_CELLS
+    if not (few and isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all()):
+        return None, np.zeros(2), surface.bounds(low, high)
+    row, column, cells = surface.window(low, high)
     known = cells[np.isfinite(cells)]
-    return (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+    return cells, np.array([column, row], dtype=float), span
 
 
 class _Chunk:
-    """What does not change within a chunk, every `LATTICE` pixels.
+    """What changes smoothly within a chunk, every `LATTICE` pixels, and the terrain under it.
 
-    ``values (8, rows, columns)`` are the surface's grid coordinates and, for sample and line, the coefficients a, b, c
-    of a + b t + c t² with the height t in half ranges from the middle of the chunk's heights.
+    ``lattice (k, rows, columns)`` are the surface's grid coordinates and, for sample and line, the coefficients of
+    a + b t + c t² with the height t in half ranges from the middle of the chunk's heights: a, a, b, b and, where the
+    parabola is no straight line, c, c.
     """
 
     def __init__(self, mapping: OrthoMapping, window: Window) -> None:
-        self.window, self._use_compiled = window, mapping.compiled
-        columns, rows = ((size + LATTICE) // LATTICE + 1 for size in (window.columns, window.rows))
+        self.window, self._surface = window, mapping.surface
+        columns, rows = (-(-size // LATTICE) + 2 for size in window[2:])
         column, row = LATTICE * np.arange(columns) + window.column, LATTICE * np.arange(rows) + window.row
         lonlat = mapping.grid.lonlat(np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2))
         grid = mapping.surface.grid_coordinates(lonlat)
-        self.terrain = _Terrain(mapping.surface, grid)
-        low, high = self.terrain.range
+        cells, origin, (low, high) = _cells_below(mapping.surface, grid)
         self.known = bool(np.isfinite(low))
         self.middle_m, self.half_m = (low + high) / 2.0, max((high - low) / 2.0, 1.0)
-        below, at, above = (
-            mapping.rpc.project(np.column_stack([lonlat, np.full(len(lonlat), self.middle_m + t * self.half_m)])).T
-            for t in (-1.0, 0.0, 1.0)
-        )
-        terms = np.stack([at, (above - below) / 2.0, (above + below) / 2.0 - at], axis=1).reshape(6, -1)
-        self.values = np.concatenate([grid.T, terms]).reshape(8, rows, columns)
+        self._cells = None if cells is None else _Cells(cells, self.middle_m, self.half_m)
+        heights = np.repeat([self.middle_m - self.half_m, self.middle_m, self.middle_m + self.half_m], len(lonlat))
+        images = mapping.rpc.project(np.column_stack([np.tile(lonlat, (3, 1)), heights]))
+        below, at, above = images.reshape(3, -1, 2).swapaxes(1, 2)
+        terms = [at, (above - below) / 2.0, (above + below) / 2.0 - at]
+        if np.abs(terms[2]).max() <= STRAIGHT * mapping.error_px:
+            del terms[2]
+        self.lattice = np.concatenate([(grid - origin).T, *terms]).reshape(-1, rows, columns)
 
     def cells_per_pixel(self) -> float:
         """Return how many cells of the surface a step of one pixel passes at most."""
-        return max(float(np.abs(np.diff(self.values[:2], axis=axis)).max()) for axis in (1, 2)) / LATTICE
+        return max(float(np.abs(np.diff(self.lattice[:2], axis=axis)).max()) for axis in (1, 2)) / LATTICE
 
-    def nodes(self, step: int, offset: float = 0.0) -> np.ndarray:
+    def nodes(self, step: int) -> np.ndarray:
         """Return image positions ``(2, rows, columns)`` of nodes every ``step`` pixels, one beyond the last pixel."""
-        columns, rows = (np.arange((size - 1) // step + 2) * step + offset for size in self.window[2:])
-        positions = np.empty((2, len(rows), len(columns)))
-        if self.terrain.cells is not None and self._use_compiled:
-            self._compiled(columns, rows, positions)
-            return positions
-        across = _interpolated(self.values, columns, axis=2)
-        lines = max(1, PART // len(columns))
-        for first in range(0, len(rows), lines):
-            part = _interpolated(across, rows[first : first + lines], axis=1)
-            column, row, a, b, c, d, e, f = part.reshape(8, -1)
-            t = self.terrain.heights(column, row)
-            t -= self.middle_m
-            t /= self.half_m
-            positions[0, first : first + lines] = _quadratic(a, b, c, t).reshape(part.shape[1:])
-            positions[1, first : first + lines] = _quadratic(d, e, f, t).reshape(part.shape[1:])
+        columns, rows = _nodes_along(self.window, step)
+        positions = np.empty((2, rows, columns))
+        for part, values in self._node_rows(step):
+            positions[:, part] = values
         return positions
 
-    def _compiled(self, columns: np.ndarray, rows: np.ndarray, positions: np.ndarray) -> None:
-        from .compiled_nodes import fill_nodes
+    def _node_rows(self, step: int, offset: float = 0.0) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yield some rows of nodes after the other, with their positions ``(2, rows, columns)``."""
+        columns, rows = _nodes_along(self.window, step)
+        shares = (np.arange(0, LATTICE, step) + offset) / LATTICE
+        across = _spread_columns(self.lattice, shares)[:, :, :columns]
+        lines = max(1, PART // (columns * len(shares)))  # of the lattice
+        for top in range(0, -(-rows // len(shares)), lines):
+            part = slice(top * len(shares), min((top + lines) * len(shares), rows))
+            values = _spread_rows(across[:, top : top + lines + 1], shares)[:, : part.stop - part.start]
+            yield part, self._project(values.reshape(len(values), -1)).reshape(2, -1, columns)
 
-        terrain = self.terrain
-        assert terrain.cells is not None
-        fill_nodes(
-            self.values, float(LATTICE), columns.astype(float), rows.astype(float), terrain.cells, terrain.origin,
-            self.middle_m, self.half_m, positions,
-        )  # fmt: skip
+    def _project(self, values: np.ndarray) -> np.ndarray:
+        """Return positions ``(2, n)`` from interpolated values of the lattice ``(k, n)``, which are used up."""
+        t = self._heights(values[0], values[1])
+        result = values[4:6]
+        if len(values) == 8:
+            values[6:] *= t
+            result += values[6:]
+        result *= t
+        result += values[2:4]
+        return result
 
-    def middle_error(self, nodes: np.ndarray, step: int) -> float:
-        """Return the largest error of interpolation in the middles of the cells between nodes."""
-        error = self.nodes(step, offset=step / 2.0)[:, :-1, :-1]
-        across = nodes[:, :, :-1] + nodes[:, :, 1:]
-        error -= 0.25 * (across[:, :-1] + across[:, 1:])
-        largest = float(np.hypot(error[0], error[1]).max())
-        return np.inf if np.isnan(largest) else largest
+    def _heights(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
+        if self._cells is not None:
+            return self._cells.heights(column, row)
+        return (self._surface.heights(np.column_stack([column, row])) - self.middle_m) / self.half_m
 
-
-def _quadratic(a: np.ndarray, b: np.ndarray, c: np.ndarray, t: np.ndarray) -> np.ndarray:
-    result = c * t
-    result += b
-    result *= t
-    result += a
-    return np.asarray(result)
+    def middles_keep(self, error_px: float, nodes: np.ndarray, step: int) -> bool:
+        """Tell whether interpolation in the middles of all cells between nodes keeps an error."""
+        for rows, middles in self._node_rows(step, offset=step / 2.0):
+            upper = nodes[:, rows.start : rows.stop + 1]
+            error = middles[:, : upper.shape[1] - 1, :-1]
+            across = upper[:, :, :-1] + upper[:, :, 1:]
+            error -= 0.25 * (across[:, :-1] + across[:, 1:])
+            error *= error
+            if not np.all(error[0] + error[1] <= error_px**2):  # not so, either, where it is not known
+                return False
+        return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,14 +195,6 @@ class OrthoMapping:
     surface: HeightSurface
     grid: MapGrid
     error_px: float = 0.05
-
-    @cached_property
-    def compiled(self) -> bool:
-        """Whether nodes are computed by compiled code (numba, the extra ``fast``); HRSI_COMPILED says 0 or 1."""
-        setting = os.environ.get("HRSI_COMPILED")
-        if setting == "0" or find_spec("numba") is None:
-            return False
-        return setting == "1" or self.grid.columns * self.grid.rows >= WORTH_COMPILING
 
     def exact(self, pixels: np.ndarray) -> np.ndarray:
         """Return image positions ``(n, 2)`` of the grid's pixels ``(n, 2)``; NaN where the terrain is not known."""
@@ -223,7 +228,7 @@ class OrthoMapping:
         """Tell whether interpolation between nodes is good enough."""
         if len(errors) and errors.max() > self.error_px:
             return False
-        return chunk.middle_error(nodes, step) <= self.error_px
+        return chunk.middles_keep(self.error_px, nodes, step)
 
     def _empty(self, window: Window, known: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""

@@ -49,9 +49,12 @@ def test_positions_are_those_of_pixel_centres() -> None:
     assert np.allclose(x, [500_001.0, 500_099.0], atol=1e-6) and np.allclose(y, [4_800_099.0, 4_800_001.0], atol=1e-6)
 
 
-def test_chunks_cover_each_pixel_once() -> None:
+@pytest.mark.parametrize("size", [(512,), (1024, 512), (100, 130)])
+def test_chunks_and_their_parts_cover_each_pixel_once(size: tuple[int, ...]) -> None:
     grid = MapGrid(UTM, 1.0, 0, 0, 1000, 700)
-    count = np.zeros((700, 1000), dtype=int)
-    for window in grid.chunks(512):
-        count[window.row : window.row + window.rows, window.column : window.column + window.columns] += 1
+    count = np.zeros((2, 700, 1000), dtype=int)
+    for window in grid.chunks(*size):
+        for level, parts in enumerate(([window], window.parts(128, 64))):
+            for part in parts:
+                count[level, part.row : part.row + part.rows, part.column : part.column + part.columns] += 1
     assert (count == 1).all()

@@ -10,10 +10,11 @@ import pyproj
 import pytest
 from osgeo import gdal
 
+import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.dem import ConstantHeight, GridSurface
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import MapGrid, Window
-from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear
+from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear, _Chunk
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
 
 POSITION_PX = 1e-6  # both evaluate the same formula in double precision
@@ -51,13 +52,9 @@ def test_exact_positions_are_gdals(tmp_path: Path) -> None:
     assert np.abs(found.exact(pixels) - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
 
 
-@pytest.mark.parametrize("compiled", ["0", "1"])
 @pytest.mark.parametrize(("cell_deg", "roughness"), [(3e-4, 0.0), (1e-4, 0.0), (1e-5, 3.0)])
 @pytest.mark.parametrize("error_px", [0.01, 0.05])
-def test_positions_keep_the_error_asked_for(
-    tmp_path: Path, cell_deg: float, roughness: float, error_px: float, compiled: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HRSI_COMPILED", compiled)
+def test_positions_keep_the_error_asked_for(tmp_path: Path, cell_deg: float, roughness: float, error_px: float) -> None:
     found = mapping(tmp_path, cell_deg, error_px, roughness)
     errors, steps = [], []
     for window in found.grid.chunks(256):
@@ -90,15 +87,39 @@ def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
     assert np.abs(used - by_gdal(tmp_path, found, pixels)).max() < POSITION_PX
 
 
-def test_compiled_nodes_equal_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("numba")
+@pytest.mark.parametrize("size", [(200, 150), (256, 33), (31, 64), (1, 1)])
+@pytest.mark.parametrize("step", [1, 2, 8, LATTICE])
+def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], step: int) -> None:
+    """Nodes every ``step`` pixels, one beyond the last pixel, each where GDAL has it, on houses."""
+    found = mapping(tmp_path, 1e-5, roughness=3.0)
+    window = Window(64, 70, *size)
+    nodes = _Chunk(found, window).nodes(step)
+    assert nodes.shape == (2, *((side - 1) // step + 2 for side in size[::-1]))
+    row, column = step * np.indices(nodes.shape[1:]).reshape(2, -1)
+    pixels = np.column_stack([column, row]) + 0.0
+    theirs = by_gdal(tmp_path, found, pixels + window[:2])
+    close = np.hypot(*(nodes.reshape(2, -1).T - theirs).T) < 0.005
+    assert close.mean() > 0.98  # a node beside a wall may lie on its other side
+
+
+def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Heights are then the surface's own; each way may leave out a curvature of a share of the error."""
     nodes = []
-    for setting in ("0", "1"):
-        monkeypatch.setenv("HRSI_COMPILED", setting)
-        chunk = mapping(tmp_path, 1e-5, roughness=3.0).chunk(Window(64, 64, 200, 150))
-        assert chunk is not None
-        nodes.append(chunk.positions)
-    assert np.abs(nodes[0] - nodes[1]).max() < 1e-8
+    for most in (mapping_module.MOST_CELLS, 1000):
+        monkeypatch.setattr(mapping_module, "MOST_CELLS", most)
+        nodes.append(_Chunk(mapping(tmp_path, 1e-5, roughness=3.0), Window(64, 64, 200, 150)).nodes(1))
+    assert np.abs(nodes[0] - nodes[1]).max() < 2.0 * mapping_module.STRAIGHT * 0.05
+
+
+def test_middles_are_compared_in_every_row(tmp_path: Path) -> None:
+    """One node that is wrong, anywhere, is noticed."""
+    chunk = _Chunk(mapping(tmp_path, 3e-4), Window(0, 0, 200, 300))
+    nodes = chunk.nodes(2)
+    assert chunk.middles_keep(0.05, nodes, 2)
+    for row, column in ((0, 0), (70, 50), (nodes.shape[1] - 1, nodes.shape[2] - 1)):
+        wrong = nodes.copy()
+        wrong[0, row, column] += 1.0
+        assert not chunk.middles_keep(0.05, wrong, 2)
 
 
 def test_ground_without_height_has_no_position(tmp_path: Path) -> None:

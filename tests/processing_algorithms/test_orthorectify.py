@@ -113,6 +113,21 @@ def test_terrain_points_of_a_block_layer_lie_where_they_were_adjusted(tmp_path: 
     assert surface_heights(terrain.surface, np.array([[LON + 0.005, LAT + 0.005]])) == pytest.approx(50.0)
 
 
+def test_terrain_points_count_by_the_sigmas_of_their_adjusted_heights(tmp_path: Path) -> None:
+    """Every third point lies 3 m too high and says so; ``sigma_h`` is how well it was surveyed, which is empty."""
+    rows = [
+        f"T{k},tie,{LON + 1e-4 * (k % 20)},{LAT + 1e-4 * (k // 20)},{53 if k % 3 == 0 else 50},"
+        f"{5 if k % 3 == 0 else 0.2},"
+        for k in range(400)
+    ]
+    head = "id,role,lon,lat,height,sigma_height_m,sigma_h"
+    (tmp_path / "points.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
+    terrain = open_ortho_terrain(options | {"height_datum": "ellipsoidal"})
+    places = np.random.default_rng(1).uniform([LON + 2e-4, LAT + 2e-4], [LON + 1.7e-3, LAT + 1.7e-3], (200, 2))
+    assert np.abs(surface_heights(terrain.surface, places) - 50.0).max() < 0.2
+
+
 def test_cloud_optimised_with_overviews(scene: Path, tmp_path: Path) -> None:
     ortho(scene, tmp_path)
     dataset = gdal.Open(str(tmp_path / "a_ortho.tif"))
@@ -185,6 +200,38 @@ def test_a_mask_instead_of_nodata(scene: Path, tmp_path: Path) -> None:
     assert dataset.GetRasterBand(1).GetMaskFlags() == gdal.GMF_PER_DATASET
     mask = dataset.GetRasterBand(1).GetMaskBand().ReadAsArray() > 0
     assert (mask == (pixels(tmp_path / "value" / "a_ortho.tif") > 0)).mean() > 0.999
+
+
+@pytest.mark.parametrize("form", ["cog", "gtiff"])
+def test_a_mask_is_in_the_same_file(scene: Path, tmp_path: Path, form: str) -> None:
+    ortho(scene, tmp_path, nodata="mask", format=form, resolution=0.5)
+    assert sorted(os.listdir(tmp_path)) == ["a_ortho.tif", "report.json"]
+    dataset = gdal.Open(str(tmp_path / "a_ortho.tif"))
+    band = dataset.GetRasterBand(1)
+    assert band.GetMaskFlags() == gdal.GMF_PER_DATASET
+    assert set(np.unique(band.GetMaskBand().ReadAsArray())) == {0, 255}
+
+
+def test_nodata_within_the_range_of_grey_values(scene: Path, tmp_path: Path) -> None:
+    """Where the image shows something, grey values that equal nodata move by one step, and nothing else changes."""
+    ortho(scene, tmp_path / "mask", nodata="mask", resolution=0.5)
+    ortho(scene, tmp_path / "value", nodata="1500", resolution=0.5)
+    dataset = gdal.Open(str(tmp_path / "mask" / "a_ortho.tif"))
+    shown, expected = dataset.GetRasterBand(1).GetMaskBand().ReadAsArray() > 0, dataset.ReadAsArray()
+    values = pixels(tmp_path / "value" / "a_ortho.tif")
+    assert ((values != 1500) == shown).all()
+    same = expected[shown] == 1500
+    assert same.sum() > 0 and (values[shown][same] == 1501).all()
+    assert (values[shown][~same] == expected[shown][~same]).all()
+
+
+def test_nothing_is_written_elsewhere(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither into the current directory, which may be a program's, nor into the images' folder."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    before = [os.stat(folder).st_mtime_ns for folder in (tmp_path / "here", scene)]
+    ortho(scene, tmp_path / "out")
+    assert [os.stat(folder).st_mtime_ns for folder in (tmp_path / "here", scene)] == before
 
 
 def test_heights_above_the_geoid_are_converted(scene: Path, tmp_path: Path) -> None:
@@ -293,6 +340,18 @@ def test_threads_do_not_change_pixels(scene: Path, tmp_path: Path) -> None:
     for threads in (1, 3):
         ortho(scene, tmp_path / str(threads), threads=threads, resolution=0.5)
     assert (pixels(tmp_path / "1" / "a_ortho.tif") == pixels(tmp_path / "3" / "a_ortho.tif")).all()
+
+
+@pytest.mark.parametrize("compression", sorted(COMPRESSION))
+def test_formats_hold_the_same_pixels(scene: Path, tmp_path: Path, compression: str) -> None:
+    """Chunks smaller than a tile, too: here two image pixels and more lie in one of the map."""
+    for form in FORMATS:
+        ortho(scene, tmp_path / form, resolution=2.5, format=form, compression=compression)
+    cog, gtiff = (gdal.Open(str(tmp_path / form / "a_ortho.tif")) for form in ("cog", "gtiff"))
+    for dataset in (cog, gtiff):
+        found = dataset.GetMetadataItem("COMPRESSION", "IMAGE_STRUCTURE")
+        assert (found or "none").lower() == compression
+    assert (cog.ReadAsArray() == gtiff.ReadAsArray()).all() and cog.ReadAsArray().max() > 0
 
 
 def test_coarse_orthoimages_are_means(scene: Path, tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from ...scheduling import Result
 from ..epipolar import epipolar_miss
 from ..tracks import spread
 
-#: What cameras do from point to point, whatever a match's own sigma: vibration, and the RPC's fit. With it the residuals
-#: of Pleiades triplets and pairs agree with the sigmas (docs/tie_points.md). Drift is the adjustment's to deal with.
+#: What cameras do from point to point, whatever a match's own sigma: vibration and the RPC's fit. With it the residuals
+#: of Pleiades images agree with the sigmas (docs/matching.md). Drift is the adjustment's to deal with.
 CAMERA_SIGMA_PX = 0.04
 SIGMAS = 4.0
 FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
