@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, named
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
 from .rpc import RPC
 
@@ -157,7 +157,7 @@ def assemble(
     known, unmeasured = _measured_only(known, ids)
     if len(unmeasured):
         warnings.append(
-            f"{len(unmeasured)} ground points are measured on no image and are left out: {_some(unmeasured)}"
+            f"{len(unmeasured)} ground points are measured on no image and are left out: {named(unmeasured)}"
         )
     role = _roles(known, gcp_ids, check_ids)
     points = _all_points(ids, known, role, defaults)
@@ -169,15 +169,10 @@ def assemble(
     return Block(tuple(images), points, measurements, tuple(warnings))
 
 
-def _some(ids: Iterable[str], most: int = 8) -> str:
-    listed = [str(item) for item in ids]
-    return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
-
-
 def _require_unique(image_ids: list[str]) -> None:
     twice = sorted({name for name in image_ids if image_ids.count(name) > 1})
     if twice:
-        raise InputError(f"image id {_some(twice)} occurs more than once: rename one of the files")
+        raise InputError(f"image id {named(twice)} occurs more than once: rename one of the files")
 
 
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
@@ -196,7 +191,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     away = np.abs(merged.ground - merged.ground[first[inverse]]) * [1e5, 1e5, 1.0]
     if np.any(away > 0.1):
         wrong = np.unique(merged.ids[np.any(away > 0.1, axis=1)])
-        raise InputError(f"ground point {_some(wrong)} is given with different positions in {merged.source}: keep one")
+        raise InputError(f"ground point {named(wrong)} is given with different positions in {merged.source}: keep one")
     return merged.select(first)
 
 
@@ -219,16 +214,16 @@ def _concatenate(tables: list[ImagePoints]) -> ImagePoints:
 
 def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
     """Return each row's image index; raise `InputError` for image ids that are not in the block."""
-    named, inverse = unique_ids(rows.image_ids)
+    measured, inverse = unique_ids(rows.image_ids)
     position = {image.id: index for index, image in enumerate(images)}
-    unknown = [name for name in named if str(name) not in position]
+    unknown = [name for name in measured if str(name) not in position]
     if unknown:
         where = f" of {rows.source}" if rows.source else ""
         raise InputError(
-            f"image {_some(map(repr, map(str, unknown)))} in the image points{where} is not in the block "
-            f"(images: {_some(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
+            f"image {named(map(repr, map(str, unknown)))} in the image points{where} is not in the block "
+            f"(images: {named(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
-    return np.array([position[str(name)] for name in named], dtype=np.int64)[inverse]
+    return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
 
 
 def _measured_only(known: GroundPoints, ids: np.ndarray) -> tuple[GroundPoints, np.ndarray]:
@@ -241,12 +236,12 @@ def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequen
         missing = sorted(set(chosen or ()) - set(known.ids.tolist()))
         if missing:
             raise InputError(
-                f"{option} names {_some(missing)}, not among the measured ground points"
+                f"{option} names {named(missing)}, not among the measured ground points"
                 f"{f' of {known.source}' if known.source else ''}: correct the ids"
             )
     both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
     if both:
-        raise InputError(f"{_some(both)} is in --gcp-ids and in --check-ids: a point is control or check, not both")
+        raise InputError(f"{named(both)} is in --gcp-ids and in --check-ids: a point is control or check, not both")
     role = np.where(known.role == UNSET, Role.GCP, known.role)
     if gcp_ids:
         role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))
@@ -272,7 +267,7 @@ def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults
     bad = ids[~(points.sigma_m > 0.0).all(axis=1)]
     if len(bad):
         raise InputError(
-            f"ground point {_some(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
+            f"ground point {named(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
         )
     return points
 
@@ -289,7 +284,7 @@ def _require_covariances(known: GroundPoints) -> None:
     bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
     if len(bad):
         raise InputError(
-            f"ground point {_some(bad)} has a covariance that is not positive definite: correlations must lie between "
+            f"ground point {named(bad)} has a covariance that is not positive definite: correlations must lie between "
             "-1 and 1 and agree with each other"
         )
 
@@ -302,7 +297,7 @@ def _without_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str
     repeated = np.r_[False, same_point & np.all(rows.xy[1:] == rows.xy[:-1], axis=1)]
     if not repeated.any():
         return rows
-    warnings.append(f"{repeated.sum()} image points are given twice and used once: {_some(ids[rows.point[repeated]])}")
+    warnings.append(f"{repeated.sum()} image points are given twice and used once: {named(ids[rows.point[repeated]])}")
     return rows.select(~repeated)
 
 

@@ -1,5 +1,15 @@
 """Errors that a caller can act on: each message says what is wrong, where, and what to do."""
 
+from collections.abc import Iterable
+
+NAMED = 8  # most ids in a message
+
+
+def named(ids: Iterable[object], most: int = NAMED) -> str:
+    """Return ids for a message, a long list shortened."""
+    listed = [str(item) for item in ids]
+    return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
+
 
 class HrsiError(Exception):
     """Base of every error that HRSI raises on purpose; ``exit_code`` is the command line's."""

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import named
 from ..geodesy import ground_difference_m
-from .delivery import delivered
+from .delivery import Delivered, delivered
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests
-from .problem import Problem, named
+from .problem import Problem
 from .result import Adjustment, CrossValidation, DatumPart, DemAgreement, Finding, VarianceComponent, Verdict
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
@@ -60,9 +61,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
     # A sigma0 below 1 is the image points' own too: it makes no survey better than it was said to be.
     factor = np.array([max(sums.sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
-    covariance = factor[observations.image[observations.first[:-1]], None, None] * precise.points
-    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
-    covariance += without_drift[:, :, None] * without_drift[:, None, :]
+    covariance = _point_covariance(problem, solution, precise, cameras, factor)
     covariance[~placed] = np.nan
     covariance = _spread(len(block.points), points, covariance)
     with np.errstate(invalid="ignore"):
@@ -107,6 +106,17 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         ),
         dem=agreement,
     )
+
+
+def _point_covariance(
+    problem: Problem, solution: Solution, precise: Precision, cameras: Delivered, factor: np.ndarray
+) -> np.ndarray:
+    """Return the covariances ``(m, 3, 3)`` of the delivered positions; ``factor`` is that of each image's cofactors."""
+    observations = problem.observations
+    covariance = factor[observations.image[observations.first[:-1]], None, None] * precise.points
+    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
+    covariance += without_drift[:, :, None] * without_drift[:, None, :]
+    return np.asarray(covariance)
 
 
 def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:

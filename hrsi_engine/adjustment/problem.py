@@ -6,7 +6,7 @@ priors of its images' RPCs; a part has its own priors accordingly, and is named 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -16,10 +16,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ..block import Block
-from ..dem import surface_heights
-from ..errors import InputError, SolveError
+from ..errors import NAMED, InputError, SolveError, named
 from ..refinement import MODELS, RefinementModel
-from ..refinement.ground_area import px_per_m
 from ..refinement.image_space import ImagePolynomial, with_drift
 from .compiled import equations_of
 from .dem_heights import DemHeights
@@ -30,12 +28,10 @@ from .observations import Observations, select
 from .options import AdjustOptions
 from .pattern import Pattern, find_pattern
 from .variance_components import GROUPINGS
+from .weak_geometry import point_priors
 from .weights import WEIGHTS
 
 Entry = TypeVar("Entry")
-WEAK_ANGLE_DEG = 3.0  # rays that converge by less know the height twenty times worse than the position, or more so
-OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
-NAMED = 8  # most ids in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +126,7 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     prior_weight = _prior_weight(observations, model, camera, parts, options)
     _require_solvable(observations, model, prior_weight)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
-    priors, weak = _point_priors(observations, ground, options)
+    priors, weak = point_priors(observations, ground, options.dem, options.sigma_dem_m)
     image_weight = 1.0 / observations.sigma_px**2
     contributes = observations.contributing_points & determined(observations, image_weight, observations.survey_weight)
     return Problem(
@@ -144,12 +140,6 @@ def choose(table: Mapping[str, Entry], name: str, what: str) -> Entry:
     if name not in table:
         raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
     return table[name]
-
-
-def named(ids: Iterable[object]) -> str:
-    """Return ids for a message, a long list shortened."""
-    listed = [str(item) for item in ids]
-    return ", ".join(listed[:NAMED]) + (f" … ({len(listed)} in all)" if len(listed) > NAMED else "")
 
 
 def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
@@ -293,81 +283,3 @@ def count(observations: Observations, contributes: np.ndarray, parameters: int) 
     surveyed = (observations.survey_weight > 0.0).sum(axis=1)
     observed = 2 * int(rows @ contributes) + int(surveyed @ contributes)
     return observed, 3 * int(contributes.sum()) + parameters
-
-
-# ---- weak geometry -------------------------------------------------------------------------------------------------
-
-
-def _point_priors(
-    observations: Observations, ground: np.ndarray, options: AdjustOptions
-) -> tuple[PointPriors, list[str]]:
-    """Return the points' priors: surveys; heights of a DEM; heights of the RPCs where rays leave them quite open.
-
-    Rays that tell a height within the RPC's range at all hold it themselves: thousands of priors together would
-    pull the whole block to the middle of that range.
-    """
-    priors = PointPriors.of(observations, ground)
-    unknown = observations.survey_weight[:, 2] == 0.0
-    if options.dem is not None:
-        heights = np.full(len(ground), np.nan)
-        heights[unknown] = surface_heights(options.dem, ground[unknown, :2])
-        found = np.isfinite(heights)
-        priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / options.sigma_dem_m**2
-        priors.observed[found, 2] = True
-        unknown &= ~found
-    converging = convergence_deg(observations, ground)
-    weak = unknown & (converging < WEAK_ANGLE_DEG) & (np.diff(observations.first) > 1)
-    if not weak.any():
-        return priors, []
-    image = observations.image[observations.first[:-1]]
-    reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
-    pixels = np.array([px_per_m(one) for one in observations.images])[image] * np.radians(converging) * reach
-    open_height = weak & (pixels < 1.0)
-    middle = np.array([one.rpc.height_off for one in observations.images])[image]
-    known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
-    priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
-    priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
-    return priors, _weak_warnings(observations, weak, open_height)
-
-
-def _weak_warnings(observations: Observations, weak: np.ndarray, open_height: np.ndarray) -> list[str]:
-    """Name the images most of whose points have weak or no heights."""
-    found = []
-    for points, consequence in (
-        (open_height, f"{OPEN_ANGLE}: the heights of these points are held by the RPCs' height range only"),
-        (weak & ~open_height, f"less than {WEAK_ANGLE_DEG:g} degrees: the heights of these points are uncertain"),
-    ):
-        images = _weak_images(observations, points)
-        if images:
-            found.append(
-                f"most rays of image {named(images)} converge by {consequence}; give a DEM to hold them better"
-            )
-    return found
-
-
-def _weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
-    """Return the images most of whose points are weak."""
-    count = len(observations.images)
-    all_points = np.bincount(observations.image, minlength=count)
-    share = np.bincount(observations.image[weak[observations.point]], minlength=count) / np.maximum(all_points, 1)
-    return [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
-
-
-def convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarray:
-    """Return the largest angle between rays of each point, twice the largest from their mean, ``(m,)``.
-
-    The direction of an image's rays is taken at its centre; it changes by a degree across a scene at most.
-    """
-    direction = np.zeros((len(observations.images), 3))
-    for index, image in enumerate(observations.images):
-        rpc = image.rpc
-        middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-        at = rpc.project_with_metric_jacobian(middle)[1][0]
-        ray = np.cross(at[0], at[1])
-        direction[index] = ray * np.sign(ray[2]) / np.linalg.norm(ray)
-    first = observations.first[:-1]
-    seen = direction[observations.image]
-    mean = np.add.reduceat(seen, first, axis=0)
-    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    cosine = np.einsum("ni,ni->n", seen, mean[observations.point])
-    return 2.0 * np.degrees(np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0)))

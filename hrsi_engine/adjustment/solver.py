@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..block import Block
+from ..errors import named
 from ..progress import Progress, silent, stage
 from .cross_validation import cross_validate
 from .drift_prior import DriftPrior
@@ -15,7 +16,7 @@ from .gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
 from .options import AdjustOptions
 from .outcome import Found, outcome
 from .precision import Precision, precision
-from .problem import Problem, named, prepare
+from .problem import Problem, prepare
 from .result import Adjustment, Finding, Verdict
 from .snooping import Suspect, control_suspect, point_squares, tie_variance, tie_verdicts
 from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary, wrong_sigmas

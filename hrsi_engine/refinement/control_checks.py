@@ -7,12 +7,12 @@ heights that fit better in feet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 
 from ..block import Image
-from ..errors import InputError
+from ..errors import InputError, named
 from ..geodesy import ground_difference_m
 from .estimate import Control
 from .ground_area import ground_area
@@ -37,12 +37,6 @@ def check_control(image: Image, control: Control) -> list[str]:
     _require_numbers(image, control)
     _require_near(image, control)
     return [warning for check in WARNINGS for warning in check(image, control)]
-
-
-def named(ids: Iterable[str], most: int = 8) -> str:
-    """Return ids for a message, a long list shortened."""
-    listed = [str(name) for name in ids]
-    return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")
 
 
 def _require_numbers(image: Image, control: Control) -> None:

@@ -1,0 +1,89 @@
+"""What holds a point's height: its survey, a DEM, its rays, or nothing but the height range of the RPCs.
+
+Rays that tell a height within the RPC's range at all hold it themselves: thousands of priors together would pull the
+whole block to the middle of that range. Only points on rays more parallel than that get a prior there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..dem import HeightSurface, surface_heights
+from ..errors import named
+from ..refinement.ground_area import px_per_m
+from .equations import PointPriors
+from .observations import Observations
+
+WEAK_ANGLE_DEG = 3.0  # rays that converge by less know the height twenty times worse than the position, or more so
+OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
+
+
+def point_priors(
+    observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float
+) -> tuple[PointPriors, list[str]]:
+    """Return the points' priors and warnings; ``ground (m, 3)`` is where the points are at the start."""
+    priors = PointPriors.of(observations, ground)
+    unknown = observations.survey_weight[:, 2] == 0.0
+    if dem is not None:
+        heights = np.full(len(ground), np.nan)
+        heights[unknown] = surface_heights(dem, ground[unknown, :2])
+        found = np.isfinite(heights)
+        priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / sigma_dem_m**2
+        priors.observed[found, 2] = True
+        unknown &= ~found
+    converging = _convergence_deg(observations, ground)
+    weak = unknown & (converging < WEAK_ANGLE_DEG) & (np.diff(observations.first) > 1)
+    if not weak.any():
+        return priors, []
+    image = observations.image[observations.first[:-1]]
+    reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
+    pixels = np.array([px_per_m(one) for one in observations.images])[image] * np.radians(converging) * reach
+    open_height = weak & (pixels < 1.0)
+    middle = np.array([one.rpc.height_off for one in observations.images])[image]
+    known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+    priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
+    priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
+    return priors, _weak_warnings(observations, weak, open_height)
+
+
+def _weak_warnings(observations: Observations, weak: np.ndarray, open_height: np.ndarray) -> list[str]:
+    """Name the images most of whose points have weak or no heights."""
+    found = []
+    for points, consequence in (
+        (open_height, f"{OPEN_ANGLE}: the heights of these points are held by the RPCs' height range only"),
+        (weak & ~open_height, f"less than {WEAK_ANGLE_DEG:g} degrees: the heights of these points are uncertain"),
+    ):
+        images = _weak_images(observations, points)
+        if images:
+            found.append(
+                f"most rays of image {named(images)} converge by {consequence}; give a DEM to hold them better"
+            )
+    return found
+
+
+def _weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
+    """Return the images most of whose points are weak."""
+    count = len(observations.images)
+    all_points = np.bincount(observations.image, minlength=count)
+    share = np.bincount(observations.image[weak[observations.point]], minlength=count) / np.maximum(all_points, 1)
+    return [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
+
+
+def _convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarray:
+    """Return the largest angle between rays of each point, twice the largest from their mean, ``(m,)``.
+
+    The direction of an image's rays is taken at its centre; it changes by a degree across a scene at most.
+    """
+    direction = np.zeros((len(observations.images), 3))
+    for index, image in enumerate(observations.images):
+        rpc = image.rpc
+        middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+        at = rpc.project_with_metric_jacobian(middle)[1][0]
+        ray = np.cross(at[0], at[1])
+        direction[index] = ray * np.sign(ray[2]) / np.linalg.norm(ray)
+    first = observations.first[:-1]
+    seen = direction[observations.image]
+    mean = np.add.reduceat(seen, first, axis=0)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    cosine = np.einsum("ni,ni->n", seen, mean[observations.point])
+    return 2.0 * np.degrees(np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0)))
