@@ -38,7 +38,7 @@ def delivered(problem: Problem, loop: GaussNewton, solution: Solution) -> Delive
     squares = _squares(problem, camera, solution)
     prior = loop.prior_weight[:, :p]
     held = np.isinf(prior)
-    own = squares[:, :p, :p] + np.where(held, 0.0, prior)[:, :, None] * np.eye(p)
+    own = squares[:, :p, :p] + np.where(held, 1.0, prior)[:, :, None] * np.eye(p)
     right = np.einsum("cij,cj->ci", squares[:, :p, p:], solution.state.values[:, p:])
     values = solution.state.values[:, :p] + np.where(held, 0.0, np.linalg.solve(own, right[:, :, None])[:, :, 0])
     equations = fixed_cameras(problem.observations, problem.model, problem.options.threads)

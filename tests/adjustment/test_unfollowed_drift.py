@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import simulated_blocks as blocks
@@ -97,3 +99,16 @@ def test_the_delivered_residuals_have_no_common_part():
     for number in range(len(block.images)):
         mean = result.residual_px[block.measurements.image == number].mean(axis=0)
         assert np.abs(mean).max() < 0.01
+
+
+@pytest.mark.parametrize("model", ["shift", "shift-drift", "conformal"])
+def test_a_fixed_image_with_one_measurement_or_none_stays(model):
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=20)
+    first = np.flatnonzero(block.measurements.image == 0)
+    for left in (1, 0):
+        keep = np.ones(len(block.measurements), dtype=bool)
+        keep[first[left:]] = False
+        few = replace(block, measurements=block.measurements.select(np.flatnonzero(keep)))
+        result = adjust(few, AdjustOptions(model=model, fixed_images=("image0",)))
+        assert np.all(result.values[0] == 0.0)
+        assert np.all(np.isfinite(result.values))
