@@ -100,7 +100,7 @@ def test_spot7_pair(model, px):
     """115 109 tie points of MicMac; the gross errors among them are found whatever the model.
 
     The RPCs of the pair fit each other to 0.4 px as they are, but for a trend of 0.27 px over 10 000 lines. A shift can
-    follow it by moving the block 150 px away and 200 m up (0.2205 px); the trend is no reason to do so.
+    follow it by moving the block 143 px away and 195 m up (0.2205 px); the trend is no reason to do so.
     """
     result = adjust(real_blocks.spot7(), AdjustOptions(model=model, reject_sigma=4.0))
     gross = np.nan_to_num(result.statistic) > 10.0
