@@ -15,7 +15,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("hrsi_engine", "plugin", "processing_algorithms")
 
 #: What a part of the package may import besides itself, by the longest fitting prefix of a module's name.
-FOUNDATION = {"hrsi_engine.errors", "hrsi_engine.version", "hrsi_engine.columns"}
+FOUNDATION = {
+    "hrsi_engine.errors", "hrsi_engine.version", "hrsi_engine.columns", "hrsi_engine.compiled_code",
+    "hrsi_engine.robust_scale",
+}  # fmt: skip
 PROGRESS = FOUNDATION | {"hrsi_engine.progress"}
 GEODESY = PROGRESS | {"hrsi_engine.geodesy"}
 CAMERA = GEODESY | {"hrsi_engine.rpc", "hrsi_engine.rpc_terms", "hrsi_engine.rpc_inverse"}
@@ -26,6 +29,8 @@ ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.errors": set(),
     "hrsi_engine.version": set(),
     "hrsi_engine.columns": set(),
+    "hrsi_engine.compiled_code": set(),
+    "hrsi_engine.robust_scale": set(),
     "hrsi_engine.progress": FOUNDATION,
     "hrsi_engine.geodesy": PROGRESS,
     "hrsi_engine.rpc_terms": GEODESY,

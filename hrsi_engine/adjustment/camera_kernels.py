@@ -14,20 +14,14 @@ Arrays are passed whole, with indices: a view costs more here than the arithmeti
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 
+from ..compiled_code import OPTIONS, Arrays
+
 SEMI_MAJOR_M = 6378137.0
 ECCENTRICITY_SQUARED = (2.0 - 1.0 / 298.257223563) / 298.257223563
-OPTIONS: dict[str, Any] = {
-    "nogil": True,
-    "cache": True,
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-    "error_model": "numpy",
-}
-Arrays = tuple[Any, ...]
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 

@@ -8,9 +8,7 @@ environment variable HRSI_COMPILED=0 turns compiled code off, 1 asks for it what
 
 from __future__ import annotations
 
-import os
-from importlib.util import find_spec
-
+from ..compiled_code import wanted
 from ..refinement import RefinementModel
 from ..refinement.image_space import ImagePolynomial
 from .array_equations import ArrayEquations
@@ -23,15 +21,8 @@ WORTH_COMPILING = 20_000  # image points
 
 def equations_of(observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0) -> Equations:
     """Return the equations of a block."""
-    if isinstance(model, ImagePolynomial) and _wanted(observations.count):
+    if isinstance(model, ImagePolynomial) and wanted(observations.count >= WORTH_COMPILING):
         from .compiled_equations import CompiledEquations
 
         return CompiledEquations(observations, model, pattern, threads)
     return ArrayEquations(observations, model, pattern)
-
-
-def _wanted(count: int) -> bool:
-    setting = os.environ.get("HRSI_COMPILED")
-    if setting == "0" or find_spec("numba") is None:
-        return False
-    return setting == "1" or count >= WORTH_COMPILING

@@ -14,7 +14,8 @@ import math
 import numpy as np
 from numba import njit
 
-from .camera_kernels import OPTIONS, Arrays, invert, load, metres
+from ..compiled_code import OPTIONS, Arrays
+from .camera_kernels import invert, load, metres
 
 INTERSECT_STEPS = 15
 CLOSURE_M = 1e-4

@@ -23,7 +23,7 @@ from .compiled import equations_of
 from .dem_heights import DemHeights
 from .equations import Equations, PointPriors, State
 from .gauss_newton import GaussNewton, Weighting
-from .intersection import start_positions
+from .intersection import fixed_cameras, start_positions
 from .observations import Observations, select
 from .options import AdjustOptions
 from .pattern import Pattern, find_pattern
@@ -209,11 +209,8 @@ def _starting_points(
     block: Block, observations: Observations, model: RefinementModel, values: np.ndarray, threads: int
 ) -> tuple[Observations, np.ndarray, list[str]]:
     """Intersect all points with the cameras of the start; points that cannot be computed leave the adjustment."""
-    from .pattern import trivial_pattern
-
-    pattern = trivial_pattern(observations.cameras, len(model.parameters))
     state = State(values, start_positions(observations))
-    equations = equations_of(observations, model, pattern, threads)
+    equations = fixed_cameras(observations, model, threads)
     ground = equations.intersect(state, 1.0 / observations.sigma_px**2, PointPriors.of(observations, state.ground))
     lost = ~np.isfinite(ground).all(axis=1)
     if not lost.any():

@@ -40,6 +40,17 @@ def quiet() -> Iterator[None]:
         gdal.PopErrorHandler()
 
 
+@contextmanager
+def config_option(name: str, value: str) -> Iterator[None]:
+    """Set one of GDAL's configuration options in the calling thread for a while."""
+    before = gdal.GetThreadLocalConfigOption(name)
+    gdal.SetThreadLocalConfigOption(name, value)
+    try:
+        yield
+    finally:
+        gdal.SetThreadLocalConfigOption(name, before)
+
+
 def open_dataset(path: str, flags: int = 0) -> tuple[gdal.Dataset | None, str]:
     """Return a raster dataset opened for reading (or with ``flags``) and GDAL's last message; None where it fails."""
     with quiet():

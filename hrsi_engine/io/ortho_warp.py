@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -20,7 +18,7 @@ import numpy as np
 from osgeo import gdal, gdal_array
 
 from ..errors import InputError, OutputError
-from .datasets import gdal_messages
+from .datasets import config_option, gdal_messages
 from .rasters import GdalRaster
 
 #: Kernels of GDAL's warper: radius in image pixels.
@@ -29,7 +27,7 @@ RESAMPLING = {
     "min": 1, "med": 1, "q1": 1, "q3": 1,
 }  # fmt: skip
 NOWHERE = -1e9  # image position of pixels whose terrain is not known
-SCRATCH = "CPL_TMPDIR"
+SCRATCH = "CPL_TMPDIR", "/vsimem"
 SAME_SCALE = 1.05  # below, a pixel of the map counts as one of the image; GDAL does the same
 
 
@@ -138,7 +136,7 @@ def warp_chunk(
     target = _target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
-        with gdal_messages() as messages, _scratch_in_memory():
+        with gdal_messages() as messages, config_option(*SCRATCH):
             _write_table(table, positions, window[:2] - 0.5)
             target.SetMetadata(_geolocation(table, step), "GEOLOCATION")
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
@@ -147,17 +145,6 @@ def warp_chunk(
         return _pixels(source, target, warp, whole)
     finally:
         gdal.Unlink(table)
-
-
-@contextmanager
-def _scratch_in_memory() -> Iterator[None]:
-    """Have GDAL keep in memory the scratch files of its geolocation arrays, else made in the current directory."""
-    before = gdal.GetThreadLocalConfigOption(SCRATCH)
-    gdal.SetThreadLocalConfigOption(SCRATCH, "/vsimem")
-    try:
-        yield
-    finally:
-        gdal.SetThreadLocalConfigOption(SCRATCH, before)
 
 
 def _image_window(size: tuple[int, int], positions: np.ndarray, reach: int) -> np.ndarray | None:

@@ -23,7 +23,7 @@ from osgeo import gdal
 
 from ..errors import Cancelled, OutputError
 from ..progress import Progress, advance, stage
-from .datasets import gdal_messages, metadata_of, open_dataset
+from .datasets import config_option, gdal_messages, metadata_of, open_dataset
 from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
 from .replacing import replacing
 
@@ -38,7 +38,7 @@ WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes 
 
 _PREDICTED = ("deflate", "lzw", "zstd")
 TILED = ("TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER")
-INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK"  # else a second file that would have to be renamed, too
+INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
 #: By the choice of ``--format``: GDAL driver, its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
     "cog": ("COG", (f"BLOCKSIZE={TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # copies overviews that are there
@@ -202,10 +202,8 @@ def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp
         if warp.nodata is not None:
             dataset.GetRasterBand(number).SetNoDataValue(warp.nodata)
     if warp.nodata is None:
-        before = gdal.GetThreadLocalConfigOption(INTERNAL_MASK)
-        gdal.SetThreadLocalConfigOption(INTERNAL_MASK, "YES")
-        dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
-        gdal.SetThreadLocalConfigOption(INTERNAL_MASK, before)
+        with config_option(*INTERNAL_MASK):
+            dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
     return dataset
 
 

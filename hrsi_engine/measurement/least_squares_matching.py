@@ -20,16 +20,16 @@ does to noise (`SIGMA_FACTOR`, from simulation).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from scipy import ndimage
+
+from .. import compiled_code
 
 #: What became of a window: matched; leaves the images or their valid pixels; no texture; ran away; iterations used up.
 DONE, OUTSIDE, WEAK, DIVERGED, UNFINISHED = 0, 1, 2, 3, 4
@@ -177,13 +177,8 @@ def _mark_unclear(
 Implementation = Callable[[MatchImage, MatchImage, np.ndarray, "Results", LsmOptions], None]
 
 
-def compiled() -> bool:
-    """Tell whether compiled loops are used: numba is there and HRSI_COMPILED is not 0."""
-    return os.environ.get("HRSI_COMPILED") != "0" and find_spec("numba") is not None
-
-
 def _implementation() -> Implementation:
-    if compiled():
+    if compiled_code.wanted():
         return _by_compiled_loops
     from .lsm_arrays import match_in_parts
 

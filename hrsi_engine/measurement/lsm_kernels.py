@@ -7,21 +7,14 @@ the NumPy way to rounding.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 
+from ..compiled_code import OPTIONS, Arrays
 from .least_squares_matching import DIVERGED, DONE, OUTSIDE, SMALLEST_GAIN, TERMS, UNFINISHED, WEAK
 
 RIVAL_PX = 3  # as in `window_search`
-OPTIONS: dict[str, Any] = {
-    "nogil": True,
-    "cache": True,
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-    "error_model": "numpy",
-}
-Arrays = tuple[Any, ...]
 
 
 @njit(**OPTIONS)

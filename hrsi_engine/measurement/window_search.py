@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .least_squares_matching import MatchImage, compiled
+from .. import compiled_code
+from .least_squares_matching import MatchImage
 
 RIVAL_PX = 3  # peaks nearer to the best one belong to it
 PART = 64  # windows in memory at a time (NumPy)
@@ -50,7 +51,7 @@ def search_windows(
     if len(rows):
         part = best[rows], figures[rows]
         inputs = centre[rows], best[rows].copy(), direction[rows], np.ascontiguousarray(reach[rows])
-        search = _by_compiled_loops if compiled() else _by_arrays
+        search = _by_compiled_loops if compiled_code.wanted() else _by_arrays
         search(first, second, inputs, half, part)
         best[rows], figures[rows] = part
     return Found(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)

@@ -1,0 +1,22 @@
+"""What all compiled loops have in common: whether numba compiles them, and how."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from typing import Any
+
+#: How loops are compiled: without the interpreter's lock, kept on disk, sums in any order, divisions as in NumPy.
+OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "cache": True,
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+    "error_model": "numpy",
+}
+Arrays = tuple[Any, ...]
+
+
+def wanted(worth_it: bool = True) -> bool:
+    """Tell whether to use compiled loops: numba is there, HRSI_COMPILED is not 0, and is 1 or the work is worth it."""
+    setting = os.environ.get("HRSI_COMPILED")
+    return setting != "0" and find_spec("numba") is not None and (setting == "1" or worth_it)

@@ -1,0 +1,14 @@
+"""A standard deviation that blunders do not touch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+MAD_TO_SIGMA = 1.4826  #: of a normal distribution: standard deviation over median absolute deviation
+
+
+def robust_sigma(deviations: np.ndarray, axis: int | None = None) -> Any:
+    """Return the standard deviation of normal ``deviations`` from their middle, by their median absolute value."""
+    return MAD_TO_SIGMA * np.median(np.abs(deviations), axis=axis)
