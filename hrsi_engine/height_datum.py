@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .robust_scale import robust_sigma
+
 LEAST_POINTS = 3
 LIMIT = 4.0  # standard deviations of the median that a difference must exceed
 LEAST_DIFFERENCE_M = 5.0  # trees, buildings and a coarse DEM may do so much
@@ -54,7 +56,7 @@ def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: n
         return None
     difference = surveyed_m[known] - dem_m[known]
     middle = float(np.median(difference))
-    spread = 1.4826 * float(np.median(np.abs(difference - middle)))
+    spread = float(robust_sigma(difference - middle))
     of_geoid = undulation_m[known]
     return HeightDifference(
         middle, spread, len(difference), float(np.median(of_geoid)) if np.isfinite(of_geoid).all() else float("nan")

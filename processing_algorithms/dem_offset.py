@@ -26,6 +26,7 @@ def offset_warning(result: Adjustment, options: Mapping[str, Any]) -> list[str]:
     from ..hrsi_engine.block import Role
     from ..hrsi_engine.dem import surface_heights
     from ..hrsi_engine.io.dems import open_dem
+    from ..hrsi_engine.robust_scale import robust_sigma
 
     role = result.block.points.role
     if not options["dem"] or options["sigma_dem"] is not None or np.any(role == Role.GCP):
@@ -36,7 +37,7 @@ def offset_warning(result: Adjustment, options: Mapping[str, Any]) -> list[str]:
     if len(above) < LEAST_POINTS:
         return []
     middle = float(np.median(above))
-    spread = 1.4826 * float(np.median(np.abs(above - middle)))
+    spread = float(robust_sigma(above - middle))
     if abs(middle) <= max(LEAST_OFFSET_M, LIMIT * 1.2533 * spread / np.sqrt(len(above))):
         return []
     return [

@@ -97,6 +97,7 @@ def _report(
 ) -> Report:
     import numpy as np
 
+    from ..hrsi_engine.robust_scale import MAD_TO_SIGMA
     from ..hrsi_engine.version import VERSION
 
     made = found.positions
@@ -105,7 +106,7 @@ def _report(
         "first": images[0].id, "second": images[1].id, "correspondences": len(found),
         "rotation_deg": found.rotation_deg, "scale": found.scale, "affine": found.affine.tolist(),
         "sigma_px": _median(made.sigma_px), "residual_px": _median(made.residual_px),
-        "epipolar_nmad_px": _median(1.4826 * np.abs(made.epipolar_px)), "correlation": _median(made.correlation),
+        "epipolar_nmad_px": _median(MAD_TO_SIGMA * np.abs(made.epipolar_px)), "correlation": _median(made.correlation),
         "kinds": dict(sorted(Counter(found.kind.tolist()).items())),
         "network": {"correspondences": found.network, "runner_up": found.runner_up},
         "images": [

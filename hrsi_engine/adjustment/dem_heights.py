@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..dem import HeightSurface, surface_heights
+from ..robust_scale import robust_sigma
 from .equations import FREE_POINT_SIGMA_M, PointPriors
 from .result import DemAgreement
 
@@ -94,7 +95,7 @@ def _core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     core = np.ones(len(apart), dtype=bool)
     for _ in range(CUTS):
         t = (apart - middle) / sigma
-        scale = max(1.4826 * float(np.median(np.abs(t[core]))), 1.0)
+        scale = max(float(robust_sigma(t[core])), 1.0)
         inside = np.abs(t) <= CUT_AT * scale
         middle = float(np.median(apart[inside]))
         if np.array_equal(inside, core):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..robust_scale import robust_sigma
 from ..rpc import RPC
 from .epipolar import EpipolarMiss, epipolar_miss
 
@@ -85,7 +86,7 @@ def rpc_consistency(
             return nothing
         terms = 3 if good.sum() >= FEWEST_FOR_TREND else 1
         deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
-        sigma = float(1.4826 * np.median(np.abs(deviation[good])))
+        sigma = float(robust_sigma(deviation[good]))
         good = np.abs(deviation) < max(3.5 * sigma, floor_px)
     good = good & _like_neighbours(first_xy, along, good)
     return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
@@ -116,6 +117,6 @@ def _like_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> 
     _, near = cKDTree(xy[index]).query(xy[index], k=NEIGHBOURS + 1)
     around = parallax[index][near[:, 1:]]
     middle = np.median(around, axis=1)
-    spread = 1.4826 * np.median(np.abs(around - middle[:, None]), axis=1)
+    spread = robust_sigma(around - middle[:, None], axis=1)
     result[index] = np.abs(parallax[index] - middle) < np.maximum(5.0 * spread, PARALLAX_JUMP_PX)
     return result

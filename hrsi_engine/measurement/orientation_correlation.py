@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from scipy import fft
 
+from ..robust_scale import robust_sigma
+
 SMOOTHING = 0.8  # standard deviation in pixels of the Gaussian below the gradients
 SUPPORT = np.ones((5, 5), np.uint8)  # pixels that a gradient is made of
 
@@ -75,7 +77,7 @@ def peak_of(surface: np.ndarray, apart: int = 3) -> Peak:
     row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
     best = float(surface[row, column])
     middle = float(np.median(surface))
-    spread = 1.4826 * float(np.median(np.abs(surface - middle)))
+    spread = float(robust_sigma(surface - middle))
     rest = surface.copy()
     rest[max(row - apart, 0) : row + apart + 1, max(column - apart, 0) : column + apart + 1] = -np.inf
     second = float(rest.max())

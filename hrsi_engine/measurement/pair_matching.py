@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..robust_scale import robust_sigma
 from .bands import BANDS, SEARCH_BAND
 from .epipolar import MIN_STRETCH
 from .least_squares_matching import DONE, LsmOptions, MatchImage, match_patches
@@ -285,7 +286,7 @@ def _judged(task: _Task, found: _Matched) -> TileMatches:
     fit = _consistency(task, task.points[known], found.xy[known])
     sigma = found.sigma[known] * frame.second.step
     normal = np.abs(fit.deviation_px) / sigma
-    scale = max(1.0, 1.4826 * float(np.median(normal[fit.good]))) if fit.good.any() else 1.0
+    scale = max(1.0, float(robust_sigma(normal[fit.good]))) if fit.good.any() else 1.0
     good = (
         fit.good
         & (normal < LARGEST_NORMAL * scale)

@@ -16,7 +16,6 @@ import numpy as np
 from ..errors import InputError, SolveError
 from ..rpc import RPC
 
-_MAD = 1.4826
 _ITERATIONS = 20
 
 

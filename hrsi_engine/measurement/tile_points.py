@@ -11,11 +11,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ..robust_scale import MAD_TO_SIGMA
 from .interest_points.corners import Tensor, far_from_unusable, local_maxima, structure_tensor
 from .tile_types import ImageTile, MatchOptions
 
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
-_MAD = 1.4826
 NOISE_CELL_PX = 32
 LARGEST_EXPECTED_SIGMA_PX = 0.1
 WEAKEST_SHARE = 0.02  # of the median strength of the corners: below, noise that the estimate did not see
@@ -34,7 +34,7 @@ def tile_noise(tile: ImageTile) -> float:
     shape = rows // NOISE_CELL_PX, NOISE_CELL_PX, columns // NOISE_CELL_PX, NOISE_CELL_PX
     cells = curved[:rows, :columns].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
     whole = tile.valid[:rows, :columns].reshape(shape).all(axis=(1, 3))
-    return float(_MAD * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
+    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
 
 
 def tile_points(tile: ImageTile, options: MatchOptions) -> np.ndarray:

@@ -24,6 +24,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from ..robust_scale import robust_sigma
+
 MOST_ITERATIONS = 20
 CLOSURE_PX = 1e-3
 REACH_PX = 1.0  # least squares may move so far from the best whole pixel
@@ -242,7 +244,7 @@ def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | 
     if not len(shift_px):
         return dict.fromkeys(STATISTICS) | {"windows": 0}
     middle = np.median(shift_px, axis=0)
-    nmad = 1.4826 * np.median(np.abs(shift_px - middle), axis=0)
+    nmad = robust_sigma(shift_px - middle, axis=0)
     length = np.hypot(*shift_px.T)
     figures = (
         len(shift_px), *middle.tolist(), *nmad.tolist(), float(np.median(length)), float(np.percentile(length, 90.0)),

@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree, QhullError
 from ..dem import GridSurface
 from ..errors import InputError
 from ..geodesy import LocalFrame, metres_per_degree, wrap_degrees
+from ..robust_scale import robust_sigma
 
 NEIGHBOURS = 12  # points around each, whose median height it is compared with
 BLUNDER_NMAD = 6.0
@@ -81,8 +82,8 @@ def _plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.n
     _, index = KDTree(xy).query(xy, k=count)
     middle = np.median(height[index], axis=1)
     away = np.abs(height - middle)
-    spread = 1.4826 * np.median(np.abs(height[index] - middle[:, None]), axis=1)
-    typical = max(1.4826 * float(np.median(away)), LEAST_SCATTER_M)
+    spread = robust_sigma(height[index] - middle[:, None], axis=1)
+    typical = max(float(robust_sigma(away)), LEAST_SCATTER_M)
     alike = np.abs(height[index] - height[:, None]) <= BLUNDER_NMAD * typical
     near = away <= BLUNDER_NMAD * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
     return np.asarray(near | (alike.sum(axis=1) > COMPANIONS))
@@ -106,7 +107,7 @@ class _Points:
         near = self.tree.query(self.xy, k=np.arange(2, min(NEIGHBOURS + 1, len(self.xy)) + 1))[1]
         A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
         plane = np.linalg.pinv(A) @ self.height[near][..., None]
-        return max(1.4826 * float(np.median(np.abs(self.height - plane[:, 0, 0]))), LEAST_SCATTER_M)
+        return max(float(robust_sigma(self.height - plane[:, 0, 0])), LEAST_SCATTER_M)
 
     @property
     def spacing_m(self) -> float:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from ...block import Image
 from ...dem import HeightSurface, Status, intersect
+from ...robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...rpc import RPC
 from ...scheduling import Result
 from ..epipolar import epipolar_miss, transfer
@@ -230,7 +231,7 @@ def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
         return _same_view(job, first_xy, second_xy, noise_px)
     across = float(np.median(miss.across_px))
     normal = _normal(first, second, first_xy, middle)
-    across_sigma = 1.4826 * float(np.median(np.abs(miss.across_px - across)))
+    across_sigma = float(robust_sigma(miss.across_px - across))
     grid, sigma = height_grid(job, first_xy, miss.height_m)
     sigma = max(sigma, 0.5 * noise_px / stretch)
     reach = SAFETY * sigma + noise_px / stretch
@@ -255,7 +256,7 @@ def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, nois
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
     away = second_xy - transfer(job.first.rpc, job.second.rpc, first_xy, middle)
     offset = np.nanmedian(away, axis=0)
-    sigma = 1.4826 * float(np.nanmedian(np.abs(away - offset)))
+    sigma = MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset)))
     margin = SAFETY * sigma + noise_px
     return PairEstimate(
         PairGeometry(job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin)),
@@ -274,7 +275,7 @@ def height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[H
         at = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).at(xy)
         candidates.insert(0, terrain + float(np.median(height_m - at)))
     grids = [HeightGrid(heights.reshape(shape), (0.0, 0.0), spacing) for heights in candidates]
-    sigmas = [1.4826 * float(np.median(np.abs(height_m - grid.at(xy)))) for grid in grids]
+    sigmas = [float(robust_sigma(height_m - grid.at(xy))) for grid in grids]
     return min(zip(grids, sigmas, strict=True), key=lambda pair: pair[1])
 
 

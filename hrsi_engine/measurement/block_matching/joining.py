@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from ...block import Image
 from ...columns import Columns
 from ...points import ImagePoints
+from ...robust_scale import robust_sigma
 from ...scheduling import Result
 from ..epipolar import epipolar_miss
 from ..tracks import spread
@@ -119,7 +120,7 @@ def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.n
 
 
 def _robust_sigma(values: np.ndarray) -> float:
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return float(robust_sigma(values - np.median(values)))
 
 
 def without_contradictions(matches: Matches, images: Sequence[Image]) -> Matches:
@@ -167,7 +168,7 @@ def _heights_agree(matches: Matches, images: Sequence[Image]) -> np.ndarray:
 
 def _spread_of(deviations: np.ndarray) -> float:
     nonzero = deviations[deviations > 1e-9]
-    return 1.4826 * float(np.median(nonzero)) if len(nonzero) else 0.0
+    return float(robust_sigma(nonzero)) if len(nonzero) else 0.0
 
 
 def _stretches(matches: Matches, images: Sequence[Image]) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...robust_scale import robust_sigma
 from .polar import turned
 
 NEIGHBOURS = 12
@@ -61,7 +62,7 @@ def local_affine(
         normal[:, 0, 0] += 1e-9
         solution = np.linalg.solve(normal, weighted @ dy)
         residual = dy - design @ solution
-    spread = 1.4826 * np.median(np.hypot(residual[..., 0], residual[..., 1]), axis=1)
+    spread = robust_sigma(np.hypot(residual[..., 0], residual[..., 1]), axis=1)
     A = overall + np.transpose(solution[:, 1:], (0, 2, 1)) / length[:, None, None]
     return LocalAffine(base + solution[:, 0], A, spread)
 

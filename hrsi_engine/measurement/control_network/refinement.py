@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...robust_scale import robust_sigma
 from ..least_squares_matching import DONE, LsmOptions, match_patches
 from .local_affine import LocalAffine, local_affine
 from .network import Network
@@ -63,7 +64,7 @@ def agreeing(
         around: LocalAffine = local_affine(first[rows], first[rows], second[rows], matrix, np.arange(len(rows)))
         residual[rows] = np.hypot(*(second[rows] - around.predicted).T)
         across[rows] = epipolar_residuals(first[rows], second[rows])
-        sigma = 1.4826 * np.median(np.abs(across[rows]))
+        sigma = robust_sigma(across[rows])
         keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
         keep &= np.abs(across[rows]) <= max(ROBUST_SIGMAS * sigma, FLOOR_PX)
         good[rows[~keep]] = False
@@ -87,6 +88,6 @@ def epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations: int = 
         normal = np.linalg.eigh((centred * weight[:, None]).T @ centred)[1][:, 0]
         distance = centred @ normal
         distance -= np.median(distance)
-        scale = max(1.4826 * float(np.median(np.abs(distance))), 0.05)
+        scale = max(float(robust_sigma(distance)), 0.05)
         weight = 1.0 / (1.0 + (distance / (2.0 * scale)) ** 2)
     return distance / max(float(np.hypot(*normal[2:])), 0.1)

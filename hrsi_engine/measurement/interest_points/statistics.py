@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from ...block import Raster
+from ...robust_scale import MAD_TO_SIGMA
 from .windows import GRID_PX, SATURATED_SHARE, Area, Window, read_window
 
 CELL_PX = GRID_PX
@@ -21,7 +22,6 @@ HALO_PX = CELL_PX * (CELLS_AVERAGED // 2 + 1)  # what the local mean of a pixel 
 SAMPLE_PX, SAMPLES_PER_SIDE = 512, 4
 NOISE_FLOOR = 4.0  # local deviations below so many times the noise are noise
 CONTRAST_FLOOR = 0.15  # or below this share of the image's median deviation
-_MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
 
 
@@ -79,7 +79,7 @@ def _noise(window: Window) -> float:
     usable = window.usable[:lines, :samples].reshape(cells.shape).all(axis=(1, 3))
     if not usable.any():
         return 0.0
-    return float(_MAD * np.percentile(np.median(cells, axis=(1, 3))[usable], 25.0))
+    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=(1, 3))[usable], 25.0))
 
 
 def normalised(window: Window, statistics: ImageStatistics) -> np.ndarray:
