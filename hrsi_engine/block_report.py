@@ -181,7 +181,7 @@ def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[
 def outlier_statistic(result: Adjustment, left: Residuals) -> np.ndarray:
     """Return each measurement's residual length over its sigma; of known points at their known position."""
     known = result.block.known[result.block.measurements.point]
-    residual = np.where(known[:, None], left.at_known_px, result.residual_px)
+    residual = np.where(known[:, None], left.at_known_px, result.judged_residual_px)
     return np.linalg.norm(residual, axis=1) / (_expected_px(result) * max(result.sigma0, 1.0))
 
 

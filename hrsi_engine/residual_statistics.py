@@ -28,7 +28,7 @@ def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     """
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = result.residual_px / (result.block.measurements.sigma_px[:, None] * np.sqrt(redundancy))
+        normalised = result.judged_residual_px / (result.block.measurements.sigma_px[:, None] * np.sqrt(redundancy))
     took_part = result.block.points.role[result.block.measurements.point] != Role.CHECK
     usable = np.isfinite(normalised) & (redundancy > LEAST_REDUNDANCY) & took_part[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(AXES)}

@@ -33,7 +33,7 @@ class Delivered(NamedTuple):
 def delivered(problem: Problem, loop: GaussNewton, solution: Solution) -> Delivered:
     """Return the cameras of the model, and the points by them."""
     camera, p = problem.camera, len(problem.model.parameters)
-    if len(camera.parameters) == p or not isinstance(camera, ImagePolynomial):
+    if camera is problem.model or not isinstance(camera, ImagePolynomial):
         return Delivered(solution.state.values, solution.state.ground, solution.normals.residual)
     squares = _squares(problem, camera, solution)
     prior = loop.prior_weight[:, :p]

@@ -105,7 +105,16 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
             *_dem_warnings(agreement),
         ),
         dem=agreement,
+        estimate_residual_px=_estimate_residuals(problem, solution, kept),
     )
+
+
+def _estimate_residuals(problem: Problem, solution: Solution, kept: np.ndarray) -> np.ndarray | None:
+    """Return the residuals with all that was estimated, None where that is what is delivered."""
+    if problem.camera is problem.model:
+        return None
+    residual = np.where(kept[:, None], solution.normals.residual, np.nan)
+    return _spread(len(problem.block.measurements), problem.observations.rows, residual)
 
 
 def _point_covariance(

@@ -221,9 +221,11 @@ def _starting_points(
 
 
 def _camera(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
-    """Return the model with the drift that it does not follow; without parameters, or drift, the model itself."""
-    drifts = model.parameters and options.sigma_drift != 0.0
-    return with_drift(model) if drifts and isinstance(model, ImagePolynomial) else model
+    """Return the model with the drift that it does not follow; without parameters, or such drift, the model itself."""
+    if not model.parameters or options.sigma_drift == 0.0 or not isinstance(model, ImagePolynomial):
+        return model
+    camera = with_drift(model)
+    return camera if len(camera.parameters) > len(model.parameters) else model
 
 
 def _prior_weight(

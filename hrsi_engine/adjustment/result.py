@@ -99,6 +99,8 @@ class Adjustment:
     ground, ground_sigma_m : (points, 3) adjusted positions and sigmas (east, north, up); NaN where not adjusted
     ground_covariance_m2 : (points, 3, 3) covariance of each position, sigma0 included
     residual_px : (measurements, 2) observed - computed at the adjusted position; NaN where it took no part
+    estimate_residual_px : (measurements, 2) the same without the drift that the model does not follow, as it was
+        estimated; redundancy numbers and statistic are of these. None: there is no such drift
     weight : (measurements,) robust weight factor, 0 for rejected ones
     redundancy_numbers : (measurements, 2) share of an error in sample and in line that shows in its own residual
     statistic : (measurements,) test value, in standard deviations, of "this measurement is a blunder"; of
@@ -135,3 +137,9 @@ class Adjustment:
     cross_validation: CrossValidation | None
     warnings: tuple[str, ...]
     dem: DemAgreement | None = None
+    estimate_residual_px: np.ndarray | None = None
+
+    @property
+    def judged_residual_px(self) -> np.ndarray:
+        """The residuals by which measurements are judged, ``(measurements, 2)``: those of the estimate."""
+        return self.residual_px if self.estimate_residual_px is None else self.estimate_residual_px

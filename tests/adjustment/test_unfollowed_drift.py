@@ -12,6 +12,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block import Role
 from hrsi.hrsi_engine.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement.image_space import IMAGE_SPACE, with_drift
+from hrsi.hrsi_engine.residual_statistics import normalised_residuals
 
 SEEDS = range(6)
 
@@ -112,3 +113,13 @@ def test_a_fixed_image_with_one_measurement_or_none_stays(model):
         result = adjust(few, AdjustOptions(model=model, fixed_images=("image0",)))
         assert np.all(result.values[0] == 0.0)
         assert np.all(np.isfinite(result.values))
+
+
+def test_measurements_are_judged_without_the_drift():
+    """Normalised residuals are standard normal; over the delivered residuals the drift of 0.2 px would show."""
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=400, drift=1e-4, noise_px=0.05)
+    result = adjust(block, AdjustOptions(sigma_drift=1e-4))
+    for values in normalised_residuals(result).values():
+        assert np.std(values) == pytest.approx(1.0, abs=0.1)  # 1200 residuals: 2 %, and the drift's own estimate
+    assert np.nanstd(result.residual_px) > 1.2 * np.nanstd(result.judged_residual_px)
+    assert adjust(block, AdjustOptions(model="affine")).estimate_residual_px is None
