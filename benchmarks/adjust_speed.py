@@ -31,11 +31,11 @@ from hrsi.hrsi_engine.adjustment.outcome import outcome
 from hrsi.hrsi_engine.adjustment.precision import precision
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
-from hrsi.hrsi_engine.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.progress import silent
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.progress import silent
-from hrsi.hrsi_engine.rpc import RPC
 
 #: The competitor's priors, and its rule that the measurements of check points are ties.
 OPTIONS = AdjustOptions(model="affine", sigma_shift_px=20.0, sigma_drift=1e-3, check_as_ties=True)

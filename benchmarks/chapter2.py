@@ -17,16 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
+from hrsi.benchmarks.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
+from hrsi.benchmarks.sampling_simulation import CASES, simulate_sampling
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block import GroundPoints, ImagePoints, assemble
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.measurement.ellipse import FITS, fit_ellipse
 from hrsi.hrsi_engine.measurement.registration import compare_kinds
-from hrsi.hrsi_engine.measurement.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
-from hrsi.hrsi_engine.measurement.sampling_simulation import CASES, simulate_sampling
-from hrsi.hrsi_engine.rpc import RPC
+from hrsi.hrsi_engine.measurement.targets.measuring.ellipse import FITS, fit_ellipse
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data" / "thesis"

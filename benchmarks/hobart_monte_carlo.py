@@ -13,8 +13,8 @@ import numpy as np
 
 from hrsi.benchmarks.real_blocks import check_rmse, hobart
 from hrsi.hrsi_engine import AdjustOptions, adjust
-from hrsi.hrsi_engine.block import Block
-from hrsi.hrsi_engine.geodesy import moved_ground
+from hrsi.hrsi_engine.block.block import Block
+from hrsi.hrsi_engine.ground.geodesy import moved_ground
 
 RUNS = 200
 MEASURED_M = 0.087  # by how much the height RMSE of the centres grows on the real block

@@ -23,7 +23,7 @@ import numpy as np
 
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, InterestPoints, detect_interest_points
 from hrsi.hrsi_engine.measurement.registration import register_points
-from hrsi.hrsi_engine.measurement.targets import TargetOptions, measure_target
+from hrsi.hrsi_engine.measurement.targets.measuring import TargetOptions, measure_target
 from hrsi.hrsi_engine.simulation import SimulatedBlock
 from hrsi.tests.object_scenes import (
     VIEWS,

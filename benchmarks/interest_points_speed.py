@@ -22,8 +22,8 @@ import cv2
 import numpy as np
 
 from hrsi.hrsi_engine.io.rasters import GdalRaster
-from hrsi.hrsi_engine.measurement.features import stretch_to_byte
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY, detect_interest_points
+from hrsi.hrsi_engine.measurement.tile_matching.features import stretch_to_byte
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 IMAGES = (

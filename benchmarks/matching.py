@@ -18,7 +18,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hrsi.hrsi_engine.block import ArrayRaster
+from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.measurement.control_network import MatchResult, match_windows
 from hrsi.hrsi_engine.measurement.control_network.super_points import match_super_points

@@ -86,7 +86,8 @@ def commands(image: str, dem: str, folder: Path, job: Job, grid: MapGrid) -> dic
         "-multi", "-wo", f"NUM_THREADS={threads}", *_creation(job), image,
     ]  # fmt: skip
     ours = [
-        sys.executable, "-m", "hrsi.processing_algorithms.cli", "orthorectify", image, "--dem", dem, "--height-datum",
+        sys.executable, "-m", "hrsi.processing_algorithms.interface.cli", "orthorectify", image, "--dem", dem,
+        "--height-datum",
         "ellipsoidal", "--crs", "EPSG:32631", "--resolution", str(RESOLUTION), "--extent",
         f"{west},{south},{east},{north}", "--format", form, "--compression", compression,
         "--threads", str(threads), "--quiet", "--overwrite", "--no-report", "--output-dir",

@@ -15,8 +15,8 @@ import numpy as np
 
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.block import Block, Defaults, GroundPoints, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")

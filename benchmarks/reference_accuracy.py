@@ -21,11 +21,10 @@ import reference_scenes as scenes  # noqa: E402
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust  # noqa: E402
 from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90  # noqa: E402
-from hrsi.hrsi_engine.block import ArrayRaster, Image  # noqa: E402
-from hrsi.hrsi_engine.dem import GridSurface, intersect  # noqa: E402
-from hrsi.hrsi_engine.geodesy import ground_difference_m  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference_checks import Accuracy, reference_shift  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference_matching import (  # noqa: E402
+from hrsi.hrsi_engine.block.block import ArrayRaster, Image  # noqa: E402
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.checks import Accuracy, reference_shift  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.matching import (  # noqa: E402
     ReferenceControl,
     ReferenceOptions,
     match_reference,
@@ -40,6 +39,7 @@ from hrsi.hrsi_engine.simulation import (  # noqa: E402
     along_track_views,
     simulate_block,
 )
+from hrsi.hrsi_engine.surface.dem import GridSurface, intersect  # noqa: E402
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "real"
 OPTIONS = ReferenceOptions(points=150)

@@ -27,8 +27,8 @@ import rasterio.rpc
 from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
+from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.rpc import RPC
 
 ROOT = Path(__file__).resolve().parents[1]
 DEFAULT_RPC = ROOT / "examples" / "hobart" / "hobart_ikonos_1_RPC.TXT"

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.refinement.estimate import Control
 from hrsi.hrsi_engine.simulation import SENSORS, OrientationError, PushbroomCamera, aim, fit_camera
 

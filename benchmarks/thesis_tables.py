@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.hrsi_engine import open_image
-from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.selection import choose_by_number

@@ -19,13 +19,14 @@ import numpy as np
 from real_blocks import DATA, sift_tracks, tie_rmse
 
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
-from hrsi.hrsi_engine.block import Image, ImagePoints, assemble
-from hrsi.hrsi_engine.measurement.bands import BANDS
-from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.least_squares_matching import DONE, LsmOptions, match_patches
-from hrsi.hrsi_engine.measurement.pair_matching import ImageTile, MatchOptions, PairGeometry, match_tile
-from hrsi.hrsi_engine.measurement.tile_points import tile_points
-from hrsi.hrsi_engine.rpc import RPC
+from hrsi.hrsi_engine.block.block import Image, ImagePoints, assemble
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import ImageTile, MatchOptions, PairGeometry, match_tile
+from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
+from hrsi.hrsi_engine.measurement.window_matching.bands import BANDS
+from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
+from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, LsmOptions
 from hrsi.processing_algorithms import run
 
 CELLS = 8

@@ -30,13 +30,13 @@ from typing import Any
 import numpy as np
 from osgeo import gdal
 
-from hrsi.hrsi_engine.block import Image
-from hrsi.hrsi_engine.geodesy import metres_per_degree
+from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.block.points import ImagePoints
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.measurement.block_matching import overlaps
-from hrsi.hrsi_engine.points import ImagePoints
-from hrsi.hrsi_engine.rpc import RPC
 from hrsi.processing_algorithms import run
 
 SIFT_TILE, SIFT_BORDER = 2048, 32

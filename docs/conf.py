@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from hrsi.hrsi_engine.version import VERSION
+from hrsi.hrsi_engine.foundation.version import VERSION
 
 sys.path.insert(0, str(Path(__file__).parent / "site"))
 

@@ -10,17 +10,17 @@ from importlib import import_module
 from typing import Any
 
 _WHERE = {
-    "RPC": ".rpc",
+    "RPC": ".camera.rpc",
     "Adjustment": ".adjustment",
     "AdjustOptions": ".adjustment",
     "adjust": ".adjustment",
-    "Block": ".block",
-    "GroundPoints": ".block",
-    "Image": ".block",
-    "ImagePoints": ".block",
-    "Role": ".block",
-    "assemble": ".block",
-    "HrsiError": ".errors",
+    "Block": ".block.block",
+    "GroundPoints": ".block.block",
+    "Image": ".block.block",
+    "ImagePoints": ".block.block",
+    "Role": ".block.block",
+    "assemble": ".block.block",
+    "HrsiError": ".foundation.errors",
     "MODELS": ".refinement",
     "Control": ".refinement.estimate",
     "choose_model": ".refinement.selection",
@@ -28,10 +28,10 @@ _WHERE = {
     "refine_rpc": ".refinement.refine",
     "TieOptions": ".measurement.tie_points",
     "find_tie_points": ".measurement.tie_points",
-    "fit_rpc": ".rpc_fit",
+    "fit_rpc": ".camera.rpc_fit",
     "open_image": ".io.rasters",
     "read_rpc": ".io.rpc_files",
-    "residuals": ".residuals",
+    "residuals": ".results.residuals",
 }
 
 __all__ = sorted(_WHERE)  # pyright: ignore[reportUnsupportedDunderAll]

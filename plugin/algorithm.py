@@ -12,9 +12,9 @@ from typing import Any
 from qgis.core import QgsProcessingAlgorithm, QgsProcessingContext, QgsProcessingException, QgsProcessingFeedback
 from qgis.PyQt.QtGui import QIcon
 
-from ..hrsi_engine.errors import Cancelled, HrsiError
-from ..processing_algorithms.declare import Algorithm, Context, Report
-from ..processing_algorithms.options import checked_options
+from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ..processing_algorithms.interface.declare import Algorithm, Context, Report
+from ..processing_algorithms.interface.options import checked_options
 from .dependencies import missing_package_message
 from .help_text import short_help
 from .icons import icon_path

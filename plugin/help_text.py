@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from ..processing_algorithms.declare import Algorithm, Param
+from ..processing_algorithms.interface.declare import Algorithm, Param
 from .dependencies import absence_note
 from .parameters import label
 

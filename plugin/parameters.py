@@ -29,7 +29,7 @@ from qgis.core import (
     QgsProcessingParameterString,
 )
 
-from ..processing_algorithms.declare import Kind, Param
+from ..processing_algorithms.interface.declare import Kind, Param
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from qgis.core import Qgis, QgsMessageLog, QgsProcessingProvider
 from qgis.PyQt.QtGui import QIcon
 
-from ..processing_algorithms.declare import Algorithm
+from ..processing_algorithms.interface.declare import Algorithm
 from .algorithm import DeclaredAlgorithm
 from .dependencies import missing_package_message
 from .icons import icon_path

@@ -19,7 +19,7 @@ from qgis.core import (
 )
 from qgis.PyQt import sip
 
-from ..processing_algorithms.declare import Algorithm, Kind, Report
+from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 
 REPORT, REPORT_HTML = "REPORT", "REPORT_HTML"
 

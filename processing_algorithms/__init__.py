@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..hrsi_engine.progress import Progress, silent
+from ..hrsi_engine.foundation.progress import Progress, silent
 from . import (
     adjust,
     fit_rpc,
@@ -28,8 +28,8 @@ from . import (
     triangulate,
     write_rpc,
 )
-from .declare import Algorithm, Context, Log, Report
-from .options import checked_options, find_algorithm
+from .interface.declare import Algorithm, Context, Log, Report
+from .interface.options import checked_options, find_algorithm
 
 REGISTRY: dict[str, Algorithm] = {
     module.ALGORITHM.name: module.ALGORITHM

@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
-from .block_summary import summarise
-from .declare import Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .terrain import DEM, DEM_DATUM
+from .block_steps.params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
+from .block_steps.summary import summarise
+from .files.image_files import open_images
+from .files.terrain import DEM, DEM_DATUM
+from .interface.declare import Algorithm, Context, Kind, Param, Report
 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Adjust a block from the image points in files."""
     from ..hrsi_engine.adjustment import adjust
+    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
-    from ..hrsi_engine.progress import stage
-    from . import block_inputs, block_outputs, model_choice
+    from .block_steps import inputs as block_inputs
+    from .block_steps import model_choice
+    from .block_steps import outputs as block_outputs
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .result_folder import check_folder, tell
-from .terrain import GROUND_CRS, HEIGHT_DATUM
+from .files.result_folder import check_folder, tell
+from .files.terrain import GROUND_CRS, HEIGHT_DATUM
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..hrsi_engine.rpc_fit import RpcFit
+    from ..hrsi_engine.camera.rpc_fit import RpcFit
 
 CHECK_SHARE = 5  # one point in five is kept for the check
 FEWEST_FOR_CHECK = 15
@@ -22,11 +22,11 @@ SEED = 1  # of the choice of check points: the same ones every time
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
+    from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.io.output_dir import staged
     from ..hrsi_engine.io.position_tables import read_correspondences
     from ..hrsi_engine.io.report import write_report_json
     from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
-    from ..hrsi_engine.progress import advance
 
     check_folder(options)
     table = read_correspondences(
@@ -59,7 +59,7 @@ def fitted(ground: np.ndarray, image: np.ndarray, common_denominator: bool) -> t
     """
     import numpy as np
 
-    from ..hrsi_engine.rpc_fit import best_fit, fit_rpc
+    from ..hrsi_engine.camera.rpc_fit import best_fit, fit_rpc
 
     if len(ground) < FEWEST_FOR_CHECK:
         return fit_rpc(ground, image, common_denominator=common_denominator), None
@@ -73,7 +73,7 @@ def fitted(ground: np.ndarray, image: np.ndarray, common_denominator: bool) -> t
 
 
 def _height_warnings(options: Mapping[str, Any], low: float, high: float, unchecked: bool) -> list[str]:
-    from ..hrsi_engine.rpc_fit import extrapolation_warnings
+    from ..hrsi_engine.camera.rpc_fit import extrapolation_warnings
 
     wanted = (
         low if options["min_height"] is None else options["min_height"],

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .reference_control import REFERENCE, REFERENCE_PARAMS, FromReference
-from .result_folder import check_folder, write_folder
-from .terrain import DEM, DEM_DATUM, HEIGHT_DATUM
+from .block_steps.reference_control import REFERENCE, REFERENCE_PARAMS, FromReference
+from .files.image_files import open_images
+from .files.result_folder import check_folder, write_folder
+from .files.terrain import DEM, DEM_DATUM, HEIGHT_DATUM
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
     from ..hrsi_engine.io.layers import Layer
@@ -21,10 +21,10 @@ WGS84_3D = 4979
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
-    from ..hrsi_engine.errors import SolveError
-    from ..hrsi_engine.progress import stage
-    from ..hrsi_engine.version import VERSION
-    from . import reference_control
+    from ..hrsi_engine.foundation.errors import SolveError
+    from ..hrsi_engine.foundation.progress import stage
+    from ..hrsi_engine.foundation.version import VERSION
+    from .block_steps import reference_control
 
     check_folder(options)
     images = open_images(options["images"], context.log)
@@ -48,7 +48,7 @@ def _layer(name: str, found: FromReference, used: bool) -> Layer:
     import numpy as np
 
     from ..hrsi_engine.io.layers import Layer
-    from .reference_control import KIND, PREFIX
+    from .block_steps.reference_control import KIND, PREFIX
 
     control = found.control
     most = max(int(part.used.sum()) for part in control.images)

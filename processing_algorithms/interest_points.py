@@ -6,16 +6,16 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_pixels import IMAGES_WITH_PIXELS, ImagePixels, ground_of, open_pixels, window_area
-from .result_folder import check_folder, write_folder
-from .terrain import TERRAIN_PARAMS, open_terrain
-from .threads import requested_threads
+from .files.image_pixels import IMAGES_WITH_PIXELS, ImagePixels, ground_of, open_pixels, window_area
+from .files.result_folder import check_folder, write_folder
+from .files.terrain import TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .interface.threads import requested_threads
 
 if TYPE_CHECKING:
-    from ..hrsi_engine.dem import HeightSurface
     from ..hrsi_engine.io.layers import Layer
     from ..hrsi_engine.measurement.interest_points import DetectionOptions, InterestPoints
+    from ..hrsi_engine.surface.dem import HeightSurface
 
 LAYERS_FILE = "interest_points.gpkg"
 LAYER = "interest_points"
@@ -31,10 +31,10 @@ QUARTERS = ("upper left", "upper right", "lower left", "lower right")
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Detect the points of every image and write them as one layer."""
+    from ..hrsi_engine.foundation.progress import stage
+    from ..hrsi_engine.foundation.version import VERSION
     from ..hrsi_engine.measurement.interest_points import detect_interest_points
     from ..hrsi_engine.measurement.interest_points.points import joined
-    from ..hrsi_engine.progress import stage
-    from ..hrsi_engine.version import VERSION
 
     check_folder(options)
     images = [open_pixels(path, options["band"]) for path in options["images"]]

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .coordinate_lines import format_lines, parse_lines, standard_input
-from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
-from .terrain import TERRAIN_PARAMS, open_terrain
+from .files.coordinate_lines import format_lines, parse_lines, standard_input
+from .files.image_files import open_images
+from .files.result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
+from .files.terrain import TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..hrsi_engine.block import Image
-    from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.block.block import Image
     from ..hrsi_engine.io.layers import Layer
     from ..hrsi_engine.io.position_tables import ImagePositions
+    from ..hrsi_engine.surface.dem import HeightSurface
 
 LAYERS_FILE = "points.gpkg"
 LINE = "sample line height"
@@ -49,7 +49,7 @@ def _from_lines(images: list[Image]) -> ImagePositions:
     """Return the lines of standard input, the text behind the coordinates as ids."""
     import numpy as np
 
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.position_tables import ImagePositions
 
     if len(images) > 1:
@@ -64,8 +64,8 @@ def _localized(
     """Return one row for each point, and warnings on points without ground position."""
     import numpy as np
 
-    from ..hrsi_engine.dem import Status
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
+    from ..hrsi_engine.surface.dem import Status
 
     unknown = sorted(set(points.image_ids.tolist()) - {image.id for image in images})
     if unknown:
@@ -90,8 +90,8 @@ def _on_ground(
     """Return ground points and statuses of one image's rows: at their own height, else on the surface."""
     import numpy as np
 
-    from ..hrsi_engine.dem import Status, intersect
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
+    from ..hrsi_engine.surface.dem import Status, intersect
 
     ground, converged = image.rpc.localize(points.image[rows], points.height_m[rows])
     status = np.where(converged, int(Status.FOUND), int(Status.NO_RAY))

@@ -6,20 +6,20 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_pixels import IMAGES_WITH_PIXELS, ImagePixels, ground_of, open_pixels, window_area
-from .result_folder import check_folder, tell
-from .terrain import TERRAIN_PARAMS, open_terrain
-from .threads import requested_threads
+from .files.image_pixels import IMAGES_WITH_PIXELS, ImagePixels, ground_of, open_pixels, window_area
+from .files.result_folder import check_folder, tell
+from .files.terrain import TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .interface.threads import requested_threads
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..hrsi_engine.block.points import ImagePoints
+    from ..hrsi_engine.drawing.pair_pictures import PictureSide
     from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.io.pair_pictures import PictureSide
     from ..hrsi_engine.measurement.control_network import MatchOptions, MatchResult
     from ..hrsi_engine.measurement.interest_points import Area
-    from ..hrsi_engine.points import ImagePoints
 
 LAYERS_FILE, LAYER, POINTS_LAYER = "match.gpkg", "correspondences", "matched_points"
 TABLE_FILE, PAGE_FILE = "correspondences.csv", "report.html"
@@ -36,9 +36,9 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     """Match the two images and write correspondences, picture and report."""
     from time import perf_counter
 
+    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.measurement.control_network import match_windows
     from ..hrsi_engine.measurement.interest_points import inside
-    from ..hrsi_engine.progress import stage
 
     started = perf_counter()
     check_folder(options)
@@ -58,7 +58,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
 
 def _two_images(options: Mapping[str, Any]) -> list[ImagePixels]:
     """Return the images under ids that differ, also where both windows are of one file."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
 
     if len(options["images"]) != 2:
         raise InputError(f"match takes two images, {len(options['images'])} are given: name two")
@@ -80,7 +80,7 @@ def _match_options(options: Mapping[str, Any]) -> MatchOptions:
 
 def _scales(text: str) -> tuple[float, float]:
     """Return lowest and highest of ``LOW,HIGH`` or one number; raises `InputError` for another text."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
 
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -97,8 +97,8 @@ def _report(
 ) -> Report:
     import numpy as np
 
-    from ..hrsi_engine.robust_scale import MAD_TO_SIGMA
-    from ..hrsi_engine.version import VERSION
+    from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
+    from ..hrsi_engine.foundation.version import VERSION
 
     made = found.positions
     return {
@@ -129,13 +129,13 @@ def _write(
     options: Mapping[str, Any], report: Report, images: list[ImagePixels], areas: list[Area], found: MatchResult,
     context: Context,
 ) -> None:  # fmt: skip
+    from ..hrsi_engine.drawing.pair_pictures import pair_svg
+    from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.io.csv_tables import write_csv
     from ..hrsi_engine.io.layers import write_geopackage
     from ..hrsi_engine.io.output_dir import staged
     from ..hrsi_engine.io.pages import write_page
-    from ..hrsi_engine.io.pair_pictures import pair_svg
     from ..hrsi_engine.io.report import write_report_json
-    from ..hrsi_engine.progress import advance
 
     layers = _layers(options, images, found)
     with staged(options["output_dir"], [image.path for image in images]) as folder:
@@ -156,7 +156,7 @@ def _write(
 def _side(image: ImagePixels, area: Area, xy: np.ndarray) -> PictureSide:
     import numpy as np
 
-    from ..hrsi_engine.io.pair_pictures import PictureSide
+    from ..hrsi_engine.drawing.pair_pictures import PictureSide
 
     grey, valid = image.raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
     return PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy)
@@ -196,7 +196,7 @@ def _image_points(images: list[ImagePixels], ids: np.ndarray, found: MatchResult
     """Return the image points of both images; the sigma of a correspondence is shared between them."""
     import numpy as np
 
-    from ..hrsi_engine.points import ImagePoints
+    from ..hrsi_engine.block.points import ImagePoints
 
     made, count = found.positions, len(found)
     return ImagePoints.create(

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_pixels import ImagePixels, ground_of, open_pixels
-from .result_folder import check_folder
-from .terrain import GROUND_CRS, HEIGHT_DATUM
+from .files.image_pixels import ImagePixels, ground_of, open_pixels
+from .files.result_folder import check_folder
+from .files.terrain import GROUND_CRS, HEIGHT_DATUM
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..hrsi_engine.block import ImagePoints
+    from ..hrsi_engine.block.block import ImagePoints
     from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.targets import TargetMeasurement
+    from ..hrsi_engine.measurement.targets.measuring import TargetMeasurement
 
 LAYERS_FILE, LAYER, PAGE_FILE = "targets.gpkg", "targets", "report.html"
 MOST_CHIPS = 200  # on the page
@@ -34,8 +34,8 @@ class Target(NamedTuple):
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Measure every target and write points, chips and report."""
-    from ..hrsi_engine.errors import InputError
-    from ..hrsi_engine.version import VERSION
+    from ..hrsi_engine.foundation.errors import InputError
+    from ..hrsi_engine.foundation.version import VERSION
 
     check_folder(options)
     if (options["points"] is None) == (options["edges"] is None):
@@ -70,8 +70,8 @@ def _near_positions(
     images: list[ImagePixels], options: Mapping[str, Any], context: Context
 ) -> tuple[list[Target], list[str]]:
     """Return the targets near the positions of a point file, and warnings."""
-    from ..hrsi_engine.measurement.targets import TargetOptions, measure_target
-    from ..hrsi_engine.progress import advance
+    from ..hrsi_engine.foundation.progress import advance
+    from ..hrsi_engine.measurement.targets.measuring import TargetOptions, measure_target
 
     by_id = {image.id: image for image in images}
     points, warnings = _approximate_points(images, options)
@@ -87,7 +87,7 @@ def _near_positions(
 
 def _kind(wanted: str, stated: str, name: str) -> str:
     """Return what a target is: the option, else what its row says, else a centre."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
 
     if wanted != AUTO:
         return wanted
@@ -100,7 +100,7 @@ def _kind(wanted: str, stated: str, name: str) -> str:
 
 def _approximate_points(images: list[ImagePixels], options: Mapping[str, Any]) -> tuple[ImagePoints, list[str]]:
     """Return the positions that a file has on the images, or where the RPCs see its ground points."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.point_files import read_points
 
     ids = [image.id for image in images]
@@ -126,8 +126,8 @@ def _projected(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -
     """Return where the RPCs see ground points, for all images in which they lie."""
     import numpy as np
 
-    from ..hrsi_engine.block import ImagePoints
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.block.block import ImagePoints
+    from ..hrsi_engine.foundation.errors import InputError
 
     names, image_ids, places = [], [], []
     for image in images:
@@ -150,10 +150,10 @@ def _of_edges(options: Mapping[str, Any]) -> list[Target]:
     """Return the targets of the edge points that share an id and an image."""
     import numpy as np
 
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.point_files import read_points
     from ..hrsi_engine.io.rasters import image_id
-    from ..hrsi_engine.measurement.targets import measure_edges
+    from ..hrsi_engine.measurement.targets.measuring import measure_edges
 
     points = read_points(options["edges"], image_ids=[image_id(path) for path in options["images"] or []]).image
     if points is None:
@@ -174,13 +174,13 @@ def _of_edges(options: Mapping[str, Any]) -> list[Target]:
 def _write(
     options: Mapping[str, Any], report: Report, targets: list[Target], images: list[ImagePixels], context: Context
 ) -> None:
+    from ..hrsi_engine.drawing.target_chips import chip_svg
+    from ..hrsi_engine.foundation.progress import advance, stage
     from ..hrsi_engine.io.layers import write_geopackage
     from ..hrsi_engine.io.output_dir import staged
     from ..hrsi_engine.io.pages import write_page
     from ..hrsi_engine.io.report import write_report_json
-    from ..hrsi_engine.io.target_chips import chip_svg
-    from ..hrsi_engine.progress import advance, stage
-    from .target_chip import chip_of
+    from .files.target_chip import chip_of
 
     by_id = {image.id: image for image in images}
     with staged(options["output_dir"], [image.path for image in images]) as folder:

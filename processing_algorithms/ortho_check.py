@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-
-LAYERS_FILE, LAYERS = "misregistration.gpkg", ("misregistration_utm", "misregistration_wgs84")
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .ortho_steps.layer_names import LAYERS, LAYERS_FILE
 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Match windows of every overlapping pair and write figures, arrows and maps."""
+    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
-    from ..hrsi_engine.progress import stage
-    from . import ortho_pairs
-    from .threads import requested_threads
+    from .interface.threads import requested_threads
+    from .ortho_steps import pairs as ortho_pairs
 
     check_output_dir(options["output_dir"], options["overwrite"])
     pairs, warnings = ortho_pairs.open_pairs(options)

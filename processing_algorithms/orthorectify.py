@@ -6,10 +6,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from .block_params import GROUND_CRS
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .terrain import TERRAIN_PARAMS
+from .block_steps.params import GROUND_CRS
+from .files.image_files import open_images
+from .files.terrain import TERRAIN_PARAMS
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 #: GDAL's kernels; `io.ortho_warp.RESAMPLING` holds them (a test compares the two).
 RESAMPLING_CHOICES = (
@@ -21,7 +21,8 @@ FORMAT_CHOICES, COMPRESSION_CHOICES = ("cog", "gtiff"), ("deflate", "lzw", "zstd
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Plan the grids, make the orthoimages that are not there yet, write the report."""
-    from . import ortho_inputs, ortho_outputs
+    from .ortho_steps import inputs as ortho_inputs
+    from .ortho_steps import outputs as ortho_outputs
 
     start = time.monotonic()
     images = open_images(options["images"], context.log)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .coordinate_lines import format_lines, parse_lines, standard_input
-from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
-from .terrain import GROUND_CRS, TERRAIN_PARAMS, open_terrain
+from .files.coordinate_lines import format_lines, parse_lines, standard_input
+from .files.image_files import open_images
+from .files.result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
+from .files.terrain import GROUND_CRS, TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..hrsi_engine.block import Image
-    from ..hrsi_engine.dem import HeightSurface
+    from ..hrsi_engine.block.block import Image
     from ..hrsi_engine.io.layers import Layer
+    from ..hrsi_engine.surface.dem import HeightSurface
 
 LAYERS_FILE = "points.gpkg"
 LINE = "lon lat height"
@@ -43,9 +43,9 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
 
 
 def _from_file(options: Mapping[str, Any], surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    from ..hrsi_engine.dem import surface_heights
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.point_files import read_points
+    from ..hrsi_engine.surface.dem import surface_heights
 
     heights = None if surface is None else lambda lonlat: surface_heights(surface, lonlat)
     tables = read_points(
@@ -60,8 +60,8 @@ def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, 
     """Return the text behind the coordinates as ids."""
     import numpy as np
 
-    from ..hrsi_engine.dem import surface_heights
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
+    from ..hrsi_engine.surface.dem import surface_heights
 
     ground, rest = parse_lines(standard_input(LINE), LINE.split())
     missing = np.flatnonzero(np.isnan(ground[:, 2]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .block_params import (
+from .block_steps.params import (
     BLOCK_MODEL_CHOICES,
     BLOCK_OUTPUT_PARAMS,
     DIRECT_MODEL_CHOICES,
@@ -14,21 +14,22 @@ from .block_params import (
     RULE_CHOICES,
     SIGMA_PARAMS,
 )
-from .block_summary import AXES, number, summarise
-from .declare import Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
+from .block_steps.summary import AXES, number, summarise
+from .files.image_files import open_images
+from .interface.declare import Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
-    from ..hrsi_engine.block import Block
+    from ..hrsi_engine.block.block import Block
     from ..hrsi_engine.refinement.refine import Refinement
 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
+    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
-    from ..hrsi_engine.progress import stage
-    from ..hrsi_engine.separate_images import separate_result
-    from . import block_inputs, block_outputs
+    from ..hrsi_engine.results.separate_images import separate_result
+    from .block_steps import inputs as block_inputs
+    from .block_steps import outputs as block_outputs
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()
@@ -49,8 +50,8 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
 
 def _refine(block: Block, options: Mapping[str, Any], context: Context) -> list[Refinement]:
     """Return every image's refinement from its own GCPs."""
-    from ..hrsi_engine.block import Role
-    from ..hrsi_engine.progress import advance
+    from ..hrsi_engine.block.block import Role
+    from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.refinement.refine import refine_image
     from ..hrsi_engine.refinement.selection import control_on
 
@@ -64,7 +65,7 @@ def _refine(block: Block, options: Mapping[str, Any], context: Context) -> list[
 
 def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
     """Return what the report has besides a block's: each image's model, how it was chosen, GCPs left out."""
-    from .model_choice import choice_entry
+    from .block_steps.model_choice import choice_entry
 
     return {
         "iterations": max(found.estimate.iterations for found in refinements),
@@ -83,7 +84,7 @@ def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
 
 def _compared(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
-    from ..hrsi_engine.progress import advance
+    from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.refinement import MODELS
 
     table = {}
@@ -97,12 +98,12 @@ def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict
     """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
     import numpy as np
 
-    from ..hrsi_engine.block_report import control_and_check
-    from ..hrsi_engine.errors import InputError, SolveError
+    from ..hrsi_engine.foundation.errors import InputError, SolveError
     from ..hrsi_engine.refinement import MODELS
     from ..hrsi_engine.refinement.refine import Refinement, solve
-    from ..hrsi_engine.residuals import residuals
-    from ..hrsi_engine.separate_images import separate_result
+    from ..hrsi_engine.results.figures import control_and_check
+    from ..hrsi_engine.results.residuals import residuals
+    from ..hrsi_engine.results.separate_images import separate_result
 
     try:
         others = [

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .result_folder import check_folder
-from .terrain import TERRAIN_PARAMS, open_terrain
+from .files.result_folder import check_folder
+from .files.terrain import TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..hrsi_engine.block import ImagePoints
+    from ..hrsi_engine.block.block import ImagePoints
     from ..hrsi_engine.io.layers import Layer
     from ..hrsi_engine.measurement.registration import Comparison
 
@@ -27,9 +27,9 @@ MODELS = {
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Register the images, tabulate the residuals by kind and write tables and plots."""
+    from ..hrsi_engine.foundation.progress import advance
+    from ..hrsi_engine.foundation.version import VERSION
     from ..hrsi_engine.measurement.registration import compare_kinds
-    from ..hrsi_engine.progress import advance
-    from ..hrsi_engine.version import VERSION
 
     check_folder(options)
     first, second, points = _matched(options)
@@ -66,7 +66,7 @@ def _matched(options: Mapping[str, Any]) -> tuple[str, str, dict[str, np.ndarray
     """Return the ids of the two images and the columns of the points measured on both."""
     import numpy as np
 
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.point_files import read_points
     from ..hrsi_engine.io.rasters import image_id
 
@@ -94,7 +94,7 @@ def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
 
 def _pair(options: Mapping[str, Any], names: list[str], table: ImagePoints) -> tuple[str, str]:
     """Return the ids of the first and the second image: as the options say, else in the order of the file."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
 
     present = list(dict.fromkeys(table.image_ids.tolist()))
     chosen = names or present
@@ -112,9 +112,9 @@ def _pair(options: Mapping[str, Any], names: list[str], table: ImagePoints) -> t
 
 def _carried(options: Mapping[str, Any], first_px: np.ndarray) -> np.ndarray:
     """Return where the RPCs carry points of the first image to in the second."""
-    from ..hrsi_engine.dem import ConstantHeight, intersect
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.rasters import open_image
+    from ..hrsi_engine.surface.dem import ConstantHeight, intersect
 
     if len(options["images"] or []) != 2:
         raise InputError(f"--model {options['model']} needs both images with their RPCs: name two images")
@@ -128,11 +128,11 @@ def _write(
     options: Mapping[str, Any], report: Report, points: Mapping[str, np.ndarray], result: Comparison, unit: float,
     context: Context,
 ) -> None:  # fmt: skip
+    from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.io.layers import write_geopackage
     from ..hrsi_engine.io.output_dir import staged
     from ..hrsi_engine.io.pages import write_page
     from ..hrsi_engine.io.report import write_report_json
-    from ..hrsi_engine.progress import advance
 
     with staged(options["output_dir"], [*(options["images"] or []), options["image_points"]]) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
@@ -161,7 +161,7 @@ def _drawings(points: Mapping[str, np.ndarray], result: Comparison, unit: float,
     """Return the plots: distance errors by kind, and the residuals of each registration."""
     import numpy as np
 
-    from ..hrsi_engine.io.residual_plots import bars_svg, residual_vectors_svg
+    from ..hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
     from ..hrsi_engine.measurement.registration import group_of
 
     groups = np.array([group_of(str(kind)) for kind in points["kind"]])

@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
-from .terrain import TERRAIN_PARAMS, open_terrain
+from .files.image_files import open_images
+from .files.result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
+from .files.terrain import TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
-    from ..hrsi_engine.block import Image
-    from ..hrsi_engine.dem import HeightSurface
-    from ..hrsi_engine.imaging_geometry import PairGeometry, View, ViewGeometry
+    from ..hrsi_engine.block.block import Image
+    from ..hrsi_engine.block.imaging_geometry import PairGeometry, View, ViewGeometry
     from ..hrsi_engine.io.layers import Layer
+    from ..hrsi_engine.surface.dem import HeightSurface
 
 LAYERS_FILE = "rpc_info.gpkg"
 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Open the images, look at each and at every pair."""
-    from ..hrsi_engine.imaging_geometry import View, all_pairs, sanity_warnings
-    from ..hrsi_engine.progress import advance
+    from ..hrsi_engine.block.imaging_geometry import View, all_pairs, sanity_warnings
+    from ..hrsi_engine.foundation.progress import advance
 
     check_folder(options)
     images = _open_images(options["images"], context)
@@ -53,7 +53,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
 
 
 def _open_images(paths: Sequence[str], context: Context) -> list[Image]:
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
 
     images = open_images(paths, context.log)
     seen: dict[str, str] = {}
@@ -66,7 +66,7 @@ def _open_images(paths: Sequence[str], context: Context) -> list[Image]:
 
 def _surface(options: Mapping[str, Any], images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
     """Return the ground; without DEM and height, one at the mean of the RPCs' heights, with a warning."""
-    from ..hrsi_engine.dem import ConstantHeight
+    from ..hrsi_engine.surface.dem import ConstantHeight
 
     surface = open_terrain(options)
     if surface is not None:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 #: Sensors that the engine knows; its `SENSORS` holds them (a test compares the two).
 SENSOR_CHOICES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
@@ -14,11 +14,12 @@ SENSOR_CHOICES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wi
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Simulate a block and write its files."""
+    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir, staged
     from ..hrsi_engine.io.report import write_report_json
-    from ..hrsi_engine.progress import stage
     from ..hrsi_engine.simulation import simulate_block
-    from . import simulation_inputs, simulation_outputs
+    from .simulation_steps import inputs as simulation_inputs
+    from .simulation_steps import outputs as simulation_outputs
 
     folder = options["output_dir"]
     check_output_dir(folder, options["overwrite"])

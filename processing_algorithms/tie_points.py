@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
-from .image_files import open_images
-from .terrain import TERRAIN_PARAMS, open_terrain
-from .tie_search import SEARCH_PARAMS, find
+from .block_steps.tie_search import SEARCH_PARAMS, find
+from .files.image_files import open_images
+from .files.terrain import TERRAIN_PARAMS, open_terrain
+from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
-    from ..hrsi_engine.block import Image
+    from ..hrsi_engine.block.block import Image
     from ..hrsi_engine.io.layers import Layer
     from ..hrsi_engine.measurement.tie_points import TiePoints
 
@@ -22,10 +22,10 @@ POINTS_LAYER, MEASUREMENTS_LAYER = "tie_points", "image_points"
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Find the tie points of the images and write them."""
+    from ..hrsi_engine.foundation.progress import advance, stage
     from ..hrsi_engine.io.output_dir import check_output_dir, staged
     from ..hrsi_engine.io.report import write_report_json
-    from ..hrsi_engine.progress import advance, stage
-    from .block_outputs import Clock
+    from .block_steps.outputs import Clock
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = Clock()
@@ -90,8 +90,8 @@ def _report(images: Sequence[Image], found: TiePoints, options: Mapping[str, Any
 
     import numpy as np
 
+    from ..hrsi_engine.foundation.version import VERSION
     from ..hrsi_engine.io.versions import versions
-    from ..hrsi_engine.version import VERSION
 
     rows = found.image_points
     ids, track = np.unique(rows.ids, return_inverse=True)

@@ -7,16 +7,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .adjust import ALGORITHM as ADJUST
-from .block_params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
-from .declare import Context, Kind, Param, Report
-from .image_files import open_images
-from .reference_control import REFERENCE, REFERENCE_PARAMS
-from .terrain import DEM, DEM_DATUM, dem_datum
-from .tie_search import SEARCH_PARAMS
+from .block_steps.params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
+from .block_steps.reference_control import REFERENCE, REFERENCE_PARAMS
+from .block_steps.tie_search import SEARCH_PARAMS
+from .files.image_files import open_images
+from .files.terrain import DEM, DEM_DATUM, dem_datum
+from .interface.declare import Context, Kind, Param, Report
 
 if TYPE_CHECKING:
-    from ..hrsi_engine.block import Image, ImagePoints
-    from .tie_search import Finished
+    from ..hrsi_engine.block.block import Image, ImagePoints
+    from .block_steps.tie_search import Finished
 
 NO_TIE_POINTS, AUTOMATIC = "none", "auto"
 
@@ -24,9 +24,11 @@ NO_TIE_POINTS, AUTOMATIC = "none", "auto"
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     from ..hrsi_engine.adjustment import adjust
+    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
-    from ..hrsi_engine.progress import stage
-    from . import block_inputs, block_outputs, dem_offset, model_choice, reference_control
+    from .block_steps import dem_offset, model_choice, reference_control
+    from .block_steps import inputs as block_inputs
+    from .block_steps import outputs as block_outputs
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()
@@ -59,7 +61,7 @@ def _automatic_ties(
     if options["tie_points"] != AUTOMATIC:
         return [], [], None
     from ..hrsi_engine.io.dems import open_dem
-    from .tie_search import find
+    from .block_steps.tie_search import find
 
     surface = open_dem(options["dem"], dem_datum(options)) if options["dem"] else None
     found, finished = find(images, options, surface, context)

@@ -6,12 +6,12 @@ import os
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
 
 if TYPE_CHECKING:
+    from ..hrsi_engine.camera.rpc import RPC
+    from ..hrsi_engine.foundation.progress import Progress
     from ..hrsi_engine.io.rpc_files import FoundRpc
-    from ..hrsi_engine.progress import Progress
-    from ..hrsi_engine.rpc import RPC
 
 #: What the output of an image is called, by way of writing; None is the image itself.
 SUFFIXES: dict[str, str | None] = {
@@ -24,7 +24,7 @@ Outcome = tuple[str, dict[str, Any], tuple[str, ...]]  # image id, entry of the 
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Find every image's RPC and its output first, then write; or restore."""
-    from ..hrsi_engine.progress import advance, stage
+    from ..hrsi_engine.foundation.progress import advance, stage
 
     report: Report = {"schema": 1, "algorithm": "write-rpc", "images": {}, "warnings": []}
     jobs = [] if options["restore"] else _jobs(options)
@@ -54,7 +54,7 @@ class Job(NamedTuple):
 
 def _jobs(options: Mapping[str, Any]) -> list[Job]:
     """Return what is to be written; raise `InputError` before anything is."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
 
     if options["write"] in _NEEDS_FOLDER and not options["output_dir"]:
         raise InputError(f"--write {options['write']} needs --output-dir: name a directory for the results")
@@ -84,7 +84,7 @@ def _job(path: str, options: Mapping[str, Any]) -> Job:
 
 def _found(path: str, options: Mapping[str, Any]) -> FoundRpc:
     """Return the RPC to be written: that of ``--rpc``, else the image's own."""
-    from ..hrsi_engine.errors import InputError
+    from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.rpc_files import read_rpc, rpc_for_image, rpc_in_folder
 
     given = options["rpc"]

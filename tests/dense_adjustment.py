@@ -9,8 +9,8 @@ import simulated_blocks as blocks
 from scipy import linalg
 
 from hrsi.hrsi_engine.adjustment.equations import FREE_POINT_SIGMA_M
-from hrsi.hrsi_engine.block import Role
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, with_drift
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, UNFOLLOWED_DRIFT
 

@@ -17,7 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 from rpc_samples import sample_rpc, write_image
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
 

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from hrsi.hrsi_engine.block import ArrayRaster
+from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.measurement.control_network.polar import turned as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.thresholds import Tolerance
-from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss
-from hrsi.hrsi_engine.rpc import RPC
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss
 from hrsi.hrsi_engine.simulation.texture import PeriodicField
 
 RELIEF_PX, RELIEF_WAVE_PX = 5.0, 220.0  # parallax between the views: amplitude, and length of its waves

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hrsi.hrsi_engine import open_image
-from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.refinement.estimate import Control
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from hrsi.hrsi_engine.block import ArrayRaster, Image
-from hrsi.hrsi_engine.dem import GridSurface
-from hrsi.hrsi_engine.orthoimage import Orthoimage
+from hrsi.hrsi_engine.block.block import ArrayRaster, Image
+from hrsi.hrsi_engine.block.orthoimage import Orthoimage
 from hrsi.hrsi_engine.simulation import (
     SENSORS,
     Noise,
@@ -23,6 +22,7 @@ from hrsi.hrsi_engine.simulation import (
     simulate_block,
 )
 from hrsi.hrsi_engine.simulation.terrain import Terrain
+from hrsi.hrsi_engine.surface.dem import GridSurface
 
 
 @dataclass(frozen=True, eq=False)

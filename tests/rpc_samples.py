@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from osgeo import gdal
 
+from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
-from hrsi.hrsi_engine.rpc import RPC
 
 
 def sample_rpc(seed: int = 0, err_bias: float | None = None) -> RPC:

@@ -13,9 +13,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from hrsi.hrsi_engine.errors import Cancelled, InputError, SolveError
-from hrsi.hrsi_engine.progress import advance
-from hrsi.processing_algorithms.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, SolveError
+from hrsi.hrsi_engine.foundation.progress import advance
+from hrsi.processing_algorithms.interface.declare import (
+    COMMON_PARAMS,
+    OUTPUT_PARAMS,
+    Algorithm,
+    Context,
+    Kind,
+    Param,
+    Report,
+)
 
 
 def _fail(error: Exception) -> Callable[[], None]:
@@ -80,6 +88,6 @@ SAMPLE = Algorithm(
 )
 
 if __name__ == "__main__":
-    from hrsi.processing_algorithms.cli import main
+    from hrsi.processing_algorithms.interface.cli import main
 
     sys.exit(main(registry={SAMPLE.name: SAMPLE}))

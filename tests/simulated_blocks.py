@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hrsi.hrsi_engine.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.geodesy import moved_ground
-from hrsi.hrsi_engine.rpc import RPC
+from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.ground.geodesy import moved_ground
 
 LON, LAT, HEIGHT = 147.3, -42.85, 200.0
 

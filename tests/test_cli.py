@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from hrsi.hrsi_engine.version import VERSION
+from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.cli import main
+from hrsi.processing_algorithms.interface.cli import main
 from hrsi.tests.sample_algorithm import SAMPLE
 
 BAR = "0...10...20...30...40...50...60...70...80...90...100 - done.\n"
@@ -214,7 +214,7 @@ def test_console_command_and_broken_pipe():
 def test_starts_quickly_without_heavy_libraries():
     """Help and errors come at once: nothing but the algorithms' own runs loads NumPy, OpenCV or GDAL."""
     code = (
-        "import sys; import hrsi.processing_algorithms.cli; "
+        "import sys; import hrsi.processing_algorithms.interface.cli; "
         "print([m for m in ('numpy', 'scipy', 'cv2', 'osgeo', 'qgis', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

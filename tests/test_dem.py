@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.dem import (
-    TILE,
-    ConstantHeight,
-    GridSurface,
-    Status,
-    intersect,
-    surface_heights,
-)
-from hrsi.hrsi_engine.rpc import RPC
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.surface.dem import TILE, ConstantHeight, GridSurface, Status, intersect, surface_heights
 from hrsi.tests.test_rpc import synthetic_rpc
 
 HEIGHT_M = 1e-3  # what `intersect` promises

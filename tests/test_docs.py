@@ -13,9 +13,9 @@ from types import ModuleType
 import pytest
 
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.command_parser import algorithm_parser, value_facts
-from hrsi.processing_algorithms.declare import Algorithm, Kind
-from hrsi.processing_algorithms.options import checked_options
+from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind
+from hrsi.processing_algorithms.interface.options import checked_options
 
 ROOT = Path(__file__).resolve().parents[1]
 ALGORITHMS = pytest.mark.parametrize("algorithm", REGISTRY.values(), ids=lambda algorithm: algorithm.name)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hrsi.hrsi_engine import geodesy
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground import geodesy
 
 METRE_TOLERANCE = 1e-6  # a micrometre; ECEF coordinates have a rounding step of 1e-9 m
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.block import Image
-from hrsi.hrsi_engine.dem import ConstantHeight
-from hrsi.hrsi_engine.errors import SolveError
-from hrsi.hrsi_engine.imaging_geometry import PairGeometry, View, all_pairs, rays_up, sanity_warnings
+from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry, View, all_pairs, rays_up, sanity_warnings
+from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.surface.dem import ConstantHeight
 from hrsi.tests.test_rpc import rpc_files, synthetic_rpc
 
 # data/real/README.md, computed there with another RPC implementation: heights and, for each image, incidence and

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import pytest
 
-from hrsi.hrsi_engine.version import VERSION
+from hrsi.hrsi_engine.foundation.version import VERSION
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.hrsi_engine.geodesy import LocalFrame
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.camera.rpc_terms import CHUNK, POWERS, monomials
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import LocalFrame
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.rpc import RPC
-from hrsi.hrsi_engine.rpc_terms import CHUNK, POWERS, monomials
 
 PROJECT_PX = 1e-6  # agreement with other software: far below any measurement, above the 15 digits of text formats
 CLOSURE_PX = 1e-8  # project after localize; a unit in the last place of a longitude is up to 3e-9 px

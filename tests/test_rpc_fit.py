@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.errors import SolveError
-from hrsi.hrsi_engine.geodesy import LocalFrame
+from hrsi.hrsi_engine.camera.rpc_fit import CHECK_GRID, FIT_GRID, fit_rpc, fold_affine, refit_rpc
+from hrsi.hrsi_engine.foundation.errors import SolveError
+from hrsi.hrsi_engine.ground.geodesy import LocalFrame
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.rpc_fit import CHECK_GRID, FIT_GRID, fit_rpc, fold_affine, refit_rpc
 from hrsi.tests.test_rpc import synthetic_rpc
 
 REFIT_PX = 1e-4  # a hundredth of what is ever measured; most fits are a thousand times better

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
+from hrsi.hrsi_engine.foundation.scheduling import Part, digest, open_scheduler, run_parts
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
-from hrsi.hrsi_engine.scheduling import Part, digest, open_scheduler, run_parts
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def test_error_of_a_part_is_the_error_of_the_run():
 
 
 def test_scheduler_that_does_not_answer(monkeypatch):
-    monkeypatch.setattr("hrsi.hrsi_engine.scheduling.CONNECT_S", 1)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.scheduling.CONNECT_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_parts(squares(1), ["square-0"], open_scheduler("tcp://127.0.0.1:9"))
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.command_parser import sections, value_facts, value_name
-from hrsi.processing_algorithms.declare import Algorithm, Kind, Param
+from hrsi.processing_algorithms.interface.command_parser import sections, value_facts, value_name
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

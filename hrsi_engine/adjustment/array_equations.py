@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..geodesy import moved_ground
+from ..ground.geodesy import moved_ground
 from ..refinement import RefinementModel
 from .equations import Cofactors, Normals, PointJacobians, PointPriors, State
 from .observations import Observations

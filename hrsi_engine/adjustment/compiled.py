@@ -8,7 +8,7 @@ environment variable HRSI_COMPILED=0 turns compiled code off, 1 asks for it what
 
 from __future__ import annotations
 
-from ..compiled_code import wanted
+from ..foundation.compiled_code import wanted
 from ..refinement import RefinementModel
 from ..refinement.image_space import ImagePolynomial
 from .array_equations import ArrayEquations

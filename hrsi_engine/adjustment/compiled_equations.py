@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..block import Image
+from ..block.block import Image
 from ..refinement.image_space import ImagePolynomial
 from . import kernels
 from .equations import Cofactors, Normals, PointJacobians, PointPriors, State

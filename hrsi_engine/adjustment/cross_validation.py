@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geodesy import ground_difference_m
-from ..progress import Progress, advance, silent
+from ..foundation.progress import Progress, advance, silent
+from ..ground.geodesy import ground_difference_m
 from .delivery import delivered
 from .gauss_newton import GaussNewton, Solution
 from .problem import Problem

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..dem import HeightSurface, surface_heights
-from ..robust_scale import robust_sigma
+from ..foundation.robust_scale import robust_sigma
+from ..surface.dem import HeightSurface, surface_heights
 from .equations import FREE_POINT_SIGMA_M, PointPriors
 from .result import DemAgreement
 

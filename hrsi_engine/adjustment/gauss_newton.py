@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..geodesy import moved_ground
-from ..progress import Progress, advance
+from ..foundation.progress import Progress, advance
+from ..ground.geodesy import moved_ground
 from .camera_system import CameraSystem, camera_system
 from .dem_heights import DemHeights
 from .equations import Equations, Normals, PointPriors, State

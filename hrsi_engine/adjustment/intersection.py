@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..block import Image
-from ..geodesy import moved_ground
+from ..block.block import Image
+from ..ground.geodesy import moved_ground
 from ..refinement import RefinementModel
 from .compiled import equations_of
 from .equations import Equations, PointPriors, State

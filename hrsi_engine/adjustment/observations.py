@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block import Block, Image, Role
+from ..block.block import Block, Image, Role
 from ..refinement import RefinementModel
 from ..refinement.model import Linearise
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..block import Image
-from ..dem import HeightSurface
+from ..block.block import Image
 from ..refinement import Priors, priors_of
 from ..refinement.model import UNFOLLOWED_DRIFT
+from ..surface.dem import HeightSurface
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import named
-from ..geodesy import ground_difference_m
+from ..foundation.errors import named
+from ..ground.geodesy import ground_difference_m
 from .delivery import Delivered, delivered
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ..geodesy import wrap_degrees
+from ..ground.geodesy import wrap_degrees
 from .observations import Observations
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..block import Block
-from ..errors import NAMED, InputError, SolveError, named
+from ..block.block import Block
+from ..foundation.errors import NAMED, InputError, SolveError, named
 from ..refinement import MODELS, RefinementModel
 from ..refinement.image_space import ImagePolynomial, with_drift
 from .compiled import equations_of

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from ..block import Block
+from ..block.block import Block
 from ..refinement import RefinementModel
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..block import Block
-from ..errors import named
-from ..progress import Progress, silent, stage
+from ..block.block import Block
+from ..foundation.errors import named
+from ..foundation.progress import Progress, silent, stage
 from .cross_validation import cross_validate
 from .drift_prior import DriftPrior
 from .equations import PointPriors

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import Block, Image
+from ..block.block import Block, Image
 from .gauss_newton import Solution
 from .observations import Observations
 from .precision import Precision

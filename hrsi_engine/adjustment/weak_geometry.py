@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..dem import HeightSurface, surface_heights
-from ..errors import named
+from ..foundation.errors import named
 from ..refinement.ground_area import px_per_m
+from ..surface.dem import HeightSurface, surface_heights
 from .equations import PointPriors
 from .observations import Observations
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..points import ImagePoints
+from ..block.points import ImagePoints
 from .replacing import replacing
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
-from ..dem import GridSurface
-from ..errors import InputError
-from ..geodesy import geoid_heights, has_vertical_datum, undulations_of_crs
+from ..foundation.errors import InputError
+from ..ground.geodesy import geoid_heights, has_vertical_datum, undulations_of_crs
+from ..surface.dem import GridSurface
 from .datasets import gdal_messages, open_dataset
 from .georeference import Georeference
 

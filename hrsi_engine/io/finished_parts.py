@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..foundation.errors import InputError
 from .replacing import replacing
 
 _KEY = re.compile(r"[A-Za-z0-9_.-]+")

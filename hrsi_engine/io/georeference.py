@@ -6,8 +6,8 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
-from ..errors import InputError
-from ..geodesy import wrap_degrees
+from ..foundation.errors import InputError
+from ..ground.geodesy import wrap_degrees
 
 
 class Georeference:

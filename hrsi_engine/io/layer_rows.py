@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 from osgeo import gdal
 
-from ..errors import InputError, OutputError
+from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
 from .layer_styles import Style, default_styles
 from .layers import Layer, create_layer, create_style_table, insert_rows, insert_styles, write_geopackage

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from osgeo import gdal, ogr, osr
 
-from ..errors import OutputError
-from ..progress import Progress, advance, silent
+from ..foundation.errors import OutputError
+from ..foundation.progress import Progress, advance, silent
 from .datasets import gdal_messages
 from .layer_styles import Style, default_styles
 from .replacing import replacing

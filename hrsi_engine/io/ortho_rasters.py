@@ -9,8 +9,8 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
-from ..errors import InputError
-from ..geodesy import metres_per_degree
+from ..foundation.errors import InputError
+from ..ground.geodesy import metres_per_degree
 from .datasets import gdal_messages
 from .rasters import GdalRaster
 

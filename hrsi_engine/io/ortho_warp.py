@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from osgeo import gdal, gdal_array
 
-from ..errors import InputError, OutputError
+from ..foundation.errors import InputError, OutputError
 from .datasets import config_option, gdal_messages
 from .rasters import GdalRaster
 

@@ -21,8 +21,8 @@ from typing import Any, Protocol
 import numpy as np
 from osgeo import gdal
 
-from ..errors import Cancelled, OutputError
-from ..progress import Progress, advance, stage
+from ..foundation.errors import Cancelled, OutputError
+from ..foundation.progress import Progress, advance, stage
 from .datasets import config_option, gdal_messages, metadata_of, open_dataset
 from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
 from .replacing import replacing

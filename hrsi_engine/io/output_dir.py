@@ -14,7 +14,7 @@ from pathlib import Path
 
 from osgeo import gdal
 
-from ..errors import InputError, OutputError
+from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
 from .layers import remove_old_journal
 

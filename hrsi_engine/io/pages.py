@@ -12,7 +12,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from ..errors import OutputError
+from ..foundation.errors import OutputError
 from .replacing import replacing
 
 

@@ -7,8 +7,8 @@ import hashlib
 import numpy as np
 from osgeo import gdal
 
-from ..block import Raster
-from ..errors import InputError
+from ..block.block import Raster
+from ..foundation.errors import InputError
 from .datasets import gdal_messages
 from .rpc_files.find import open_raster
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
+from ..foundation.errors import InputError
 from .point_files.find import reader_of, split_spec
 from .point_files.interpret import image_names
 from .point_files.positions import Reference, ground_positions, has_positions

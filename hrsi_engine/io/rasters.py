@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from osgeo import gdal
 
-from ..block import Image
-from ..errors import InputError
+from ..block.block import Image
+from ..foundation.errors import InputError
 from .datasets import gdal_messages
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
 from .rpc_files.reading import FoundRpc

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..orthoimage import Orthoimage
+from ..block.orthoimage import Orthoimage
 from .georeference import Georeference
 from .rasters import GdalRaster
 

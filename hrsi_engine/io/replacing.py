@@ -9,8 +9,8 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ..errors import OutputError
-from ..progress import Progress, advance, silent
+from ..foundation.errors import OutputError
+from ..foundation.progress import Progress, advance, silent
 
 COPY_BYTES = 64 * 2**20
 

@@ -6,9 +6,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from .block_map import BlockMap, block_map_svg
+from ..drawing.block_figures import ReportFigures, drawn
+from ..drawing.block_map import BlockMap, block_map_svg
 from .pages import json_ready, write_page, write_text
-from .report_figures import ReportFigures, drawn
 
 __all__ = ["BlockMap", "ReportFigures", "write_report_html", "write_report_json"]
 

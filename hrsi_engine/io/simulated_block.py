@@ -13,10 +13,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from osgeo import gdal, osr
 
-from ..block import Block, GroundPoints, ImagePoints, Raster, Role
-from ..errors import OutputError
-from ..progress import Progress, advance, silent
-from ..rpc import RPC
+from ..block.block import Block, GroundPoints, ImagePoints, Raster, Role
+from ..camera.rpc import RPC
+from ..foundation.errors import OutputError
+from ..foundation.progress import Progress, advance, silent
 from .csv_tables import write_csv, write_measurements
 from .datasets import gdal_messages
 from .replacing import replacing

@@ -9,7 +9,7 @@ import pyproj
 import scipy
 from osgeo import gdal
 
-from ..version import VERSION
+from ..foundation.version import VERSION
 
 
 def versions() -> dict[str, str]:

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, SolveError
-from ..rpc import RPC
+from ..camera.rpc import RPC
+from ..foundation.errors import InputError, SolveError
 
 _ITERATIONS = 20
 

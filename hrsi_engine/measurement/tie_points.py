@@ -13,18 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..block import Image
-from ..dem import HeightSurface
-from ..errors import InputError
-from ..points import ImagePoints
-from ..progress import Progress, silent, stage
-from ..scheduling import Keeper, Part, Result, Scheduler, digest, open_scheduler, run_parts
-from ..version import VERSION
+from ..block.block import Image
+from ..block.points import ImagePoints
+from ..foundation.errors import InputError
+from ..foundation.progress import Progress, silent, stage
+from ..foundation.scheduling import Keeper, Part, Result, Scheduler, digest, open_scheduler, run_parts
+from ..foundation.version import VERSION
+from ..surface.dem import HeightSurface
 from .block_matching import coarse, joining, overlaps, plan
 from .block_matching.overview import OverviewJob, overview_features, overview_step
 from .block_matching.star import Partner, StarJob, match_stars
 from .block_matching.windows import PyramidRaster
-from .tile_types import MatchOptions
+from .tile_matching.types import MatchOptions
 
 AUTOMATIC = 0
 FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are

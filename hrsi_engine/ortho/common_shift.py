@@ -10,7 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ..measurement.orientation_correlation import correlation_sums, orientation_field, peak_of
+from ..measurement.window_matching.orientation_correlation import correlation_sums, orientation_field, peak_of
 from .misregistration import Read
 
 FARTHEST_PX = 256  # shifts up to here are found

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pyproj
 
-from ..block import Image
-from ..dem import HeightSurface, Status, intersect, surface_heights
-from ..errors import InputError
-from ..geodesy import utm_epsg
+from ..block.block import Image
+from ..foundation.errors import InputError
+from ..ground.geodesy import utm_epsg
+from ..surface.dem import HeightSurface, Status, intersect, surface_heights
 
 PER_SIDE = 200  # outline points
 MARGIN_PX = 2.0

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pyproj
 
-from ..errors import InputError
+from ..foundation.errors import InputError
 
 #: Leading digits of a resolution that maps like.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)

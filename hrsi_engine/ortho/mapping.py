@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..dem import GridSurface, HeightSurface, surface_heights
-from ..rpc import RPC
+from ..camera.rpc import RPC
+from ..surface.dem import GridSurface, HeightSurface, surface_heights
 from .grid import MapGrid, Window
 
 LATTICE = 32  # pixels between positions where the map projection is evaluated; also the largest step

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from ..robust_scale import robust_sigma
+from ..foundation.robust_scale import robust_sigma
 
 MOST_ITERATIONS = 20
 CLOSURE_PX = 1e-3

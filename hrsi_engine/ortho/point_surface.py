@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, KDTree, QhullError
 
-from ..dem import GridSurface
-from ..errors import InputError
-from ..geodesy import LocalFrame, metres_per_degree, wrap_degrees
-from ..robust_scale import robust_sigma
+from ..foundation.errors import InputError
+from ..foundation.robust_scale import robust_sigma
+from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
+from ..surface.dem import GridSurface
 
 NEIGHBOURS = 12  # points around each, whose median height it is compared with
 BLUNDER_NMAD = 6.0

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..block import Image
-from ..errors import InputError, named
-from ..geodesy import ground_difference_m
+from ..block.block import Image
+from ..foundation.errors import InputError, named
+from ..ground.geodesy import ground_difference_m
 from .estimate import Control
 from .ground_area import ground_area
 

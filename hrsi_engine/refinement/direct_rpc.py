@@ -31,11 +31,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..block import Image
-from ..errors import InputError
-from ..rpc import RPC
-from ..rpc_fit import virtual_grid
-from ..rpc_terms import monomials
+from ..block.block import Image
+from ..camera.rpc import RPC
+from ..camera.rpc_fit import virtual_grid
+from ..camera.rpc_terms import monomials
+from ..foundation.errors import InputError
 from .model import Equations, Linearise, Priors, RefinedRPC
 
 COEFFICIENTS = 78

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..block import Image
-from ..columns import Columns
-from ..errors import SolveError
+from ..block.block import Image
+from ..block.columns import Columns
+from ..foundation.errors import SolveError
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 MAX_ITERATIONS = 60

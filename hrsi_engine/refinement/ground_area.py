@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import Image
-from ..errors import SolveError
-from ..geodesy import metres_per_degree, wrap_degrees
+from ..block.block import Image
+from ..foundation.errors import SolveError
+from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import Image
-from ..rpc import RPC
-from ..rpc_fit import fold_affine
+from ..block.block import Image
+from ..camera.rpc import RPC
+from ..camera.rpc_fit import fold_affine
 from .model import Equations, Linearise, Priors, RefinedRPC
 from .refit import refit
 

@@ -20,8 +20,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..block import Image
-from ..rpc import RPC
+from ..block.block import Image
+from ..camera.rpc import RPC
 
 
 class Equations(NamedTuple):

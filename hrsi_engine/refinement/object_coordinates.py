@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import Image
-from ..geodesy import metres_per_degree
+from ..block.block import Image
+from ..ground.geodesy import metres_per_degree
 from .ground_area import ground_area
 from .model import Equations, Linearise, Priors, RefinedRPC
 from .refit import refit

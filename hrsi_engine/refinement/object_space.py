@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import Image
-from ..geodesy import LocalFrame
+from ..block.block import Image
+from ..ground.geodesy import LocalFrame
 from .ground_area import ground_area, px_per_m
 from .model import Equations, Linearise, Priors, RefinedRPC
 from .refit import refit

@@ -21,10 +21,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block import Image
-from ..errors import SolveError
-from ..geodesy import LocalFrame
-from ..rpc import RPC
+from ..block.block import Image
+from ..camera.rpc import RPC
+from ..foundation.errors import SolveError
+from ..ground.geodesy import LocalFrame
 
 #: Height of the pseudo sensor (m) where the rays of a line do not meet at any believable one: nearly parallel rays.
 USUAL_SENSOR_HEIGHT_M = 600e3

@@ -30,8 +30,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..block import Image
-from ..rpc_fit import CHECK_GRID, FIT_GRID, best_fit, image_grid
+from ..block.block import Image
+from ..camera.rpc_fit import CHECK_GRID, FIT_GRID, best_fit, image_grid
 from .ground_area import ground_area, px_per_m
 from .model import Equations, Linearise, Orientation, Priors, RefinedRPC
 from .pseudo_rays import PseudoRays, pseudo_rays, sensor_frame

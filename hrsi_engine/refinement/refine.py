@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block import Image
-from ..errors import InputError, SolveError
-from ..rpc import RPC
+from ..block.block import Image
+from ..camera.rpc import RPC
+from ..foundation.errors import InputError, SolveError
 from . import MODELS, RefinedRPC, RefinementModel
 from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..block import Image
-from ..rpc_fit import image_grid, refit_rpc
+from ..block.block import Image
+from ..camera.rpc_fit import image_grid, refit_rpc
 from .model import RefinedRPC
 
 Project = Callable[[np.ndarray], np.ndarray]

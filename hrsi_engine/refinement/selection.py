@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ..block import Block, Image, Role
-from ..errors import SolveError
+from ..block.block import Block, Image, Role
+from ..foundation.errors import SolveError
 from . import BLOCK_MODELS
 from .estimate import Control, Estimate, estimate
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block import GroundPoints, ImagePoints, Role
-from ..errors import InputError
+from ..block.block import GroundPoints, ImagePoints, Role
+from ..foundation.errors import InputError
 from .pushbroom import PushbroomCamera
 from .surface import locate_on_surface
 from .terrain import Terrain

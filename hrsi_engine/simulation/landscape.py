@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..columns import Columns
+from ..block.columns import Columns
 
 BANDS = ("pan", "blue", "green", "red", "nir")
 BLOCK_M = 160.0

@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_M, LocalFrame, curvature_radii, from_ecef, to_ecef
+from ..ground.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_M, LocalFrame, curvature_radii, from_ecef, to_ecef
 from .sensors import OrientationError, Sensor
 
 GRAVITATION = 3.986004418e14  # m3 / s2, WGS84

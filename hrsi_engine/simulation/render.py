@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ..block import Block
+from ..block.block import Block
 from .landscape import BANDS
 from .pushbroom import PushbroomCamera
 from .scene import Scene

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import InputError
+from ..foundation.errors import InputError
 from .landscape import Landscape, Objects, discs
 from .terrain import Chart, Terrain, fractal_terrain
 from .texture import Texture

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block import Block, Image, Role, assemble
-from ..errors import InputError
-from ..geodesy import metres_per_degree
-from ..progress import Progress, advance, silent, stage
-from .control import (
+from ..block.block import Block, Image, Role, assemble
+from ..foundation.errors import InputError
+from ..foundation.progress import Progress, advance, silent, stage
+from ..ground.geodesy import metres_per_degree
+from .control import (  # fmt: skip
     Noise,
     PointCounts,
     TrueImagePoints,
@@ -21,7 +21,7 @@ from .control import (
     place_control,
     place_ties,
     survey,
-)  # fmt: skip
+)
 from .pushbroom import PushbroomCamera
 from .scene import Scene, SceneSpec, make_scene
 from .sensors import OrientationError

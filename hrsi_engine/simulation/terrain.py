@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from ..geodesy import metres_per_degree
+from ..ground.geodesy import metres_per_degree
 
 ROUGHNESS = 0.95  # Hurst exponent H of the relief: rolling hills
 CLIFF_ROUGHNESS = 1.6  # of the relief whose zero line the cliffs follow: smooth, so that cliffs are few and long

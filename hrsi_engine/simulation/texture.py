@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
-from .landscape import (
+from .landscape import (  # fmt: skip
     BLOCK_M,
     MAIN_ROAD_BLOCKS,
     MAIN_ROAD_HALF_M,
@@ -26,7 +26,7 @@ from .landscape import (
     ROAD_HALF_M,
     Landscape,
     Objects,
-)  # fmt: skip
+)
 
 #: Width of the ramp with the same slope at the middle as a Gaussian edge of unit standard deviation.
 RAMP = np.float32(np.sqrt(2.0 * np.pi))

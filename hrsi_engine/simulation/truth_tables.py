@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..block import Role
-from ..rpc import RPC
+from ..block.block import Role
+from ..camera.rpc import RPC
 from .landscape import BANDS
 from .pushbroom import PushbroomCamera
 from .sensors import OrientationError

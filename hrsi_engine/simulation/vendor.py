@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..rpc import RPC
-from ..rpc_fit import fit_rpc
+from ..camera.rpc import RPC
+from ..camera.rpc_fit import fit_rpc
 from .pushbroom import PushbroomCamera
 from .sensors import Accuracy
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from qgis.core import QgsTask
 
-from ...hrsi_engine.errors import Cancelled, HrsiError
+from ...hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ...processing_algorithms.point_session import PointSession
 from ..dependencies import missing_package_message
 

@@ -10,7 +10,7 @@ from qgis.core import QgsApplication, QgsProject, QgsVectorLayer
 from qgis.PyQt.QtCore import QModelIndex, pyqtSignal
 from qgis.PyQt.QtWidgets import QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
-from ...hrsi_engine.errors import HrsiError
+from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms.point_session import PointSession, files
 from ...processing_algorithms.point_session.views import view_of
 from ..dependencies import missing_package_message

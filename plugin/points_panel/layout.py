@@ -22,7 +22,7 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ...processing_algorithms.block_params import MODEL_CHOICES
+from ...processing_algorithms.block_steps.params import MODEL_CHOICES
 from ...processing_algorithms.point_session.rows import KINDS, ROLES
 from .image_view import ImageView
 

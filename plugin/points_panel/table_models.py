@@ -10,7 +10,7 @@ from typing import Any
 from qgis.PyQt.QtCore import QAbstractTableModel, QModelIndex, Qt, pyqtSignal
 from qgis.PyQt.QtGui import QColor
 
-from ...hrsi_engine.errors import HrsiError
+from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession
 from ...processing_algorithms.point_session.rows import KINDS, Measured
 

@@ -3,50 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...hrsi_engine.errors import InputError
-from ...hrsi_engine.progress import Progress, silent, stage
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.progress import Progress, silent, stage
+from .adjusted import Adjusted
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from ...hrsi_engine.adjustment import Adjustment
-    from ...hrsi_engine.block import Block
-    from ...hrsi_engine.refinement import RefinementModel
-    from ...hrsi_engine.residuals import Residuals
+    from ...hrsi_engine.block.block import Block
+    from ...hrsi_engine.results.residuals import Residuals
     from .session import PointSession
 
 REJECT_SIGMA = 4.0  # as --reject of the block adjustment
 
 
-@dataclass(frozen=True, eq=False)
-class Adjusted:
-    """An adjustment as the panel shows it.
-
-    corrections : parameters of the model by image id
-    residual_px : by (point, image), observed - computed at the surveyed position; residual_m : by point, survey -
-    computed; image_suspicions, point_suspicions : why, by the same keys; summary : one line; check : figures of the
-    check points as in the report
-    """
-
-    model: RefinementModel
-    corrections: Mapping[str, np.ndarray]
-    residual_px: Mapping[tuple[str, str], tuple[float, float]]
-    residual_m: Mapping[str, tuple[float, float, float]]
-    image_suspicions: Mapping[tuple[str, str], str]
-    point_suspicions: Mapping[str, str]
-    summary: str
-    check: Mapping[str, Any]
-    warnings: tuple[str, ...]
-    result: Adjustment
-    left: Residuals
-
-
 def block_of(session: PointSession) -> Block:
     """Return the session as a block; later edits do not change it. Raises `InputError` where nothing is measured."""
-    from ...hrsi_engine.block import assemble
+    from ...hrsi_engine.block.block import assemble
     from .tables import ground_points, image_points
 
     measured = image_points(session)
@@ -59,8 +33,8 @@ def block_of(session: PointSession) -> Block:
 def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjusted:
     """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
     from ...hrsi_engine.adjustment import AdjustOptions, adjust
-    from ...hrsi_engine.residuals import residuals
-    from ..model_choice import choose
+    from ...hrsi_engine.results.residuals import residuals
+    from ..block_steps.model_choice import choose
 
     chosen = choose(block, {"model": model})
     options = AdjustOptions(model=chosen.options["model"], reject_sigma=REJECT_SIGMA)
@@ -73,7 +47,7 @@ def shown(
     result: Adjustment, left: Residuals, suspects: list[dict[str, Any]], warnings: tuple[str, ...] = ()
 ) -> Adjusted:
     """Return an adjustment in the form that the panel shows."""
-    from ...hrsi_engine.block_report import control_and_check
+    from ...hrsi_engine.results.figures import control_and_check
 
     check = control_and_check(result, left)["check"]
     return Adjusted(
@@ -106,7 +80,7 @@ def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[fl
 
 def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[str, str], str]:
     """Return the measurements of known points that stand out, by the test that the report uses."""
-    from ...hrsi_engine.block_report import OUTLIER_SIGMAS, outlier_statistic
+    from ...hrsi_engine.results.figures import OUTLIER_SIGMAS, outlier_statistic
 
     statistic = outlier_statistic(result, left)
     known = result.block.known[result.block.measurements.point]

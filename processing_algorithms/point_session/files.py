@@ -6,13 +6,13 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ...hrsi_engine.errors import InputError
+from ...hrsi_engine.foundation.errors import InputError
 from .rows import ROLES, KnownPoint, Measured
 from .session import PointSession
 
 if TYPE_CHECKING:
-    from ...hrsi_engine.block import Image
-    from ...hrsi_engine.points import GroundPoints, ImagePoints
+    from ...hrsi_engine.block.block import Image
+    from ...hrsi_engine.block.points import GroundPoints, ImagePoints
 
 
 def open_block(path: str) -> PointSession:
@@ -86,7 +86,7 @@ def _adjusted_layers(session: PointSession) -> list:
     import numpy as np
 
     from ...hrsi_engine.io.layers import Layer
-    from ..block_layers import block_layers
+    from ...hrsi_engine.results.layers import block_layers
     from .tables import point_layers
 
     assert session.adjusted is not None
@@ -154,7 +154,7 @@ def _session(
 
 
 def _known_points(ground: GroundPoints) -> list[KnownPoint]:
-    from ...hrsi_engine.points import Role
+    from ...hrsi_engine.block.points import Role
 
     return [
         KnownPoint(

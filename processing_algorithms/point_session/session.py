@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ...hrsi_engine.errors import InputError
+from ...hrsi_engine.foundation.errors import InputError
 from .rows import KINDS, ROLES, KnownPoint, Measured, MeasurementRow, PointRow
 
 if TYPE_CHECKING:
-    from ...hrsi_engine.block import Image
-    from ...hrsi_engine.points import ImagePoints
-    from .adjusting import Adjusted
+    from ...hrsi_engine.block.block import Image
+    from ...hrsi_engine.block.points import ImagePoints
+    from .adjusted import Adjusted
     from .targets import Fit
 
 NOTHING = (math.nan, math.nan, math.nan)

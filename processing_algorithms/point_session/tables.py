@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.io.layers import Layer
-from ...hrsi_engine.points import GroundPoints, ImagePoints, Role
-from ...hrsi_engine.result_tables import footprint
+from ...hrsi_engine.results.tables import footprint
 
 if TYPE_CHECKING:
     from .session import PointSession

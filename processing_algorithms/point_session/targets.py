@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ...hrsi_engine.errors import InputError
-from ..target_chip import chip_of
+from ...hrsi_engine.foundation.errors import InputError
+from ..files.target_chip import chip_of
 from .rows import Measured
 
 if TYPE_CHECKING:
-    from ...hrsi_engine.block import Image
+    from ...hrsi_engine.block.block import Image
 
 BY_HAND = "point"
 #: How well the middle of an object is what was surveyed, and how well the cameras' models follow it: a fit's own sigma
@@ -44,8 +44,8 @@ def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
 def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
     import numpy as np
 
-    from ...hrsi_engine.io.target_chips import chip_svg
-    from ...hrsi_engine.measurement.targets import measure_target, refused
+    from ...hrsi_engine.drawing.target_chips import chip_svg
+    from ...hrsi_engine.measurement.targets.measuring import measure_target, refused
 
     xy = np.array(click, dtype=np.float64)
     if kind == BY_HAND:

@@ -10,9 +10,9 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust
-from hrsi.hrsi_engine.block import Role
-from hrsi.hrsi_engine.errors import InputError, SolveError
-from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
 
 
@@ -131,7 +131,7 @@ def test_unknown_model_is_named():
 
 
 def test_cancel():
-    from hrsi.hrsi_engine.errors import Cancelled
+    from hrsi.hrsi_engine.foundation.errors import Cancelled
 
     with pytest.raises(Cancelled):
         adjust(blocks.block()[0], progress=lambda fraction, message: False)

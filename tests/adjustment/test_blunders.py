@@ -9,8 +9,8 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Verdict, adjust
-from hrsi.hrsi_engine.block import Defaults, GroundPoints, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.block.block import Defaults, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 
 
 def spoilt(block, share, seed=7, smallest=5.0, largest=50.0):

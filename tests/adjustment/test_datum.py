@@ -9,10 +9,10 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.dem import GridSurface
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.surface.dem import GridSurface
 
 
 def two_parts(gcps: int = 6) -> Block:

@@ -10,9 +10,9 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, dem_heights
 from hrsi.hrsi_engine.adjustment.result import Verdict
-from hrsi.hrsi_engine.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.dem import GridSurface
-from hrsi.hrsi_engine.geodesy import ground_difference_m, metres_per_degree
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
+from hrsi.hrsi_engine.surface.dem import GridSurface
 
 SIGMA_DEM_M = 2.0
 TILTS = (0.10, 0.19)  # 5 degrees of convergence: 0.3 px of noise are 3 m of height, and a bias of 5 px 50 m

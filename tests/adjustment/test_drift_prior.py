@@ -8,8 +8,8 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.drift_prior import drifting
-from hrsi.hrsi_engine.block import Role
-from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
 
 ESTIMATED = AdjustOptions(model="affine", variance_components=True)

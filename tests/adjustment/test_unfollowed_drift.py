@@ -9,10 +9,10 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block import Role
-from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement.image_space import IMAGE_SPACE, with_drift
-from hrsi.hrsi_engine.residual_statistics import normalised_residuals
+from hrsi.hrsi_engine.results.statistics import normalised_residuals
 
 SEEDS = range(6)
 

@@ -10,8 +10,8 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, gsd_m, sensors
-from hrsi.hrsi_engine.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.foundation.errors import InputError
 
 VIEWS = ((0.35, 0.05), (-0.30, 0.10), (0.05, -0.40), (0.02, 0.3))
 GSD = (1.0, 2.0, 1.0, 2.0)  # two sensors

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from osgeo import gdal, osr
 
-from hrsi.hrsi_engine.dem import Status, intersect, surface_heights
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.surface.dem import Status, intersect, surface_heights
 
 
 def write_dem(
@@ -126,7 +126,7 @@ def test_what_is_missing_is_named(
 
 
 def _has_egm2008() -> bool:
-    from hrsi.hrsi_engine.geodesy import geoid_heights
+    from hrsi.hrsi_engine.ground.geodesy import geoid_heights
 
     try:
         geoid_heights(np.zeros((1, 3)), "egm2008")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import InputError, OutputError
+from hrsi.hrsi_engine.foundation.errors import InputError, OutputError
 from hrsi.hrsi_engine.io.layer_rows import layer_names, replace_layers, text_columns
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_points

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import Cancelled, OutputError
-from hrsi.hrsi_engine.geodesy import to_projected, utm_epsg
+from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
+from hrsi.hrsi_engine.ground.geodesy import to_projected, utm_epsg
 from hrsi.hrsi_engine.io.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_styles
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import staged

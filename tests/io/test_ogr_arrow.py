@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr, osr
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import ogr_layer, read_points
 
 has_stream = hasattr(ogr.Layer, "GetArrowStreamAsNumPy")

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from osgeo import gdal, ogr, osr
 from rasterio.control import GroundControlPoint
 
-from hrsi.hrsi_engine.block import UNSET, Role
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.block.block import UNSET, Role
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import READERS, read_points
 
 IDS = ["H001", "H002", "Ü-3", "a b"]

@@ -12,7 +12,7 @@ import rasterio
 from osgeo import gdal
 from rpc_samples import sample_rpc, write_image
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import GdalRaster, image_id, open_image, open_image_and_source
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text
 

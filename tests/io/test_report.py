@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.block import Role
-from hrsi.hrsi_engine.errors import OutputError
-from hrsi.hrsi_engine.io.block_map import block_map_svg
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.drawing.block_map import block_map_svg
+from hrsi.hrsi_engine.drawing.target_chips import png_bytes
+from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.io.pages import figure, json_ready
 from hrsi.hrsi_engine.io.report import BlockMap, write_report_html, write_report_json
-from hrsi.hrsi_engine.io.target_chips import png_bytes
 
 EVIL = '<script>alert("1")</script>&'
 

@@ -14,7 +14,8 @@ import rasterio
 from osgeo import gdal
 from rpc_samples import ground_grid, sample_rpc, write_image
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import (
     difference_px,
     dimap,
@@ -29,7 +30,6 @@ from hrsi.hrsi_engine.io.rpc_files import (
 )
 from hrsi.hrsi_engine.io.rpc_files.crop import crop_origin
 from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_gdal
-from hrsi.hrsi_engine.rpc import RPC
 
 PHR = "PHR1B_P_201709281038393_SEN_PRG_FC_178609-001"
 SKYSAT = "20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT"

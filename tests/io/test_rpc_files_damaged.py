@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import READERS, read_rpc, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata, rpc_from_gdal
-from hrsi.hrsi_engine.rpc import RPC
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NONZERO = FINITE.filter(bool)

@@ -17,7 +17,7 @@ from osgeo import gdal
 from osgeo_utils.samples.validate_cloud_optimized_geotiff import validate
 from rpc_samples import ground_grid, sample_rpc, write_image
 
-from hrsi.hrsi_engine.errors import Cancelled, InputError, OutputError
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, OutputError
 from hrsi.hrsi_engine.io.rpc_files import (
     difference_px,
     read_rpc,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from osgeo import ogr
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 
 ROWS = {"A": (5.0, 44.0, 100.0), "B": (5.1, 44.1, 120.0), "C": (5.2, 44.0, 90.0)}

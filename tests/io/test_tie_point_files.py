@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points, several_specs
-from hrsi.processing_algorithms.block_inputs import joined
+from hrsi.processing_algorithms.block_steps.inputs import joined
 
 
 def write_match(path: Path, left: np.ndarray, right: np.ndarray, descriptors: int = 0) -> str:

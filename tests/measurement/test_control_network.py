@@ -16,8 +16,8 @@ from network_scenes import (
     turned,
 )
 
-from hrsi.hrsi_engine.block import ArrayRaster
-from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.measurement.control_network import (
     AMBIGUOUS,

@@ -8,8 +8,8 @@ import numpy as np
 import object_scenes as scenes
 import pytest
 
-from hrsi.hrsi_engine.block import ArrayRaster
-from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters import GdalRaster
 from hrsi.hrsi_engine.measurement.interest_points import (
     DETECTORS,
@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.measurement.interest_points import (
     spread_over_grid,
     windows,
 )
-from hrsi.hrsi_engine.measurement.targets import measure_target
+from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 from hrsi.hrsi_engine.simulation import SimulatedBlock
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)

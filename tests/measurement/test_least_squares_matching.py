@@ -5,16 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.bands import BANDS
-from hrsi.hrsi_engine.measurement.least_squares_matching import (
-    DONE,
-    OUTSIDE,
-    WEAK,
-    LsmOptions,
-    MatchImage,
-    match_patches,
-)
-from hrsi.hrsi_engine.measurement.window_search import search_windows
+from hrsi.hrsi_engine.measurement.window_matching.bands import BANDS
+from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
+from hrsi.hrsi_engine.measurement.window_matching.window_search import search_windows
+from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, OUTSIDE, WEAK, LsmOptions, MatchImage
 
 SIZE, POINTS = 320, 120
 GREY, CONTRAST = 600.0, 100.0

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.matchers import MATCHERS
-from hrsi.hrsi_engine.measurement.matching import rpc_consistency
-from hrsi.hrsi_engine.measurement.pair_matching import (
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
+from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
     MatchOptions,
     PairGeometry,
     match_tile,
     transfer_points,
 )
-from hrsi.hrsi_engine.measurement.tile_points import tile_points
+from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
+from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import rpc_consistency
 
 HALF = 200.0
 SIZE = int(2 * HALF) + 1

@@ -9,11 +9,8 @@ import pytest
 import reference_scenes as scenes
 from scipy import ndimage
 
-from hrsi.hrsi_engine.block import ArrayRaster
-from hrsi.hrsi_engine.dem import cell_size_m
-from hrsi.hrsi_engine.measurement.orientation_correlation import orientation_field, peak_of, scores
-from hrsi.hrsi_engine.measurement.predicted_patches import image_patch, predicted_patch
-from hrsi.hrsi_engine.measurement.reference_checks import (
+from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.measurement.reference.checks import (
     INDEPENDENT_POINTS,
     Accuracy,
     MeasuredGcps,
@@ -21,9 +18,12 @@ from hrsi.hrsi_engine.measurement.reference_checks import (
     reference_shift,
     shift_warnings,
 )
-from hrsi.hrsi_engine.measurement.reference_matching import ReferenceControl, ReferenceOptions, match_reference
-from hrsi.hrsi_engine.measurement.robust_offsets import agree
+from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, ReferenceOptions, match_reference
+from hrsi.hrsi_engine.measurement.reference.predicted_patches import image_patch, predicted_patch
+from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
+from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import orientation_field, peak_of, scores
 from hrsi.hrsi_engine.simulation import OrientationError
+from hrsi.hrsi_engine.surface.dem import cell_size_m
 
 OPTIONS = ReferenceOptions(points=60)
 EXACT = Accuracy(0.5, 0.5)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.errors import InputError, SolveError
+from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.measurement.registration import (
     FORMS,
     apply_matrix,

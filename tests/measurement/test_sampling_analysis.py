@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.sampling_analysis import table_2_1, table_2_2, table_2_3
-from hrsi.hrsi_engine.measurement.sampling_simulation import SamplingCase, simulate_sampling
+from hrsi.benchmarks.sampling_analysis import table_2_1, table_2_2, table_2_3
+from hrsi.benchmarks.sampling_simulation import SamplingCase, simulate_sampling
 
 CUT_OFF = 0.0101  # the thesis rounds some entries and cuts off others: 2.915 is printed as 2.91
 #: Entries of table 2.1 as printed: corners, centres.

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from hrsi.hrsi_engine.block import ArrayRaster
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.hrsi_engine.measurement.targets import MEASURES, TargetOptions, measure_edges, measure_target
+from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.measurement.targets.measuring import MEASURES, TargetOptions, measure_edges, measure_target
 
 SIZE, BLUR = 400, 0.6
 NOISE = 6.0

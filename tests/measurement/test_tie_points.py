@@ -9,14 +9,14 @@ import pytest
 import rendered_blocks as scenes
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.block import ArrayRaster
-from hrsi.hrsi_engine.dem import ConstantHeight
-from hrsi.hrsi_engine.errors import Cancelled, InputError
-from hrsi.hrsi_engine.measurement.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.matching import mutual_matches, rpc_consistent
+from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
+from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
 from hrsi.hrsi_engine.measurement.tie_points import TieOptions, find_tie_points
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import mutual_matches, rpc_consistent
 from hrsi.hrsi_engine.measurement.tracks import consistent_tracks, spread
-from hrsi.hrsi_engine.scheduling import open_scheduler
+from hrsi.hrsi_engine.surface.dem import ConstantHeight
 
 OPTIONS = TieOptions(margin_px=40.0)
 

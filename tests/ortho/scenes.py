@@ -8,10 +8,10 @@ import numpy as np
 import pyproj
 from osgeo import gdal, osr
 
-from hrsi.hrsi_engine.block import Image
+from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_geotiff_copy
-from hrsi.hrsi_engine.rpc import RPC
 from hrsi.tests.simulated_blocks import LAT, LON, oblique_rpc
 
 SIZE = (520, 500)

@@ -6,7 +6,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ortho.grid import MapGrid, rounded_resolution
 
 UTM = pyproj.CRS.from_epsg(32631).to_wkt()

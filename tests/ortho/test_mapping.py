@@ -11,10 +11,10 @@ import pytest
 from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
-from hrsi.hrsi_engine.dem import ConstantHeight, GridSurface
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import MapGrid, Window
 from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear, _Chunk
+from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
 
 POSITION_PX = 1e-6  # both evaluate the same formula in double precision

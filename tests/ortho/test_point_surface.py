@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from hrsi.hrsi_engine.dem import surface_heights
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ortho.point_surface import surface_of_points
+from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.tests.ortho.scenes import hills
 from hrsi.tests.simulated_blocks import LAT, LON
 

@@ -18,8 +18,8 @@ from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.block_params import DIRECT_MODEL_CHOICES, MODEL_CHOICES, ROBUST_CHOICES
-from hrsi.processing_algorithms.cli import main
+from hrsi.processing_algorithms.block_steps.params import DIRECT_MODEL_CHOICES, MODEL_CHOICES, ROBUST_CHOICES
+from hrsi.processing_algorithms.interface.cli import main
 
 GCPS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 
@@ -395,7 +395,7 @@ def test_an_input_is_never_replaced(hobart, tmp_path, capfd):
 
 
 def test_cancel_leaves_nothing(hobart, tmp_path):
-    from hrsi.hrsi_engine.errors import Cancelled
+    from hrsi.hrsi_engine.foundation.errors import Cancelled
 
     folder = tmp_path / "result"
     with pytest.raises(Cancelled):

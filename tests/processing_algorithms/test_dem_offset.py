@@ -11,8 +11,8 @@ import pyproj
 import pytest
 from osgeo import gdal
 
-from hrsi.hrsi_engine.block import Role
-from hrsi.processing_algorithms.dem_offset import offset_warning
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.processing_algorithms.block_steps.dem_offset import offset_warning
 
 
 @pytest.fixture

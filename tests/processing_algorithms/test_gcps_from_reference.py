@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.hrsi_engine.height_datum import datum_warning, height_difference
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.height_datum import datum_warning, height_difference
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.cli import main
+from hrsi.processing_algorithms.interface.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -133,11 +133,11 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
 
 def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     """With the wrong datum the ground lies N tan(incidence) aside, in the direction of the view."""
-    from hrsi.hrsi_engine.dem import intersect
-    from hrsi.hrsi_engine.geodesy import geoid_heights, ground_difference_m
-    from hrsi.hrsi_engine.imaging_geometry import View
+    from hrsi.hrsi_engine.block.imaging_geometry import View
+    from hrsi.hrsi_engine.ground.geodesy import geoid_heights, ground_difference_m
     from hrsi.hrsi_engine.io.dems import open_dem
     from hrsi.hrsi_engine.io.rasters import open_image
+    from hrsi.hrsi_engine.surface.dem import intersect
 
     image = open_image(str(real_data / "qb2_gcp" / "qb2_basic1b.tif"))
     path = str(real_data / "qb2_gcp" / "dem_egm2008_24m.tif")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.registration import FORMS

@@ -11,7 +11,7 @@ import pytest
 from network_scenes import TruePair, true_pair
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS
 from hrsi.processing_algorithms import run

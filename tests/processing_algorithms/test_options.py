@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.processing_algorithms.declare import Kind
-from hrsi.processing_algorithms.options import EXPECTED, VALUE_OF, checked_options, suggestion
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.processing_algorithms.interface.declare import Kind
+from hrsi.processing_algorithms.interface.options import EXPECTED, VALUE_OF, checked_options, suggestion
 from hrsi.tests.sample_algorithm import SAMPLE
 
 REQUIRED = {"images": ["a.tif"], "output_dir": "out"}

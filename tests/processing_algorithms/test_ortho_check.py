@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import InputError, SolveError
+from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.ortho_check import summarise
 from hrsi.tests.ortho.scenes import texture, utm_wkt

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from osgeo import gdal
 
-from hrsi.hrsi_engine.dem import surface_heights
-from hrsi.hrsi_engine.errors import Cancelled, InputError
-from hrsi.hrsi_engine.geodesy import geoid_heights
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
+from hrsi.hrsi_engine.ground.geodesy import geoid_heights
 from hrsi.hrsi_engine.io.ortho_warp import RESAMPLING
 from hrsi.hrsi_engine.io.orthoimages import COMPRESSION, FORMATS
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
+from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import orthorectify, run
-from hrsi.processing_algorithms.ortho_inputs import open_ortho_terrain
+from hrsi.processing_algorithms.ortho_steps.inputs import open_ortho_terrain
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import LAT, LON
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.block import Image
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import PointSession, files

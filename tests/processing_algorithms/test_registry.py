@@ -7,10 +7,10 @@ import re
 import pytest
 
 import hrsi.processing_algorithms as processing_algorithms
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.declare import COMMON_PARAMS, Algorithm, Kind
-from hrsi.processing_algorithms.options import VALUE_OF, checked_options
+from hrsi.processing_algorithms.interface.declare import COMMON_PARAMS, Algorithm, Kind
+from hrsi.processing_algorithms.interface.options import VALUE_OF, checked_options
 from hrsi.tests.sample_algorithm import SAMPLE
 
 ALGORITHMS = pytest.mark.parametrize("algorithm", [*REGISTRY.values(), SAMPLE], ids=lambda algorithm: algorithm.name)

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
-from hrsi.hrsi_engine.rpc import RPC
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.cli import main
+from hrsi.processing_algorithms.interface.cli import main
 from hrsi.tests.test_rpc import synthetic_rpc
 from hrsi.tests.test_rpc_fit import pushbroom_points
 

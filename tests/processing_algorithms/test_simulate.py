@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from osgeo import ogr
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.simulation import SENSORS
 from hrsi.processing_algorithms import run

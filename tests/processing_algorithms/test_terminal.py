@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from hrsi.processing_algorithms.terminal import SilentTerminal, TerminalProgress
+from hrsi.processing_algorithms.interface.terminal import SilentTerminal, TerminalProgress
 
 
 def gdal_bar(fractions: list[float]) -> str:

@@ -16,10 +16,10 @@ import pytest
 import rendered_blocks as scenes
 from osgeo import gdal, ogr
 
-from hrsi.hrsi_engine.errors import Cancelled, InputError
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.tie_search import UNFINISHED
+from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from rpc_samples import sample_rpc, write_image
 
-from hrsi.hrsi_engine.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
-from hrsi.hrsi_engine.progress import silent
-from hrsi.processing_algorithms.declare import Context, Report
-from hrsi.processing_algorithms.options import checked_options
+from hrsi.processing_algorithms.interface.declare import Context, Report
+from hrsi.processing_algorithms.interface.options import checked_options
 from hrsi.processing_algorithms.write_rpc import ALGORITHM, SUFFIXES
 
 OLD, NEW = sample_rpc(1), sample_rpc(2)

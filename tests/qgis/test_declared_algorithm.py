@@ -15,7 +15,7 @@ from hrsi.plugin.enums import ADVANCED, OPTIONAL
 from hrsi.plugin.parameters import BINDINGS
 from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.declare import Algorithm, Kind, Param
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param
 from hrsi.tests.qgis.tiny import TINY
 
 DECLARED = [TINY, *REGISTRY.values()]

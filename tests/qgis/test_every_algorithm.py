@@ -27,7 +27,7 @@ from qgis.PyQt.QtCore import QEvent, QTimer
 
 from hrsi.plugin.icons import icon_path
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.declare import Kind
+from hrsi.processing_algorithms.interface.declare import Kind
 from hrsi.tests.qgis.profile import REPOSITORY
 
 CANCEL_S = 1.0

@@ -42,7 +42,11 @@ def processing_options(folder: Path) -> dict[str, Any]:
 def command_line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Output folder of the command line."""
     folder = tmp_path_factory.mktemp("cli") / "out"
-    program = [sys.executable, "-c", "import sys; from hrsi.processing_algorithms.cli import main; sys.exit(main())"]
+    program = [
+        sys.executable,
+        "-c",
+        "import sys; from hrsi.processing_algorithms.interface.cli import main; sys.exit(main())",
+    ]
     options = [word for name, value in OPTIONS.items() for word in (f"--{name}", value)]
     arguments = ["triangulate", *IMAGES, *options, "--output-dir", str(folder)]
     finished = subprocess.run([*program, *arguments], capture_output=True, text=True, check=False, timeout=300)

@@ -254,7 +254,7 @@ def test_role_and_sigma_are_edited_in_the_table(dock) -> None:
 
 def test_cancel(measured, monkeypatch) -> None:
     """The task gives up at its next report of progress; the panel can adjust again."""
-    from hrsi.hrsi_engine.progress import advance
+    from hrsi.hrsi_engine.foundation.progress import advance
     from hrsi.processing_algorithms.point_session import adjusting
 
     def slow(block, model, progress):

@@ -25,7 +25,7 @@ from qgis.PyQt.QtCore import QTimer
 from hrsi.plugin.algorithm import DeclaredAlgorithm
 from hrsi.plugin.dependencies import pip_command, python_executable
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.declare import OUTPUT_PARAMS
+from hrsi.processing_algorithms.interface.declare import OUTPUT_PARAMS
 from hrsi.tests.qgis.tiny import TINY
 
 CANCEL_S = 1.0

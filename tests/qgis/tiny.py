@@ -10,9 +10,9 @@ from typing import Any
 
 from osgeo import ogr, osr
 
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.hrsi_engine.progress import advance
-from hrsi.processing_algorithms.declare import OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.progress import advance
+from hrsi.processing_algorithms.interface.declare import OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 STEP_S = 0.02
 STYLE = """<!DOCTYPE qgis><qgis version="3.22"><renderer-v2 type="RuleRenderer" symbollevels="0"><rules key="r">

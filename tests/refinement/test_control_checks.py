@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.errors import InputError, SolveError
+from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.refinement.control_checks import FOOT_M
 from hrsi.hrsi_engine.refinement.estimate import Control
 from hrsi.hrsi_engine.refinement.refine import refine_image, refine_rpc

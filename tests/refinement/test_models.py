@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.block import Image
-from hrsi.hrsi_engine.geodesy import moved_ground
+from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS, Priors
 from hrsi.hrsi_engine.refinement.direct_rpc import DIRECT
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
@@ -209,7 +209,7 @@ def test_a_given_covariance_is_used(image):
 
 
 def test_a_wrong_covariance_is_refused():
-    from hrsi.hrsi_engine.errors import InputError
+    from hrsi.hrsi_engine.foundation.errors import InputError
 
     with pytest.raises(InputError, match=r"\(78, 78\)"):
         DIRECT["bils"].with_covariance(np.eye(59))

@@ -10,7 +10,7 @@ import pytest
 from conftest import TEST_DATA
 
 from hrsi.hrsi_engine import open_image
-from hrsi.hrsi_engine.errors import HrsiError
+from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.refinement import MODELS, Priors
 
 REAL = TEST_DATA / "real"

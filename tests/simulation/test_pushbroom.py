@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.simulation import SENSORS, OrientationError, PushbroomCamera, aim
 
 TARGET = np.array([147.3, -42.9, 100.0])

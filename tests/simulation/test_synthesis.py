@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.block import Role
-from hrsi.hrsi_engine.errors import InputError
-from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.simulation import (
     SENSORS,
     Noise,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from hrsi.hrsi_engine.geodesy import ground_difference_m
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.simulation import SENSORS, aim
 from hrsi.hrsi_engine.simulation.surface import locate_on_surface, meet_surface, ray_paths
 from hrsi.hrsi_engine.simulation.terrain import Chart, Terrain, fractal_relief, fractal_terrain

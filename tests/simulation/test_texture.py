@@ -7,13 +7,7 @@ import pytest
 from scipy import ndimage, signal
 
 from hrsi.hrsi_engine.simulation.landscape import COVERS, Landscape
-from hrsi.hrsi_engine.simulation.texture import (
-    PeriodicField,
-    Texture,
-    disc_cover,
-    rectangle_cover,
-    sample_periodic,
-)
+from hrsi.hrsi_engine.simulation.texture import PeriodicField, Texture, disc_cover, rectangle_cover, sample_periodic
 
 SIGMA = 0.4
 SPACING = 0.02

@@ -1,7 +1,7 @@
 """Point files: ground points and image points from every format people keep them in.
 
 `read_points` takes a vector layer, a CSV or a GCP file of another program and returns the columns of
-`hrsi_engine.block`. `READERS` is the table of formats; a reader only brings a file's rows into a `Table` with the
+`hrsi_engine.block.block`. `READERS` is the table of formats; a reader only brings a file's rows into a `Table` with the
 field names of `columns.FIELDS`, and one place (`interpret`) checks them and makes points of them.
 """
 

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from ...errors import InputError
-from ...geodesy import east_north_up
+from ...foundation.errors import InputError
+from ...ground.geodesy import east_north_up
 from .table import Reader, Table
 
 _POINT_FIELDS, _IMAGE_FIELDS = 7, 5

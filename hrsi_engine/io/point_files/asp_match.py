@@ -14,7 +14,7 @@ import struct
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from .table import Reader, Table
 
 _COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")

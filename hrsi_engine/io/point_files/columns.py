@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 
 #: Text fields and what else they may be called.
 TEXT_FIELDS: dict[str, tuple[str, ...]] = {

@@ -14,7 +14,7 @@ from itertools import islice
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
 from .table import Reader, Table
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from . import asp_gcp, asp_match, csv_text, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
 from .interpret import PointTables, interpret

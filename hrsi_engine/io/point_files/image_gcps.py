@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from osgeo import gdal
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from ..datasets import open_dataset
 from ..rasters import image_id
 from .table import Reader, Table

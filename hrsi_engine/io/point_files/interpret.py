@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
-from ...errors import InputError
+from ...block.block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
+from ...foundation.errors import InputError
 from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from osgeo import gdal, ogr
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from ..datasets import gdal_messages
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
 from .ogr_arrow import BY_COLUMNS, arrow_columns

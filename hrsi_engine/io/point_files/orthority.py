@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from .table import Reader, Table
 
 

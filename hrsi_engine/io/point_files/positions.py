@@ -12,8 +12,8 @@ import numpy as np
 import pyproj
 from osgeo import osr
 
-from ...errors import InputError
-from ...geodesy import geoid_heights, has_vertical_datum, to_wgs84
+from ...foundation.errors import InputError
+from ...ground.geodesy import geoid_heights, has_vertical_datum, to_wgs84
 from .table import Table
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.

@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from ..rasters import image_id
 from .columns import numbers
 from .table import Reader, Table

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from .table import Table
 
 AXES = (("cov_ee", "sigma_east"), ("cov_nn", "sigma_north"), ("cov_hh", "sigma_h"))

@@ -6,15 +6,7 @@ process leaves the old file or the new one.
 """
 
 from .compare import difference_px, read_back_px
-from .find import (
-    READERS,
-    read_rpc,
-    read_rpc_or_none,
-    reader_of,
-    rpc_for_image,
-    rpc_in_folder,
-    rpc_of_dataset,
-)
+from .find import READERS, read_rpc, read_rpc_or_none, reader_of, rpc_for_image, rpc_in_folder, rpc_of_dataset
 from .in_place import restore, write_in_place, write_sidecar
 from .reading import FoundRpc, Reader, Reading
 from .sidecars import free_the_way

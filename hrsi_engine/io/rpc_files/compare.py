@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...block import Image
-from ...errors import OutputError
-from ...rpc import RPC
+from ...block.block import Image
+from ...camera.rpc import RPC
+from ...foundation.errors import OutputError
 from ..datasets import metadata_of
 from .fields import POLYNOMIALS, SCALARS, rpc_from_gdal
 from .find import open_raster, read_rpc_file

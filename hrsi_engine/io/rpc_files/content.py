@@ -8,7 +8,7 @@ from xml.parsers import expat
 
 from osgeo import gdal
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 
 LIMIT_BYTES = 32 * 2**20  # the largest vendor XML known (with ephemeris and attitude lists) has about 2 MB
 HEAD_BYTES = 2**20  # enough to tell the format of a file

@@ -13,7 +13,7 @@ its beginning is nearer to 0.
 
 from __future__ import annotations
 
-from ...rpc import RPC
+from ...camera.rpc import RPC
 
 Geotransform = tuple[float, float, float, float, float, float]
 TOLERANCE = 0.02  # share of the RPC's range by which it may end inside the image

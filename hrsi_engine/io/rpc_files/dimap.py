@@ -12,7 +12,7 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml, siblings
 from .fields import POLYNOMIALS, SCALARS, numbered, rpc_from_text, shortened
 from .reading import Origin, Reader, Reading

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ...errors import InputError
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (

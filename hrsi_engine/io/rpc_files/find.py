@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from osgeo import gdal
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from ..datasets import metadata_of, open_dataset
 from . import crop, dimap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings

@@ -5,7 +5,7 @@ The file describes the full scene, also beside a crop; 0 for an accuracy means t
 
 from __future__ import annotations
 
-from ...rpc import RPC
+from ...camera.rpc import RPC
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, numbered, rpc_from_text
 from .reading import Reader, Reading

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import os
 
-from ...errors import InputError
-from ...progress import Progress, silent
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
+from ...foundation.progress import Progress, silent
 from ..replacing import copy_bytes, replacing
 from . import tiff_tag
 from .compare import require_same

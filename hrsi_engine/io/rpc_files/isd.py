@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ...errors import InputError
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import Reader, Reading

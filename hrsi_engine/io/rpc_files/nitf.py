@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import InputError
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
 
 CORNERS = ("11", "12", "21", "22")
 TOLERANCE_PX = 1e-6

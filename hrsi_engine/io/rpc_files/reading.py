@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ...rpc import RPC
+from ...camera.rpc import RPC
 
 Origin = tuple[float, float]  # (sample, line)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ...rpc import RPC
+from ...camera.rpc import RPC
 from .content import read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import Reader, Reading

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ...errors import InputError
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import Reader, Reading

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 
-from ...errors import InputError, OutputError
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError, OutputError
 from ..replacing import copy_bytes, replacing
 from . import geom, isd, rpb, rpc_txt, rpcm_json
 from .compare import same_numbers

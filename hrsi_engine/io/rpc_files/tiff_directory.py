@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import BinaryIO
 
-from ...errors import InputError, OutputError
+from ...foundation.errors import InputError, OutputError
 
 MAX_ENTRIES = 4096  # a first directory has a few dozen; more means a damaged file
 #: Bytes of one value, by TIFF field type.

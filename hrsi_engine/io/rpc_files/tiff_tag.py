@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import struct
 
-from ...errors import InputError
+from ...foundation.errors import InputError
 from .fields import GDAL_NAMES, SCALARS, rpc_from_numbers
 from .reading import Reading
 from .tiff_directory import ASCII, DOUBLE, Directory, Field, edit_directory, read_directory, read_value

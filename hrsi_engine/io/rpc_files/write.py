@@ -8,9 +8,9 @@ from typing import Any
 
 from osgeo import gdal
 
-from ...errors import Cancelled, InputError, OutputError
-from ...progress import Progress, silent
-from ...rpc import RPC
+from ...camera.rpc import RPC
+from ...foundation.errors import Cancelled, InputError, OutputError
+from ...foundation.progress import Progress, silent
 from ..datasets import gdal_messages, metadata_of, open_dataset
 from ..replacing import copy_bytes, replacing
 from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag

@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...block import Image
-from ...dem import HeightSurface, Status, intersect
-from ...robust_scale import MAD_TO_SIGMA, robust_sigma
-from ...rpc import RPC
-from ...scheduling import Result
-from ..epipolar import epipolar_miss, transfer
-from ..features import root_sift
-from ..matching import rpc_consistent
-from ..tile_types import HeightGrid, PairGeometry
+from ...block.block import Image
+from ...camera.rpc import RPC
+from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
+from ...foundation.scheduling import Result
+from ...surface.dem import HeightSurface, Status, intersect
+from ..tile_matching.epipolar import epipolar_miss, transfer
+from ..tile_matching.features import root_sift
+from ..tile_matching.rpc_consistency import rpc_consistent
+from ..tile_matching.types import HeightGrid, PairGeometry
 from .overlaps import GroundRange
 from .overview import features_of
 from .windows import Window, predicted_window, read_window

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...block import Image
-from ...columns import Columns
-from ...points import ImagePoints
-from ...robust_scale import robust_sigma
-from ...scheduling import Result
-from ..epipolar import epipolar_miss
+from ...block.block import Image
+from ...block.columns import Columns
+from ...block.points import ImagePoints
+from ...foundation.robust_scale import robust_sigma
+from ...foundation.scheduling import Result
+from ..tile_matching.epipolar import epipolar_miss
 from ..tracks import spread
 
 #: What cameras do from point to point, whatever a match's own sigma: vibration and the RPC's fit. With it the residuals

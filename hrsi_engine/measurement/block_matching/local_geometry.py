@@ -12,10 +12,10 @@ from typing import cast
 
 import numpy as np
 
-from ...rpc import RPC, Localization
-from ...rpc_terms import monomials
-from ..epipolar import HEIGHT_STEP_M, transfer
-from ..tile_types import PairGeometry
+from ...camera.rpc import RPC, Localization
+from ...camera.rpc_terms import monomials
+from ..tile_matching.epipolar import HEIGHT_STEP_M, transfer
+from ..tile_matching.types import PairGeometry
 from .windows import Window, height_limits
 
 LARGEST_MISS_PX = 1e-3

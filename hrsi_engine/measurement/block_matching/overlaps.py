@@ -14,10 +14,10 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from ...block import Image
-from ...dem import HeightSurface, surface_heights
-from ...errors import InputError
-from ...geodesy import wrap_degrees
+from ...block.block import Image
+from ...foundation.errors import InputError
+from ...ground.geodesy import wrap_degrees
+from ...surface.dem import HeightSurface, surface_heights
 
 GRID = 8  # points along each side of an image by which overlaps are measured
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...block import Image
-from ...scheduling import Result
-from ..features import CONTRAST, stretch_to_byte
-from ..tile_types import ImageTile
+from ...block.block import Image
+from ...foundation.scheduling import Result
+from ..tile_matching.features import CONTRAST, stretch_to_byte
+from ..tile_matching.types import ImageTile
 from .windows import read_overview
 
 SMALLEST_PX, LARGEST_PX = 1024, 2048  # the longer side of an overview

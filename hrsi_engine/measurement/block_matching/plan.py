@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from ...block import Image
+from ...block.block import Image
 from .star import Cell
 from .windows import Window
 

@@ -13,9 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...block import Image
-from ...scheduling import Result
-from ..pair_matching import ImageTile, MatchOptions, PairGeometry, TileMatches, match_tile, transfer_points
+from ...block.block import Image
+from ...foundation.scheduling import Result
+from ..tile_matching.pair_matching import (
+    ImageTile,
+    MatchOptions,
+    PairGeometry,
+    TileMatches,
+    match_tile,
+    transfer_points,
+)
 from .local_geometry import local_geometry
 from .windows import Window, predicted_window, read_window
 

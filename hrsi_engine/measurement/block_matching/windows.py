@@ -6,9 +6,9 @@ from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from ...block import Image, Raster
-from ..epipolar import transfer
-from ..tile_types import ImageTile, PairGeometry
+from ...block.block import Image, Raster
+from ..tile_matching.epipolar import transfer
+from ..tile_matching.types import ImageTile, PairGeometry
 
 SAFETY = 3.0  # sigmas of the height that a window is searched in
 STRIP_LINES = 1024  # of an image that cannot read itself at a lower resolution

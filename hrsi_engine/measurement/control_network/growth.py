@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...progress import Progress, advance, silent
+from ...foundation.progress import Progress, advance, silent
 from .assignment import mutual_best
 from .grey_values import patch_correlation
 from .local_affine import LocalAffine, local_affine

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...robust_scale import robust_sigma
+from ...foundation.robust_scale import robust_sigma
 from .polar import turned
 
 NEIGHBOURS = 12

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...block import Raster
-from ...errors import InputError
-from ...progress import Progress, advance, silent, stage
+from ...block.block import Raster
+from ...foundation.errors import InputError
+from ...foundation.progress import Progress, advance, silent, stage
 from ..interest_points import DETECTORS, Area, CornerOptions, DetectionOptions, inside
 from .growth import GrowthOptions, Stage, grown
 from .network import Network

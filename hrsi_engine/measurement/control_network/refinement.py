@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...robust_scale import robust_sigma
-from ..least_squares_matching import DONE, LsmOptions, match_patches
+from ...foundation.robust_scale import robust_sigma
+from ..window_matching.least_squares_matching import match_patches
+from ..window_matching.windows import DONE, LsmOptions
 from .local_affine import LocalAffine, local_affine
 from .network import Network
 from .views import View

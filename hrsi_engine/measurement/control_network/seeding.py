@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...progress import Progress, advance, silent, stage
+from ...foundation.progress import Progress, advance, silent, stage
 from ..interest_points import InterestPoints, spread_over_grid
 from .grey_values import patch_correlation
 from .growth import consistent

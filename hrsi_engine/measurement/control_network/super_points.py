@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binom
 
-from ...progress import Progress, advance, silent, stage
+from ...foundation.progress import Progress, advance, silent, stage
 from .assignment import mutual_best
 from .polar import Leaves, leaves_of, turned, wrapped
 from .thresholds import Tolerance

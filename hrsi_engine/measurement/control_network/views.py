@@ -9,11 +9,11 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from ...block import ArrayRaster, Raster
-from ...progress import Progress, silent, stage
+from ...block.block import ArrayRaster, Raster
+from ...foundation.progress import Progress, silent, stage
 from ..interest_points import Area, DetectionOptions, InterestPoints, detect_interest_points
 from ..interest_points.points import joined
-from ..least_squares_matching import MatchImage
+from ..window_matching.windows import MatchImage
 
 SMOOTH_PX = 0.7  # before least-squares matching, against noise
 

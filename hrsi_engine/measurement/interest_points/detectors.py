@@ -15,9 +15,9 @@ from typing import Protocol
 
 import numpy as np
 
-from ...block import Raster
-from ...errors import InputError
-from ...progress import Progress, advance, silent
+from ...block.block import Raster
+from ...foundation.errors import InputError
+from ...foundation.progress import Progress, advance, silent
 from .corners import CornerOptions, Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
 from .corners import halo_px as corner_halo_px
 from .gravity_centres import Centre, CentreOptions, gravity_centres

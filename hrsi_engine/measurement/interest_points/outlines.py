@@ -13,7 +13,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from ...columns import Columns
+from ...block.columns import Columns
 from .corners import gaussian_kernels
 from .level_regions import EVEN, EVEN_WITHIN_PX, Regions
 

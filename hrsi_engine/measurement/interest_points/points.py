@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ...block import ImagePoints
-from ...columns import Columns
+from ...block.block import ImagePoints
+from ...block.columns import Columns
 
 CORNER, SUPER = "corner", "super"
 

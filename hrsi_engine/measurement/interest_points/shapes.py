@@ -14,7 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ..ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
+from ..targets.ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
 from .outlines import Outlines, Slopes, edges_along
 
 CLOSED_SHARE = 0.85  # of the outline with a clear edge that lies on the shape

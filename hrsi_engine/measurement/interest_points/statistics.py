@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...block import Raster
-from ...robust_scale import MAD_TO_SIGMA
+from ...block.block import Raster
+from ...foundation.robust_scale import MAD_TO_SIGMA
 from .windows import GRID_PX, SATURATED_SHARE, Area, Window, read_window
 
 CELL_PX = GRID_PX

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...block import Raster
+from ...block.block import Raster
 
 CORE_PX = 1536  # with a halo of 256: windows of 2048 x 2048
 GRID_PX = 32  # windows begin at multiples of this: cells of the statistics, pyramid factors

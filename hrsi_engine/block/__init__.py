@@ -1,0 +1,1 @@
+"""A block: its images, its ground and image points, and how its images see the ground."""

@@ -1,0 +1,311 @@
+"""The block: images with their cameras, points on the ground, and where the points were measured on the images.
+
+Everything is columns of NumPy arrays; text ids are resolved to integer indices once, in `assemble`.
+`GroundPoints` and `ImagePoints` are what files and matchers deliver; a `Block` is what is adjusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..camera.rpc import RPC
+from ..foundation.errors import InputError, named
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
+
+
+class Raster(Protocol):
+    """Pixels of an image; the readers of `hrsi_engine.io` provide it."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of samples and lines."""
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool)."""
+
+
+class ArrayRaster:
+    """Pixels in memory: ``grey (lines, samples)``, and which of them are ``valid``, by default all."""
+
+    def __init__(self, grey: np.ndarray, valid: np.ndarray | None = None) -> None:
+        self.grey = grey
+        self.valid = np.ones(grey.shape, dtype=bool) if valid is None else valid
+        self.size: tuple[int, int] = (grey.shape[1], grey.shape[0])
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a window within the image and its mask of valid pixels."""
+        window = np.s_[line : line + lines, sample : sample + samples]
+        return self.grey[window], self.valid[window]
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """One image: its id, its camera and, where they are known, its size and pixels."""
+
+    id: str
+    rpc: RPC
+    size: tuple[int, int] | None = None
+    path: str = ""
+    raster: Raster | None = None
+
+    @property
+    def domain_px(self) -> tuple[float, float, float, float]:
+        """Image area: first and last sample, first and last line (pixel centres).
+
+        From the image size; from OFF and SCALE only where there are no pixels, because crops keep the full
+        scene's values there.
+        """
+        if self.size is not None:
+            return 0.0, self.size[0] - 1.0, 0.0, self.size[1] - 1.0
+        rpc = self.rpc
+        return (
+            rpc.samp_off - rpc.samp_scale, rpc.samp_off + rpc.samp_scale,
+            rpc.line_off - rpc.line_scale, rpc.line_off + rpc.line_scale,
+        )  # fmt: skip
+
+    @property
+    def centre_px(self) -> np.ndarray:
+        """Middle of the image area, ``(2,)`` sample and line: origin of the image-space models."""
+        first_sample, last_sample, first_line, last_line = self.domain_px
+        return np.array([(first_sample + last_sample) / 2.0, (first_line + last_line) / 2.0])
+
+    @property
+    def half_size_px(self) -> np.ndarray:
+        """Half the extent of the image area, ``(2,)``."""
+        first_sample, last_sample, first_line, last_line = self.domain_px
+        return np.array([(last_sample - first_sample) / 2.0, (last_line - first_line) / 2.0])
+
+    def grid_px(self, samples: int, lines: int, margin: float = 0.0) -> np.ndarray:
+        """Return a regular grid over the image area, ``(samples * lines, 2)``; ``margin`` as a share of it."""
+        reach = (1.0 + margin) * self.half_size_px
+        axes = [
+            c + r * np.linspace(-1.0, 1.0, n) for c, r, n in zip(self.centre_px, reach, (samples, lines), strict=True)
+        ]
+        return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+
+    def outline_px(self, per_side: int = 5) -> np.ndarray:
+        """Return points around the image area (outer pixel edges), clockwise, ``(4 * per_side, 2)``."""
+        first_sample, last_sample, first_line, last_line = self.domain_px
+        s0, s1, l0, l1 = first_sample - 0.5, last_sample + 0.5, first_line - 0.5, last_line + 0.5
+        t = np.arange(per_side) / per_side
+        sample = np.concatenate([s0 + (s1 - s0) * t, np.full(per_side, s1), s1 - (s1 - s0) * t, np.full(per_side, s0)])
+        line = np.concatenate([np.full(per_side, l0), l0 + (l1 - l0) * t, np.full(per_side, l1), l1 - (l1 - l0) * t])
+        return np.column_stack([sample, line])
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Images, ground points and measurements with consistent indices; every sigma is set."""
+
+    images: tuple[Image, ...]
+    points: GroundPoints
+    measurements: Measurements
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def known(self) -> np.ndarray:
+        """Mask of the points whose ground position was surveyed: GCPs and check points."""
+        return self.points.role != Role.TIE
+
+    def rays_per_point(self) -> np.ndarray:
+        """Return the number of different images on which each point was measured, ``(m,)``."""
+        point, image = self.measurements.point, self.measurements.image  # sorted by point, then by image
+        another = np.ones(len(point), dtype=bool)
+        another[1:] = (point[1:] != point[:-1]) | (image[1:] != image[:-1])
+        return np.bincount(point[another], minlength=len(self.points))
+
+    def with_measurements(self, keep: np.ndarray) -> Block:
+        """Return the block with only the chosen measurements (mask); points stay."""
+        return replace(self, measurements=self.measurements.select(keep))
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """Standard deviations for points and measurements whose file gives none."""
+
+    sigma_image_px: float = 0.5
+    sigma_gcp_xy_m: float = 0.2
+    sigma_gcp_h_m: float = 0.3
+
+
+def assemble(
+    images: Sequence[Image],
+    ground_points: Iterable[GroundPoints],
+    image_points: Iterable[ImagePoints],
+    gcp_ids: Sequence[str] | None = None,
+    check_ids: Sequence[str] | None = None,
+    defaults: Defaults | None = None,
+) -> Block:
+    """Put images, ground points and measurements together.
+
+    A known point is a GCP unless its role says otherwise; with ``gcp_ids`` those are the GCPs and every other known
+    point a check point; ``check_ids`` are check points in any case. Points that are only measured are tie points.
+
+    Raises `InputError` for ids that do not exist or contradict each other.
+    """
+    defaults = defaults or Defaults()
+    _require_unique([image.id for image in images])
+    known = _merge_ground(list(ground_points))
+    rows = _concatenate([table for table in image_points if len(table)])
+    warnings: list[str] = []
+    image_index = _image_indices(rows, images)
+    ids, point_index = unique_ids(rows.ids)
+    known, unmeasured = _measured_only(known, ids)
+    if len(unmeasured):
+        warnings.append(
+            f"{len(unmeasured)} ground points are measured on no image and are left out: {named(unmeasured)}"
+        )
+    role = _roles(known, gcp_ids, check_ids)
+    points = _all_points(ids, known, role, defaults)
+    order = np.lexsort((image_index, point_index))
+    sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
+    measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
+    measurements = _without_repetitions(measurements, ids, warnings)
+    _require_finite(measurements, ids, images)
+    return Block(tuple(images), points, measurements, tuple(warnings))
+
+
+def _require_unique(image_ids: list[str]) -> None:
+    twice = sorted({name for name in image_ids if image_ids.count(name) > 1})
+    if twice:
+        raise InputError(f"image id {named(twice)} occurs more than once: rename one of the files")
+
+
+def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
+    """Concatenate tables; the same id twice must mean the same position (10 cm)."""
+    if not tables:
+        return GroundPoints.create([], np.empty((0, 3)))
+    merged = GroundPoints(
+        np.concatenate([t.ids for t in tables]),
+        np.concatenate([t.ground for t in tables]),
+        np.concatenate([t.role for t in tables]),
+        np.concatenate([t.sigma_m for t in tables]),
+        tables[0].source,
+        _all_covariances(tables),
+    )
+    _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
+    away = np.abs(merged.ground - merged.ground[first[inverse]]) * [1e5, 1e5, 1.0]
+    if np.any(away > 0.1):
+        wrong = np.unique(merged.ids[np.any(away > 0.1, axis=1)])
+        raise InputError(f"ground point {named(wrong)} is given with different positions in {merged.source}: keep one")
+    return merged.select(first)
+
+
+def _all_covariances(tables: list[GroundPoints]) -> np.ndarray | None:
+    if all(table.covariance_m2 is None for table in tables):
+        return None
+    nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
+    return np.concatenate(nothing)
+
+
+def _concatenate(tables: list[ImagePoints]) -> ImagePoints:
+    if not tables:
+        return ImagePoints.create([], [], np.empty((0, 2)))
+    if len(tables) == 1:
+        return tables[0]
+    names = ("ids", "image_ids", "xy", "sigma_px", "kind", "quality")
+    columns = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
+    return ImagePoints(**columns, source=tables[0].source)
+
+
+def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
+    """Return each row's image index; raise `InputError` for image ids that are not in the block."""
+    measured, inverse = unique_ids(rows.image_ids)
+    position = {image.id: index for index, image in enumerate(images)}
+    unknown = [name for name in measured if str(name) not in position]
+    if unknown:
+        where = f" of {rows.source}" if rows.source else ""
+        raise InputError(
+            f"image {named(map(repr, map(str, unknown)))} in the image points{where} is not in the block "
+            f"(images: {named(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
+        )
+    return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
+
+
+def _measured_only(known: GroundPoints, ids: np.ndarray) -> tuple[GroundPoints, np.ndarray]:
+    measured = np.isin(known.ids, ids)
+    return known.select(measured), known.ids[~measured]
+
+
+def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
+    for option, chosen in (("--gcp-ids", gcp_ids), ("--check-ids", check_ids)):
+        missing = sorted(set(chosen or ()) - set(known.ids.tolist()))
+        if missing:
+            raise InputError(
+                f"{option} names {named(missing)}, not among the measured ground points"
+                f"{f' of {known.source}' if known.source else ''}: correct the ids"
+            )
+    both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
+    if both:
+        raise InputError(f"{named(both)} is in --gcp-ids and in --check-ids: a point is control or check, not both")
+    role = np.where(known.role == UNSET, Role.GCP, known.role)
+    if gcp_ids:
+        role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))
+    if check_ids:
+        role = np.where(np.isin(known.ids, list(check_ids)), Role.CHECK, role)
+    return np.where(np.isnan(known.ground).any(axis=1), Role.TIE, role)
+
+
+def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: Defaults) -> GroundPoints:
+    """Return one row for every measured id; unknown ones are tie points at NaN."""
+    empty = np.full((len(ids), 3, 3), np.nan) if known.covariance_m2 is not None else None
+    points = GroundPoints.create(
+        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source, covariance_m2=empty
+    )
+    row = np.searchsorted(ids, known.ids)
+    if points.covariance_m2 is not None and known.covariance_m2 is not None:
+        _require_covariances(known)
+        points.covariance_m2[row] = known.covariance_m2
+    points.ground[row], points.role[row], points.sigma_m[row] = known.ground, role, known.sigma_m
+    for column, default in enumerate((defaults.sigma_gcp_xy_m, defaults.sigma_gcp_h_m)):
+        sigma = points.sigma_m[:, column]
+        sigma[np.isnan(sigma)] = default
+    bad = ids[~(points.sigma_m > 0.0).all(axis=1)]
+    if len(bad):
+        raise InputError(
+            f"ground point {named(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
+        )
+    return points
+
+
+def _require_covariances(known: GroundPoints) -> None:
+    """Raise `InputError` for a covariance that no random vector has."""
+    given = known.survey_covariance_m2()
+    given = np.where(np.isnan(given), np.eye(3), given)  # sigmas that the defaults will fill
+    open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
+    finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), given)
+    scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
+    bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
+    if len(bad):
+        raise InputError(
+            f"ground point {named(bad)} has a covariance that is not positive definite: correlations must lie between "
+            "-1 and 1 and agree with each other"
+        )
+
+
+def _without_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:
+    """Drop exact repetitions of a measurement (copied rows); genuinely repeated measurements stay."""
+    if len(rows) < 2:
+        return rows
+    same_point = (rows.point[1:] == rows.point[:-1]) & (rows.image[1:] == rows.image[:-1])
+    repeated = np.r_[False, same_point & np.all(rows.xy[1:] == rows.xy[:-1], axis=1)]
+    if not repeated.any():
+        return rows
+    warnings.append(f"{repeated.sum()} image points are given twice and used once: {named(ids[rows.point[repeated]])}")
+    return rows.select(~repeated)
+
+
+def _require_finite(rows: Measurements, ids: np.ndarray, images: Sequence[Image]) -> None:
+    bad = ~(np.isfinite(rows.xy).all(axis=1) & (rows.sigma_px > 0.0))
+    if bad.any():
+        first = np.flatnonzero(bad)[0]
+        raise InputError(
+            f"point {ids[rows.point[first]]!s} on image {images[rows.image[first]].id} has sample, line "
+            f"{rows.xy[first].tolist()} and sigma {rows.sigma_px[first]}: numbers are needed, and a sigma above 0"
+        )

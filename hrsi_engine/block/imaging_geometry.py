@@ -1,0 +1,238 @@
+"""How images see the ground: GSD, incidence and azimuth, convergence, B/H, overlap; and whether to trust an RPC.
+
+Definitions, at a ground point on the terrain:
+
+* incidence: angle between the ray to the satellite and the ellipsoid's vertical;
+* azimuth: horizontal direction from the target to the satellite, clockwise from north;
+* GSD along sample (line): length on a horizontal plane of a step of one sample (line);
+* convergence: angle between the two rays of a pair;
+* B/H: horizontal distance of the two rays at unit height above the point where they meet;
+* overlap: share of an image's area, on the terrain, that the other image sees too. It depends on the terrain's
+  height: two oblique images can overlap at one height and not at another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from ..camera.rpc import RPC
+from ..camera.rpc_fit import virtual_grid
+from ..foundation.errors import SolveError
+from ..ground.geodesy import ground_difference_m
+from ..surface.dem import HeightSurface, Status, intersect
+from .block import Image
+
+LEVER_M = 100.0  # rays are taken between points so far above and below the terrain
+CELLS = 100  # per axis, of the grid of cells by which overlaps are measured
+OUTLINE_PER_SIDE = 8
+VOLUME_GRID = (11, 11, 7)
+SHALLOW_DENOMINATOR = 0.1  # of its value in the middle: below, the RPC is about to break
+GROUND_REACH = 1.5  # normalised lon and lat that an image of its own RPC does not exceed
+EARTH_HEIGHTS_M = (-600.0, 9500.0)
+CROP_SHARE = 0.5  # an image smaller than this share of its RPC's extent is a crop
+
+
+@dataclass(frozen=True)
+class ViewGeometry:
+    """How an image sees the terrain in its middle; ``footprint (k, 2)`` is its outline as lon, lat."""
+
+    centre: np.ndarray
+    gsd_sample_m: float
+    gsd_line_m: float
+    incidence_deg: float
+    azimuth_deg: float
+    footprint: np.ndarray
+
+
+@dataclass(frozen=True)
+class PairGeometry:
+    """How two images see the ground that they share.
+
+    ``overlap`` is the shared share (0 to 1) of the first and of the second image. Angles belong to the middle of
+    the shared ground, and are None where there is none.
+    """
+
+    first: str
+    second: str
+    overlap: tuple[float, float]
+    convergence_deg: float | None
+    base_to_height: float | None
+
+
+class View:
+    """An image with the terrain under it."""
+
+    def __init__(self, image: Image, surface: HeightSurface) -> None:
+        self.image, self._surface = image, surface
+
+    @cached_property
+    def cells(self) -> np.ndarray:
+        """Ground points ``(n, 3)`` of the centres of a grid of equal parts of the image, those on known terrain."""
+        first_sample, last_sample, first_line, last_line = self.image.domain_px
+        share = (np.arange(CELLS) + 0.5) / CELLS
+        samples = first_sample - 0.5 + (last_sample - first_sample + 1.0) * share
+        lines = first_line - 0.5 + (last_line - first_line + 1.0) * share
+        grid = np.stack(np.meshgrid(samples, lines), axis=-1).reshape(-1, 2)
+        ground, status = intersect(self.image.rpc, grid, self._surface)
+        return ground[status == Status.FOUND]
+
+    def contains(self, ground: np.ndarray) -> np.ndarray:
+        """Tell which ground points the image sees (out to the outer edges of its pixels)."""
+        sample, line = self.image.rpc.project(ground).T
+        first_sample, last_sample, first_line, last_line = self.image.domain_px
+        inside_samples = (sample >= first_sample - 0.5) & (sample <= last_sample + 0.5)
+        return inside_samples & (line >= first_line - 0.5) & (line <= last_line + 0.5)
+
+    def geometry(self) -> ViewGeometry:
+        """Return the view's figures; raise `SolveError` where the image's middle has no position on the terrain."""
+        ground, status = intersect(self.image.rpc, self.image.centre_px[None], self._surface)
+        if status[0] != Status.FOUND:
+            reason = Status(status[0]).label
+            raise SolveError(
+                f"image {self.image.id}: its middle has no position on the terrain ({reason}): "
+                "check the RPC, or use a DEM that covers the image, or --height"
+            )
+        _, by_ground = self.image.rpc.project_with_metric_jacobian(ground)
+        steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
+        east, north, up = rays_up(self.image.rpc, ground)[0]
+        return ViewGeometry(
+            centre=ground[0],
+            gsd_sample_m=float(np.hypot(*steps[:, 0])),
+            gsd_line_m=float(np.hypot(*steps[:, 1])),
+            incidence_deg=float(np.degrees(np.arctan2(np.hypot(east, north), up))),
+            azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0),
+            footprint=self._footprint(float(ground[0, 2])),
+        )
+
+    def _footprint(self, centre_height_m: float) -> np.ndarray:
+        """Return the outline as lon, lat; where the terrain is not known, at the height of the image's middle."""
+        outline = self.image.outline_px(OUTLINE_PER_SIDE)
+        ground, status = intersect(self.image.rpc, outline, self._surface)
+        unknown = status != Status.FOUND
+        ground[unknown] = self.image.rpc.localize(outline[unknown], centre_height_m).ground
+        return ground[np.isfinite(ground).all(axis=1), :2]
+
+
+def rays_up(rpc: RPC, ground: np.ndarray) -> np.ndarray:
+    """Return unit vectors ``(n, 3)`` east, north, up from ground points to the satellite."""
+    image = rpc.project(ground)
+    upper = rpc.localize(image, ground[:, 2] + LEVER_M).ground
+    lower = rpc.localize(image, ground[:, 2] - LEVER_M).ground
+    ray = ground_difference_m(upper, lower)
+    return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+
+
+def pair_geometry(first: View, second: View) -> PairGeometry:
+    """Return how two views share the ground."""
+    shared = second.contains(first.cells)
+    overlap = _share(shared), _share(first.contains(second.cells))
+    if not shared.any():
+        return PairGeometry(first.image.id, second.image.id, overlap, None, None)
+    common = first.cells[shared]
+    middle = common[np.argmin(np.sum(ground_difference_m(common, np.median(common, axis=0)[None]) ** 2, axis=1))]
+    rays = [rays_up(view.image.rpc, middle[None])[0] for view in (first, second)]
+    base = rays[0] / rays[0][2] - rays[1] / rays[1][2]
+    angle = np.arctan2(np.linalg.norm(np.cross(*rays)), np.dot(*rays))
+    return PairGeometry(first.image.id, second.image.id, overlap, float(np.degrees(angle)), float(np.linalg.norm(base)))
+
+
+def _share(mask: np.ndarray) -> float:
+    return float(np.mean(mask)) if mask.size else 0.0
+
+
+def all_pairs(views: list[View]) -> list[PairGeometry]:
+    """Return the geometry of every pair of images."""
+    return [pair_geometry(first, second) for first, second in combinations(views, 2)]
+
+
+# ---- sanity ----------------------------------------------------------------------------------------------------
+
+
+def sanity_warnings(image: Image, terrain_m: tuple[float, float] | None = None) -> list[str]:
+    """Return what is doubtful about an image's RPC, as sentences that say what to do; empty where nothing is.
+
+    ``terrain_m`` is the lowest and highest height that the RPC is used at, where they are known.
+    """
+    warnings = [*_offset_warnings(image.rpc), *_height_warnings(image.rpc, terrain_m)]
+    _, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, VOLUME_GRID)
+    if not converged.all():
+        share = 1.0 - np.mean(converged)
+        warnings.append(
+            f"{share:.0%} of the image has no ground position within the RPC's height range: "
+            "check that image size and RPC belong together"
+        )
+    if converged.any():
+        warnings += _denominator_warnings(image.rpc, ground[converged])
+        warnings += _orientation_warnings(image.rpc, ground[converged])
+        warnings += _size_warnings(image, ground[converged])
+    return [f"{image.id}: {text}" for text in warnings]
+
+
+def _offset_warnings(rpc: RPC) -> list[str]:
+    warnings = []
+    if abs(rpc.lat_off) > 90.0:
+        warnings.append(f"LAT_OFF is {rpc.lat_off:g}: latitude and longitude are swapped; exchange them in the RPC")
+    scales = {"LINE": rpc.line_scale, "SAMP": rpc.samp_scale, "LAT": rpc.lat_scale, "LONG": rpc.long_scale}
+    warnings += [f"{name}_SCALE is {value:g}, it must be above 0" for name, value in scales.items() if not value > 0.0]
+    return warnings
+
+
+def _height_warnings(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]:
+    low, high = rpc.height_range
+    warnings = []
+    if rpc.height_scale <= 0.0:
+        warnings.append(f"HEIGHT_SCALE is {rpc.height_scale:g}, it must be above 0")
+    if high < EARTH_HEIGHTS_M[0] or low > EARTH_HEIGHTS_M[1]:
+        warnings.append(f"the RPC is made for heights from {low:.0f} to {high:.0f} m, where there is no land")
+    if terrain_m is not None and (terrain_m[0] < low or terrain_m[1] > high):
+        warnings.append(
+            f"the terrain ({terrain_m[0]:.0f} to {terrain_m[1]:.0f} m) leaves the heights the RPC is made for "
+            f"({low:.0f} to {high:.0f} m): it extrapolates; check the height datum"
+        )
+    return warnings
+
+
+def _denominator_warnings(rpc: RPC, ground: np.ndarray) -> list[str]:
+    """Compare the denominators in the image's volume with those in the middle of the RPC's ground domain."""
+    warnings = []
+    for name, denominators in zip(("sample", "line"), rpc.denominators(ground), strict=True):
+        lowest = float(np.min(denominators / np.median(denominators)))
+        if lowest <= 0.0:
+            warnings.append(f"the {name} denominator becomes zero within the image: the RPC is damaged; get it again")
+        elif lowest < SHALLOW_DENOMINATOR:
+            warnings.append(f"the {name} denominator falls to {lowest:.2g} of its usual value within the image")
+    return warnings
+
+
+def _orientation_warnings(rpc: RPC, ground: np.ndarray) -> list[str]:
+    """An image of the ground seen from above is not mirrored; exchanged latitude and longitude mirror it."""
+    _, by_ground = rpc.project_with_metric_jacobian(ground[len(ground) // 2][None])
+    if np.linalg.det(by_ground[0, :, :2]) > 0.0:
+        return [
+            "the image lies mirrored on the ground: latitude and longitude may be swapped in the RPC, or lines reversed"
+        ]
+    return []
+
+
+def _size_warnings(image: Image, ground: np.ndarray) -> list[str]:
+    if image.size is None:
+        return []
+    rpc, warnings = image.rpc, []
+    reach = np.abs(rpc.normalised(ground)[:2]).max()
+    if reach > GROUND_REACH:
+        warnings.append(
+            f"the image of {image.size[0]} x {image.size[1]} px reaches {reach:.1f} times as far as the ground "
+            "that its RPC is made for: check that they belong together"
+        )
+    start = np.array([-rpc.samp_off / rpc.samp_scale, -rpc.line_off / rpc.line_scale])
+    extent = 2.0 * np.array([rpc.samp_scale, rpc.line_scale])
+    if np.abs(start + 1.0).max() < 0.02 and (np.array(image.size) < CROP_SHARE * extent).any():
+        warnings.append(
+            f"the image has {image.size[0]} x {image.size[1]} px, its RPC about {extent[0]:.0f} x {extent[1]:.0f}: "
+            "it looks like a crop whose origin is not known; shift the RPC to the crop"
+        )
+    return warnings

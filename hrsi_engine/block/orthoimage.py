@@ -1,0 +1,46 @@
+"""An orthoimage: pixels, and where each of them lies on the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..ground.geodesy import ground_difference_m
+from .block import Raster
+
+Transform = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Orthoimage:
+    """An image in which every pixel has a position on the ground.
+
+    to_pixels : sample, line ``(n, 2)``, (0, 0) the centre of the first pixel, of lon, lat ``(n, 2)``
+    to_lonlat : the inverse
+    """
+
+    raster: Raster
+    to_pixels: Transform
+    to_lonlat: Transform
+    path: str = ""
+
+    @cached_property
+    def gsd_m(self) -> float:
+        """Ground distance in metres of neighbouring pixels in the image's middle (mean of both directions)."""
+        middle = np.array(self.raster.size) / 2.0
+        lonlat = self.to_lonlat(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        ground = np.column_stack([lonlat, np.zeros(3)])
+        steps = ground_difference_m(ground[1:], ground[[0, 0]])
+        return float(np.sqrt(abs(np.linalg.det(steps[:, :2]))))
+
+    @classmethod
+    def on_degrees(cls, raster: Raster, geotransform: tuple[float, ...], path: str = "") -> Orthoimage:
+        """Return an orthoimage whose rows and columns follow parallels and meridians, with GDAL's geotransform."""
+        west, lon_step, _, north, _, lat_step = geotransform
+        step, corner = np.array([lon_step, lat_step]), np.array([west, north])
+        return cls(
+            raster, lambda lonlat: (lonlat - corner) / step - 0.5, lambda pixels: (pixels + 0.5) * step + corner, path
+        )

@@ -1,0 +1,395 @@
+"""Fitting RPCs to correspondences between ground and image, and refitting an RPC that has been corrected.
+
+For one image coordinate ``r`` (normalised) and the row of 20 terms ``t`` of a ground point, the RPC's ratio
+``r = t.a / (1 + t'.b)`` (``t'``: the terms without the constant) becomes linear after multiplication with the
+denominator::
+
+    (t.a - r t'.b - r) / D = v,        D = 1 + t'.b of the iteration before
+
+Iterating with the weights ``1 / D`` minimises the image residuals themselves (Tao and Hu 2001, PE&RS 67(12)
+"A comprehensive study of the rational function model", iterative weighted least squares). Numerator and denominator
+are nearly collinear wherever the camera is nearly affine; a ridge so small that it costs less than 1e-6 px keeps the
+denominator near 1 and every coefficient bounded, and prefers low terms where the points leave a choice. The
+observation equations are reduced to their triangular factor part by part (normal equations would square the condition
+number), so that the memory needed does not grow with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..foundation.errors import SolveError
+from ..ground.geodesy import wrap_degrees
+from .rpc import RPC, Localization
+from .rpc_terms import POWERS, monomials
+
+RIDGE = 1e-16  # variance of the normalised image residuals over that of the denominator's coefficients
+RIDGES = (RIDGE, 1e-12, 1e-9, 1e-6, 1e-3)  # tried in turn while the fit is not good
+GOOD_PX = 1e-3
+ALIKE = 1.05  # of fits that differ by less the most damped one is taken: it behaves best where nothing was checked
+MAX_ITERATIONS = 10
+SETTLED_PX = 1e-9  # iterations end when the RMS residual changes by less
+PART = 20_000  # observation equations held in memory at a time
+FIT_GRID = (15, 15, 6)  # samples, lines, heights
+CHECK_GRID = (16, 16, 7)  # shares only the corners with the grid of the fit
+FLAT_HEIGHT_M = 1.0  # points within such a range say nothing of the camera's behaviour with height
+#: Smallest half extents that normalise: degrees (about 1 m), degrees, metres, pixels, pixels.
+SMALLEST_SCALE = np.array([1e-5, 1e-5, FLAT_HEIGHT_M, 1.0, 1.0])
+#: Terms that so many points can carry: (points needed, terms of the numerator, terms of the denominator).
+TERMS_BY_POINTS = ((45, 20, 20), (24, 20, 1), (12, 10, 1), (5, 4, 1))
+#: Damping of the numerator's terms against that of the denominator's, by degree. Where points lie on few levels of
+#: height, powers of H cannot be told apart there (on three levels H**3 equals H); the lowest one must win.
+NUMERATOR_DAMPING = np.array([0.0, 0.0, 1.0, 10.0])[POWERS.sum(axis=1)]
+HEIGHT_TERMS = np.array([3, 5, 6, 9, 10, 13, 16, 17, 18, 19])  # those with a power of H
+
+Correct = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class RpcFit:
+    """A fitted RPC and its largest and RMS distance (px, length of the image difference) from what it was to fit.
+
+    `fit_rpc` states them at the given points, `refit_rpc` on an independent grid. ``warnings`` are for the user;
+    ``ridge`` is the damping that was applied.
+    """
+
+    rpc: RPC
+    max_px: float
+    rms_px: float
+    warnings: tuple[str, ...] = ()
+    ridge: float = RIDGE
+
+
+def fit_rpc(
+    ground: np.ndarray,
+    image: np.ndarray,
+    *,
+    weights: np.ndarray | None = None,
+    ridge: float = RIDGE,
+    common_denominator: bool = False,
+) -> RpcFit:
+    """Return the RPC that maps ground points to image points best.
+
+    With few points (fewer than 45) only the lower terms are estimated, with flat points none in height; the result's
+    ``warnings`` say so.
+
+    Parameters
+    ----------
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in m; may cross the 180 degree meridian
+    image : (n, 2) sample, line in px
+    weights : (n,) of the squared residuals, relative; default all equal
+    ridge : damping of the denominators, as a variance ratio to the normalised image residuals (the
+        default damps nothing that the points determine; 1e-6 and more for noisy measurements)
+    common_denominator : one denominator for sample and line; affine corrections then fold in exactly
+
+    Raises
+    ------
+    SolveError
+        Fewer than 5 points, or points on a line or at one place.
+    """
+    ground, image = np.asarray(ground, dtype=np.float64), np.asarray(image, dtype=np.float64)
+    _check_shapes(ground, image, weights)
+    off, scale = _extents(ground, image)
+    lonlat_difference = np.column_stack([wrap_degrees(ground[:, :1] - off[0]), ground[:, 1:] - off[1:3]])
+    terms = monomials((lonlat_difference / scale[:3]).T).T
+    target = (image - off[3:]) / scale[3:]
+    root_weights = np.ones(len(ground)) if weights is None else np.sqrt(weights / np.mean(weights))
+    numerator, denominator, warnings = _usable_terms(ground)
+    _check_spread(terms)
+    system = _System(terms, target, root_weights, numerator, denominator, ridge)
+    solve = _solve_common if common_denominator else _solve_separate
+    rpc = _assemble(off, scale, *solve(system, scale[3:]))
+    return RpcFit(rpc, *_differences(rpc, ground, image), warnings, ridge)
+
+
+def refit_rpc(
+    rpc: RPC, correct: Correct, domain_px: tuple[float, float, float, float], heights: tuple[float, float]
+) -> RpcFit:
+    """Return the RPC of ``rpc`` followed by a correction of its image coordinates.
+
+    A virtual control grid over the image and the height range is taken to the ground with ``rpc``, its image
+    coordinates are corrected, and an RPC is fitted. The differences stated are those on another, staggered grid.
+
+    Parameters
+    ----------
+    correct : function of image points (n, 2) and their ground points (n, 3), returns corrected image points (n, 2)
+    domain_px : first and last sample, first and last line where the RPC must hold. OFF and SCALE of ``rpc`` are no
+        substitute: a crop often carries those of the full scene
+    heights : lowest and highest ellipsoidal height (m) where the RPC must hold
+
+    Raises `SolveError` where ``rpc`` has no ground positions in the domain.
+    """
+    nodes = _virtual_points(rpc, correct, domain_px, heights, FIT_GRID)
+    staggered = _virtual_points(rpc, correct, domain_px, heights, CHECK_GRID)
+    fit = best_fit(nodes, staggered)
+    return replace(
+        fit,
+        rpc=replace(fit.rpc, err_bias=rpc.err_bias, err_rand=rpc.err_rand),
+        warnings=fit.warnings + extrapolation_warnings(heights, rpc.height_range),
+    )
+
+
+def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, float]) -> tuple[str, ...]:
+    """Return a warning where an RPC is to hold at heights (m) that it is not made from."""
+    slack = 0.01 * (known[1] - known[0])
+    if wanted[0] >= known[0] - slack and wanted[1] <= known[1] + slack:
+        return ()
+    return (
+        f"heights from {wanted[0]:.0f} to {wanted[1]:.0f} m are wanted, but only {known[0]:.0f} to {known[1]:.0f} m "
+        "are known: the RPC extrapolates there",
+    )
+
+
+def best_fit(
+    points: tuple[np.ndarray, np.ndarray], check: tuple[np.ndarray, np.ndarray], common_denominator: bool = False
+) -> RpcFit:
+    """Fit an RPC to ``points`` (ground, image), damped as much as other points ``check`` show to be best.
+
+    Without damping denominators follow noise, or what no RPC can follow, and go wild between the points. The
+    differences stated are those at the check points.
+    """
+    fits = []
+    for ridge in RIDGES:
+        fit = fit_rpc(*points, ridge=ridge, common_denominator=common_denominator)
+        largest, rms = _differences(fit.rpc, *check)
+        fits.append(replace(fit, max_px=largest, rms_px=rms))
+        if largest < GOOD_PX:
+            break
+    best = min(fit.rms_px for fit in fits)
+    return next(fit for fit in reversed(fits) if fit.rms_px <= ALIKE * best)
+
+
+def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
+    """Return ``rpc`` followed by an affine transformation of its image coordinates where an RPC is exactly that.
+
+    ``matrix (2, 3)``: ``sample' = m00 + m01 sample + m02 line``, ``line' = m10 + m11 sample + m12 line``. It is exact
+    for shifts, for a scale of one coordinate by itself, and with cross terms where both coordinates have the same
+    denominator. None otherwise: use `refit_rpc`.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    parts = (rpc.samp_off, rpc.samp_scale, rpc.samp_num, rpc.samp_den), (
+        rpc.line_off, rpc.line_scale, rpc.line_num, rpc.line_den,
+    )  # fmt: skip
+    sample, line = _folded_row(matrix[0], parts), _folded_row(matrix[1], parts)
+    if sample is None or line is None:
+        return None
+    return replace(
+        rpc,
+        samp_off=sample[0], samp_scale=sample[1], samp_num=sample[2], samp_den=sample[3],
+        line_off=line[0], line_scale=line[1], line_num=line[2], line_den=line[3],
+    )  # fmt: skip
+
+
+_Part = tuple[float, float, np.ndarray, np.ndarray]  # OFF, SCALE, numerator, denominator of an image coordinate
+
+
+def _folded_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
+    """Return the polynomials of ``row[0] + row[1] * sample + row[2] * line``, None where no RPC is exactly that."""
+    involved = [(factor, part) for factor, part in zip(row[1:], parts, strict=True) if factor != 0.0]
+    if not involved:
+        raise ValueError("an affine transformation that maps all image points to one line has no RPC")
+    off = float(row[0] + sum(factor * part[0] for factor, part in involved))
+    _, scale, _, denominator = involved[0][1]
+    if len(involved) == 1:
+        factor, (_, _, numerator, _) = involved[0]
+        # The sign goes to the numerator: some readers take a SCALE below zero for damage.
+        return off, abs(factor) * scale, numerator if factor > 0.0 else -numerator, denominator
+    if not np.array_equal(denominator, involved[1][1][3]):
+        return None
+    numerator = sum((factor * part[1] / scale * part[2] for factor, part in involved), np.zeros(20))
+    return off, scale, numerator, denominator
+
+
+# ---- virtual control grid --------------------------------------------------------------------------------------
+
+
+def image_grid(domain_px: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
+    """Return image points ``(n, 2)`` of a regular grid that includes the domain's edges."""
+    first_sample, last_sample, first_line, last_line = domain_px
+    samples, lines = np.meshgrid(
+        np.linspace(first_sample, last_sample, shape[0]), np.linspace(first_line, last_line, shape[1])
+    )
+    return np.column_stack([samples.ravel(), lines.ravel()])
+
+
+def virtual_grid(
+    rpc: RPC, domain_px: tuple[float, float, float, float], heights: tuple[float, float], shape: tuple[int, int, int]
+) -> tuple[np.ndarray, Localization]:
+    """Return image points ``(n, 2)`` of a grid over an image at several heights, and their ground points."""
+    layer = image_grid(domain_px, shape[:2])
+    image = np.tile(layer, (shape[2], 1))
+    return image, rpc.localize(image, np.repeat(np.linspace(*heights, shape[2]), len(layer)))
+
+
+def _virtual_points(
+    rpc: RPC,
+    correct: Correct,
+    domain_px: tuple[float, float, float, float],
+    heights: tuple[float, float],
+    shape: tuple[int, int, int],
+) -> tuple[np.ndarray, np.ndarray]:
+    image, (ground, converged) = virtual_grid(rpc, domain_px, heights, shape)
+    if np.count_nonzero(converged) < 0.5 * len(image):
+        raise SolveError(
+            f"the RPC has no ground positions for most of samples {domain_px[0]:g}..{domain_px[1]:g}, "
+            f"lines {domain_px[2]:g}..{domain_px[3]:g} at heights {heights[0]:g}..{heights[1]:g} m: "
+            "check that image size and RPC belong together"
+        )
+    ground = ground[converged]
+    return ground, np.asarray(correct(image[converged], ground), dtype=np.float64)
+
+
+def _differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float, float]:
+    """Return the largest and the RMS length (px) of the differences between observed and projected points."""
+    squared = np.nan_to_num(np.sum((image - rpc.project(ground)) ** 2, axis=1), nan=np.inf)
+    return float(np.sqrt(squared.max())), float(np.sqrt(squared.mean()))
+
+
+# ---- preparation -----------------------------------------------------------------------------------------------
+
+
+def _check_shapes(ground: np.ndarray, image: np.ndarray, weights: np.ndarray | None) -> None:
+    if ground.ndim != 2 or ground.shape[1] != 3 or image.shape != (len(ground), 2):
+        raise ValueError(f"ground {ground.shape} and image {image.shape}: (n, 3) and (n, 2) are needed")
+    if weights is not None and np.shape(weights) != (len(ground),):
+        raise ValueError(f"weights have shape {np.shape(weights)}, ({len(ground)},) is needed")
+    if not (np.isfinite(ground).all() and np.isfinite(image).all()):
+        raise ValueError("ground or image points are not finite")
+    if len(ground) < TERMS_BY_POINTS[-1][0]:
+        raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, better 50")
+
+
+def _extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return OFF and SCALE, ``(5,)``, of lon, lat, height, sample and line that take the points to [-1, 1]."""
+    lon = ground[0, 0] + wrap_degrees(ground[:, :1] - ground[0, 0])
+    values = np.column_stack([lon, ground[:, 1:], image])
+    low, high = values.min(axis=0), values.max(axis=0)
+    off = (low + high) / 2.0
+    off[0] = wrap_degrees(off[0])
+    return off, np.maximum((high - low) / 2.0, SMALLEST_SCALE)
+
+
+def _usable_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return the indices of the terms to estimate in numerator and denominator, and warnings."""
+    count = len(ground)
+    warnings = []
+    _, numerators, denominators = next(row for row in TERMS_BY_POINTS if count >= row[0])
+    if denominators < 20:
+        warnings.append(
+            f"{count} correspondences carry only {numerators} terms without denominator: 45 carry a full RPC"
+        )
+    numerator, denominator = np.arange(numerators), np.arange(1, denominators)
+    if np.ptp(ground[:, 2]) <= FLAT_HEIGHT_M:
+        warnings.append(
+            f"all heights lie within {FLAT_HEIGHT_M:g} m of {np.mean(ground[:, 2]):.1f} m: the RPC does not depend on "
+            "height and holds there only"
+        )
+        numerator, denominator = np.setdiff1d(numerator, HEIGHT_TERMS), np.setdiff1d(denominator, HEIGHT_TERMS)
+    return numerator, denominator, tuple(warnings)
+
+
+def _check_spread(terms: np.ndarray) -> None:
+    singular = np.linalg.svd(terms[:, :3], compute_uv=False)
+    if singular[-1] < 1e-6 * singular[0]:
+        raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
+
+
+# ---- iteratively reweighted least squares ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _System:
+    """The linear model: terms ``(n, 20)``, normalised image ``(n, 2)``, roots of the weights ``(n,)``, terms in use."""
+
+    terms: np.ndarray
+    target: np.ndarray
+    root_weights: np.ndarray
+    numerator: np.ndarray
+    denominator: np.ndarray
+    ridge: float
+
+    def unpacked(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return full numerator and denominator ``(20,)`` of the estimated coefficients."""
+        numerator, denominator = np.zeros(20), np.zeros(20)
+        numerator[self.numerator], denominator[0], denominator[self.denominator] = a, 1.0, b
+        return numerator, denominator
+
+
+_Polynomials = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # sample num, den, line num, den
+
+
+def _solve_separate(system: _System, scale_px: np.ndarray) -> _Polynomials:
+    sample, line = (_iterate(system, [axis], scale_px[axis : axis + 1])[0] for axis in (0, 1))
+    return *sample, *line
+
+
+def _solve_common(system: _System, scale_px: np.ndarray) -> _Polynomials:
+    sample, line = _iterate(system, [0, 1], scale_px)
+    return *sample, *line
+
+
+def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return numerator and denominator of each image axis; the axes given together share the denominator."""
+    divisor, rms_before = np.ones(len(system.terms)), np.inf
+    polynomials: list[tuple[np.ndarray, np.ndarray]] = []
+    for _ in range(MAX_ITERATIONS):
+        solution = _solve_linear(system, axes, divisor)
+        count = len(system.numerator)
+        b = solution[count * len(axes) :]
+        candidate = [system.unpacked(solution[i * count : (i + 1) * count], b) for i in range(len(axes))]
+        divisor = system.terms @ candidate[0][1]
+        if divisor.min() <= 0.0:  # a pole among the points: keep what came before, the caller sees the residuals
+            return polynomials or [system.unpacked(a[system.numerator], 0.0 * b) for a, _ in candidate]
+        polynomials = candidate
+        computed = (system.terms @ np.array([a for a, _ in polynomials]).T) / divisor[:, None]
+        residuals = (system.target[:, axes] - computed) * scale_px * system.root_weights[:, None]
+        rms = float(np.sqrt(np.mean(residuals**2)))
+        if abs(rms_before - rms) < SETTLED_PX:
+            break
+        rms_before = rms
+    return polynomials
+
+
+def _solve_linear(system: _System, axes: list[int], divisor: np.ndarray) -> np.ndarray:
+    """Solve the observation equations together with the ridge."""
+    unknowns = len(system.numerator) * len(axes) + len(system.denominator)
+    factor = np.zeros((0, unknowns + 1))
+    for equations in _equations(system, axes, divisor):
+        factor = np.asarray(np.linalg.qr(np.vstack([factor, equations]), mode="r"))
+    weights = np.concatenate([*(NUMERATOR_DAMPING[system.numerator] for _ in axes), np.ones(len(system.denominator))])
+    damping = np.sqrt(system.ridge * len(system.terms)) * np.eye(unknowns, unknowns + 1) * weights[:, None]
+    stacked = np.vstack([factor, damping])
+    return np.linalg.lstsq(stacked[:, :-1], stacked[:, -1], rcond=1e-15)[0]
+
+
+def _equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield weighted observation equations with the right-hand side as last column."""
+    count = len(system.numerator)
+    for start in range(0, len(system.terms), PART):
+        part = slice(start, start + PART)
+        terms, factor = system.terms[part], (system.root_weights[part] / divisor[part])[:, None]
+        for place, axis in enumerate(axes):
+            target = system.target[part, axis, None]
+            equations = np.zeros((len(terms), count * len(axes) + len(system.denominator) + 1))
+            equations[:, place * count : (place + 1) * count] = terms[:, system.numerator]
+            equations[:, count * len(axes) : -1] = -target * terms[:, system.denominator]
+            equations[:, -1:] = target
+            yield equations * factor
+
+
+def _assemble(
+    off: np.ndarray,
+    scale: np.ndarray,
+    samp_num: np.ndarray,
+    samp_den: np.ndarray,
+    line_num: np.ndarray,
+    line_den: np.ndarray,
+) -> RPC:
+    return RPC(
+        long_off=off[0], lat_off=off[1], height_off=off[2], samp_off=off[3], line_off=off[4],
+        long_scale=scale[0], lat_scale=scale[1], height_scale=scale[2], samp_scale=scale[3], line_scale=scale[4],
+        samp_num=samp_num, samp_den=samp_den, line_num=line_num, line_den=line_den,
+    )  # fmt: skip

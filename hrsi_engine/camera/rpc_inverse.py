@@ -1,0 +1,156 @@
+"""Solving an RPC for the ground position at a given height, in normalised coordinates.
+
+An RPC has no closed inverse. Once per RPC a cubic polynomial is fitted that gives normalised lon and lat of
+(sample, line, height) over the RPC's ground domain; it is off by about a thousandth of a pixel, and its own
+derivatives stand for the inverse Jacobian in Newton's method. Two evaluations of the RPC close most points to
+1e-9 px. Points for which that fails (outside the domain, wild denominators) go through Newton's iteration with the
+analytic Jacobian.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, Workspace, fill_monomials, monomials, multiply, slopes_of_ratios
+
+CLOSURE_PX = 1e-9  # the iteration ends when the image point is reproduced to this
+ACCEPTED_PX = 1e-8  # and has converged where rounding leaves it within this
+MAX_ITERATIONS = 25
+CHORD_EVALUATIONS = 4
+FEW = 0.05  # a share of open points so small is cheaper to finish apart from the others
+NODES = 9  # per axis, of the grid on which the inverse polynomial is fitted
+DOMAIN_MARGIN = 1.5  # of the half extents: beyond, the cubic is worse than the affine start
+
+
+class Inverse(NamedTuple):
+    """Cubic polynomials of the image and height, whose terms have (sample, line, height) in the place of L, P, H.
+
+    ``off (2, 1)``, ``scale (2, 1)`` take normalised sample and line to [-1, 1] over the RPC's ground domain;
+    ``lonlat (2, 20)`` gives normalised lon and lat; ``slopes (4, 10)`` their derivatives by normalised sample, then
+    by line.
+    """
+
+    off: np.ndarray
+    scale: np.ndarray
+    lonlat: np.ndarray
+    slopes: np.ndarray
+
+
+def fit_inverse(polynomials: np.ndarray) -> Inverse:
+    """Fit the inverse on Chebyshev nodes of the cube [-1, 1]**3 where the denominators keep their sign.
+
+    ``polynomials (4, 20)`` as in `Workspace.ratios`. Where too little of the cube can be used the inverse is NaN,
+    and its users fall back.
+    """
+    axis = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+    ground = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
+    values = polynomials @ monomials(ground)
+    ratios = values[:2] / values[2:]
+    usable = (values[2:] * polynomials[2:, :1] > 0.0).all(axis=0) & np.isfinite(ratios).all(axis=0)
+    low = ratios[:, usable].min(axis=1, keepdims=True, initial=np.inf)
+    high = ratios[:, usable].max(axis=1, keepdims=True, initial=-np.inf)
+    off, scale = (low + high) / 2.0, (high - low) / 2.0
+    if np.count_nonzero(usable) < len(axis) ** 2 or not np.isfinite(scale).all() or not (scale > 0.0).all():
+        nothing = np.full((2, 1), np.nan)
+        return Inverse(nothing, nothing, np.full((2, 20), np.nan), np.full((4, QUADRATIC_TERMS), np.nan))
+    terms = monomials(np.vstack([(ratios - off) / scale, ground[2:]])[:, usable])
+    lonlat = np.linalg.lstsq(terms.T, ground[:2, usable].T, rcond=None)[0].T
+    slopes = np.concatenate([lonlat @ DERIVATIVES[axis] / scale[axis] for axis in (0, 1)])
+    return Inverse(off, scale, lonlat, slopes)
+
+
+class Solver:
+    """Finds normalised lon and lat ``(2, n)`` of normalised image points and heights, for one RPC."""
+
+    def __init__(self, polynomials: np.ndarray, image_scale: np.ndarray) -> None:
+        self._polynomials, self._scale_px = polynomials, np.abs(image_scale)[:, None]
+        self._derivatives = np.concatenate([polynomials @ matrix for matrix in DERIVATIVES[:2]])
+        with np.errstate(all="ignore"):
+            self._inverse = fit_inverse(polynomials)
+            self._affine = self._affine_inverse()
+
+    def _affine_inverse(self) -> np.ndarray:
+        """``(2, 4)``: normalised L, P as an affine function of (1, sample, line, H), from the centre's derivatives."""
+        terms = monomials(np.zeros((3, 1)))
+        values = self._polynomials @ terms
+        ratios = values[:2] / values[2:]
+        derivatives = np.concatenate([self._polynomials @ matrix for matrix in DERIVATIVES])
+        slopes = slopes_of_ratios(derivatives, terms, ratios, values[2:])[:, :, 0]
+        inverse = np.linalg.pinv(slopes[:2].T) if np.isfinite(slopes).all() else np.zeros((2, 2))
+        return np.column_stack([-inverse @ ratios, inverse, -inverse @ slopes[2]])
+
+    def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+        """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""
+        lonlat, error = self._chord(target, height, work)
+        far = np.flatnonzero(~(error <= CLOSURE_PX))
+        error[far] = np.inf  # the iteration starts where the chord's ended, and measures again
+        self._finish(lonlat, error, far, target, height, limit=np.inf, iterations=MAX_ITERATIONS)
+        # a far start or a wild denominator: short steps from the middle of the RPC's domain
+        failed = np.flatnonzero(~(error <= ACCEPTED_PX))
+        lonlat[:, failed], error[failed] = 0.0, np.inf
+        self._finish(lonlat, error, failed, target, height, limit=0.5, iterations=8 * MAX_ITERATIONS)
+        return lonlat, error <= ACCEPTED_PX
+
+    def _start(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+        """Return approximate lon, lat ``(2, n)`` and their derivatives ``(4, n)`` by normalised sample, then line."""
+        inverse, terms = self._inverse, work.terms(height.size)
+        np.subtract(target, inverse.off, out=terms[1:3])
+        terms[1:3] /= inverse.scale
+        terms[3] = height
+        outside = ~(np.abs(terms[1:4]).max(axis=0) <= DOMAIN_MARGIN)
+        fill_monomials(terms)
+        lonlat = multiply(inverse.lonlat, terms, np.empty((2, height.size)))
+        slopes = multiply(inverse.slopes, terms[:QUADRATIC_TERMS], np.empty((4, height.size)))
+        if outside.any():
+            affine = self._affine
+            lonlat[:, outside] = affine[:, :1] + affine[:, 1:3] @ target[:, outside] + affine[:, 3:] * height[outside]
+        return lonlat, slopes
+
+    def _chord(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+        """Newton's iteration with the inverse polynomial's derivatives; return lon, lat and the image error in px."""
+        lonlat, slopes = self._start(target, height, work)
+        terms = work.terms(height.size)
+        terms[1:3], terms[3] = lonlat, height
+        for evaluation in range(1, CHORD_EVALUATIONS + 1):
+            ratios, _ = work.ratios(self._polynomials, terms)
+            miss = np.subtract(target, ratios, out=ratios)
+            error = np.abs(miss * self._scale_px).max(axis=0)
+            still_open = height.size - np.count_nonzero(error <= CLOSURE_PX)
+            if evaluation == CHORD_EVALUATIONS or still_open <= FEW * height.size:
+                break
+            terms[1:3] += slopes[:2] * miss[0]
+            terms[1:3] += slopes[2:] * miss[1]
+        return terms[1:3].copy(), error
+
+    def _finish(
+        self, lonlat: np.ndarray, error: np.ndarray, places: np.ndarray, target: np.ndarray, height: np.ndarray,
+        limit: float, iterations: int,
+    ) -> None:  # fmt: skip
+        """Improve ``lonlat`` and ``error`` in place at ``places`` by Newton's iteration with the analytic Jacobian.
+
+        Every point keeps its best position: iterations beyond the limit of rounding cannot worsen it. Points that
+        have reached the closure leave the iteration. ``limit`` is the longest step in normalised coordinates.
+        """
+        current = lonlat[:, places]
+        for _ in range(iterations):
+            if not places.size:
+                break
+            miss, step = self._newton_step(current, target[:, places], height[places])
+            reached = np.abs(miss * self._scale_px).max(axis=0)
+            better = reached < error[places]
+            lonlat[:, places[better]], error[places[better]] = current[:, better], reached[better]
+            if np.isfinite(limit):
+                step *= np.minimum(1.0, limit / np.maximum(np.abs(step).max(axis=0), 1e-300))
+            keep = (reached > CLOSURE_PX) & (better | (reached > ACCEPTED_PX)) & np.isfinite(step).all(axis=0)
+            places, current = places[keep], current[:, keep] + step[:, keep]
+
+    def _newton_step(self, lonlat: np.ndarray, target: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the image difference still to go and the step of lon, lat that takes it, both ``(2, n)``."""
+        terms = monomials(np.vstack([lonlat, height]))
+        values = self._polynomials @ terms
+        ratios = values[:2] / values[2:]
+        (a, c), (b, d) = slopes_of_ratios(self._derivatives, terms, ratios, values[2:])
+        miss = target - ratios
+        return miss, np.stack([d * miss[0] - b * miss[1], a * miss[1] - c * miss[0]]) / (a * d - b * c)

@@ -1,0 +1,1 @@
+"""Pictures as SVG and PNG text: maps, plots, image chips; they know no path and no GDAL."""

@@ -1,0 +1,270 @@
+"""Coordinates on and above the WGS84 ellipsoid.
+
+Ground coordinates are arrays ``(n, 3)`` of ``(lon, lat, height)``: degrees, degrees, ellipsoidal metres.
+Three metric views of them are used:
+
+* ECEF, the geocentric axes (EPSG:4978);
+* a `LocalFrame`: topocentric east, north, up about one origin, for rays and pseudo sensors;
+* local metric steps: a metre east, north or up *at each point* expressed in degrees and metres
+  (`metres_per_degree`). The adjustment's unknowns are such steps, so that survey sigmas apply directly.
+
+Vertical datums are converted by PROJ; a missing geoid grid is an error, never zero.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pyproj
+
+from ..foundation.errors import InputError
+
+SEMI_MAJOR_M = 6378137.0
+FLATTENING = 1.0 / 298.257223563
+ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
+
+#: Geoid grids by the name used on the command line: PROJ's file name, then older names of the same model.
+GEOID_GRIDS = {
+    "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
+    "egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"),
+}
+
+
+def curvature_radii(lat_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the radii of curvature (m) in the meridian (M) and in the prime vertical (N)."""
+    w2 = 1.0 - ECCENTRICITY_SQUARED * np.sin(np.radians(lat_deg)) ** 2
+    prime_vertical = SEMI_MAJOR_M / np.sqrt(w2)
+    return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
+
+
+def metres_per_degree(ground: np.ndarray) -> np.ndarray:
+    """Return ``(n, 3)``: metres per unit of lon, lat and height at each ground point.
+
+    Multiplying a small difference of ground coordinates by it gives east, north, up in metres.
+    """
+    meridian, prime_vertical = curvature_radii(ground[:, 1])
+    factors = np.ones_like(ground)
+    factors[:, 0] = np.radians(prime_vertical + ground[:, 2]) * np.cos(np.radians(ground[:, 1]))
+    factors[:, 1] = np.radians(meridian + ground[:, 2])
+    return factors
+
+
+def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
+    """Return longitude differences in [-180, 180): 359.9 becomes -0.1."""
+    return difference_deg - 360.0 * np.floor((difference_deg + 180.0) / 360.0)
+
+
+def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return ``ground - reference`` as east, north, up metres, ``(n, 3)``."""
+    difference = ground - reference
+    difference[:, 0] = wrap_degrees(difference[:, 0])
+    return difference * metres_per_degree(reference)
+
+
+def moved_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
+    """Return ground points moved by small east, north, up steps in metres."""
+    return ground + step_m / metres_per_degree(ground)
+
+
+def to_ecef(ground: np.ndarray) -> np.ndarray:
+    """Return geocentric x, y, z in metres, ``(n, 3)``."""
+    lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
+    height = ground[:, 2]
+    _, prime_vertical = curvature_radii(ground[:, 1])
+    across = (prime_vertical + height) * np.cos(lat)
+    return np.column_stack(
+        [
+            across * np.cos(lon),
+            across * np.sin(lon),
+            (prime_vertical * (1.0 - ECCENTRICITY_SQUARED) + height) * np.sin(lat),
+        ]
+    )
+
+
+def from_ecef(xyz: np.ndarray) -> np.ndarray:
+    """Return lon, lat, height of geocentric points; Bowring's formula, iterated to below a micrometre."""
+    x, y, z = xyz.T
+    across = np.hypot(x, y)
+    semi_minor = SEMI_MAJOR_M * (1.0 - FLATTENING)
+    second_eccentricity = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED)
+    reduced = np.arctan2(z, across * (1.0 - FLATTENING))
+    for _ in range(4):
+        lat = np.arctan2(
+            z + second_eccentricity * semi_minor * np.sin(reduced) ** 3,
+            across - ECCENTRICITY_SQUARED * SEMI_MAJOR_M * np.cos(reduced) ** 3,
+        )
+        reduced = np.arctan2((1.0 - FLATTENING) * np.sin(lat), np.cos(lat))
+    sin_lat, cos_lat = np.sin(lat), np.cos(lat)
+    w = np.sqrt(1.0 - ECCENTRICITY_SQUARED * sin_lat**2)
+    height = across * cos_lat + z * sin_lat - SEMI_MAJOR_M * w
+    return np.column_stack([np.degrees(np.arctan2(y, x)), np.degrees(lat), height])
+
+
+def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
+    """Return the east, north and up unit vectors at points, rows of ``(n, 3, 3)`` in geocentric x, y, z."""
+    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
+    sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
+    rows = [
+        [-sin_lon, cos_lon, np.zeros_like(lon)],
+        [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+        [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """Topocentric frame: metres east, north and up of an origin."""
+
+    lon_deg: float
+    lat_deg: float
+    height_m: float = 0.0
+
+    @cached_property
+    def _origin(self) -> np.ndarray:
+        return to_ecef(np.array([[self.lon_deg, self.lat_deg, self.height_m]]))[0]
+
+    @cached_property
+    def _rotation(self) -> np.ndarray:
+        return east_north_up(np.array([self.lon_deg]), np.array([self.lat_deg]))[0]
+
+    def from_ground(self, ground: np.ndarray) -> np.ndarray:
+        """Return ``(n, 3)`` east, north, up metres of lon, lat, height points."""
+        return (to_ecef(ground) - self._origin) @ self._rotation.T
+
+    def to_ground(self, local: np.ndarray) -> np.ndarray:
+        """Return ``(n, 3)`` lon, lat, height of east, north, up points."""
+        return from_ecef(local @ self._rotation + self._origin)
+
+    def rotation_to(self, ground: np.ndarray) -> np.ndarray:
+        """Return ``(n, 3, 3)``: this frame's coordinates of each point's own east, north, up unit vectors.
+
+        Column ``k`` of each matrix is the derivative of `from_ground` by a metre along axis ``k`` at the point.
+        """
+        lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
+        sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
+        east = np.stack([-sin_lon, cos_lon, np.zeros_like(lon)], axis=1)
+        north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=1)
+        up = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat], axis=1)
+        return np.einsum("ij,njk->nik", self._rotation, np.stack([east, north, up], axis=2))
+
+
+def utm_epsg(lon_deg: float, lat_deg: float) -> int:
+    """Return the EPSG code of the WGS84 / UTM zone of a position (6 degree zones, no exceptions)."""
+    zone = int((wrap_degrees(np.array(lon_deg)) + 180.0) // 6.0) + 1
+    return (32600 if lat_deg >= 0.0 else 32700) + zone
+
+
+def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
+    """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS."""
+    transformer = pyproj.Transformer.from_crs(4326, epsg, always_xy=True)
+    return np.column_stack(transformer.transform(ground[:, 0], ground[:, 1]))
+
+
+def to_wgs84(xyz: np.ndarray, crs: str) -> np.ndarray:
+    """Return lon, lat, ellipsoidal height of points in any CRS that PROJ knows.
+
+    ``crs`` is anything PROJ reads (``EPSG:28355``, WKT, ``EPSG:25832+5783``). A vertical part is converted; a CRS
+    without one leaves the heights as they are. Raises `InputError` for an unknown CRS or a missing grid.
+    """
+    return np.column_stack(_transformer_to_wgs84(crs).transform(xyz[:, 0], xyz[:, 1], xyz[:, 2]))
+
+
+def undulations_of_crs(crs: str) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that gives, for ground points ``(n, 3)``, the ellipsoidal height of a CRS's height 0 there.
+
+    Raises `InputError` as `to_wgs84` does.
+    """
+    source = pyproj.CRS.from_user_input(crs)
+    if len(source.sub_crs_list) < 2:
+        return lambda ground: np.zeros(len(ground))
+    on_lonlat = pyproj.crs.CompoundCRS(source.name, [pyproj.CRS.from_epsg(4326), source.sub_crs_list[1]])
+    transformer = _transformer_to_wgs84(on_lonlat.to_wkt())
+
+    def undulations(ground: np.ndarray) -> np.ndarray:
+        _, _, height = transformer.transform(ground[:, 0], ground[:, 1], np.zeros(len(ground)))
+        if not np.isfinite(height).all():
+            raise InputError(
+                f"the grid for {source.sub_crs_list[1].name!r} does not cover all points: use another datum"
+            )
+        return np.asarray(height)
+
+    return undulations
+
+
+def _transformer_to_wgs84(crs: str) -> pyproj.Transformer:
+    """Return PROJ's best operation that converts positions and, where the CRS has heights of its own, heights.
+
+    Without the grid that a height datum needs, PROJ falls back to a "ballpark" operation that leaves heights as they
+    are; that is never taken. A ballpark offset of positions is taken only where PROJ knows nothing better.
+    """
+    try:
+        source = pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(f"unknown coordinate reference system {crs!r}: give an EPSG code or WKT") from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: told below where it matters
+        group = pyproj.transformer.TransformerGroup(source, pyproj.CRS.from_epsg(4979), always_xy=True)
+    known = [t for t in group.transformers if "ballpark vertical" not in t.description.lower()]
+    if group.transformers and not known:
+        raise InputError(f"no PROJ grid to convert the heights of {source.name!r}: {_how_to_get_grids()}")
+    if not known:
+        raise InputError(f"PROJ knows no way from {source.name!r} to WGS84: convert the layer first")
+    return next((t for t in known if "ballpark" not in t.description.lower()), known[0])
+
+
+def has_vertical_datum(crs: str) -> bool:
+    """Tell whether a CRS says what its heights refer to (compound or three-dimensional)."""
+    parsed = pyproj.CRS.from_user_input(crs)
+    return len(parsed.sub_crs_list) > 1 or len(parsed.axis_info) == 3
+
+
+def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
+    """Return geoid undulations N (m): ellipsoidal height = height above the geoid + N.
+
+    ``datum`` is ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``).
+    Raises `InputError` when the grid is missing or does not cover a point.
+    """
+    names = GEOID_GRIDS.get(datum.lower())
+    if names is None and not os.path.isfile(datum):
+        raise InputError(
+            f"height datum {datum!r} is neither egm96 nor egm2008 nor the file of a geoid grid: check its name"
+        )
+    transformers = [found for name in names or (os.path.abspath(datum),) if (found := _grid_shift(name)) is not None]
+    if not transformers:
+        reason = f"{datum} is no geoid grid" if names is None else f"the geoid grid {names[0]} is not installed"
+        raise InputError(f"{reason}: {_how_to_get_grids()}")
+    try:
+        _, _, undulation = transformers[0].transform(
+            ground[:, 0], ground[:, 1], np.zeros(len(ground)), errcheck=True
+        )  # fmt: skip
+    except pyproj.exceptions.ProjError:
+        undulation = np.full(len(ground), np.nan)
+    if not np.isfinite(undulation).all():
+        raise InputError(f"the geoid grid {datum} does not cover all points: use another datum or a larger grid")
+    return np.asarray(undulation)
+
+
+def _grid_shift(grid: str) -> pyproj.Transformer | None:
+    """Return the transformer that adds the heights of a grid, None where PROJ cannot open it."""
+    try:
+        return pyproj.Transformer.from_pipeline(
+            f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+            f'+step +proj=vgridshift +grids="{grid}" +multiplier=1 '
+            f"+step +proj=unitconvert +xy_in=rad +xy_out=deg"
+        )
+    except pyproj.exceptions.ProjError:
+        return None
+
+
+def _how_to_get_grids() -> str:
+    folder = pyproj.datadir.get_user_data_dir()
+    return (
+        f"install Debian's proj-data, or run 'projsync --file us_nga_egm' (grids go to {folder}), "
+        "or name the file of a geoid grid as the height datum"
+    )

@@ -1,0 +1,80 @@
+"""Do the heights of surveyed points and of a DEM refer to the same datum?
+
+Heights above a geoid taken for heights above the ellipsoid are wrong by the geoid's undulation N, up to 100 m. Where
+both GCPs and a DEM are given, their median difference tells: about +N, and the DEM's heights are above the geoid
+although they count as ellipsoidal; about -N, and the GCPs' are (or the other was converted though it need not be).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..foundation.robust_scale import robust_sigma
+
+LEAST_POINTS = 3
+LIMIT = 4.0  # standard deviations of the median that a difference must exceed
+LEAST_DIFFERENCE_M = 5.0  # trees, buildings and a coarse DEM may do so much
+LIKE_GEOID = 0.25  # of N, within which a difference looks like N
+
+
+@dataclass(frozen=True)
+class HeightDifference:
+    """Surveyed heights less the DEM's at the same places: median, robust spread, number; and the geoid's median N.
+
+    ``undulation_m`` is NaN where no geoid grid is at hand.
+    """
+
+    median_m: float
+    spread_m: float
+    points: int
+    undulation_m: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the two disagree by more than a DEM's usual errors."""
+        limit = max(LEAST_DIFFERENCE_M, LIMIT * 1.2533 * self.spread_m / np.sqrt(self.points))
+        return self.points >= LEAST_POINTS and abs(self.median_m) > limit
+
+    @property
+    def sign_of_geoid(self) -> int:
+        """1 where the difference is about N, -1 where it is about -N, 0 otherwise."""
+        tolerance = max(LIKE_GEOID * abs(self.undulation_m), LEAST_DIFFERENCE_M, 2.0 * self.spread_m)
+        if not self.significant or not abs(self.undulation_m) > LEAST_DIFFERENCE_M:
+            return 0
+        return next((sign for sign in (1, -1) if abs(self.median_m - sign * self.undulation_m) <= tolerance), 0)
+
+
+def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: np.ndarray) -> HeightDifference | None:
+    """Return how surveyed heights ``(n,)`` and a DEM's at the same places differ; NaN heights do not count.
+
+    ``undulation_m`` are the geoid's there, NaN where not known. None without any pair of heights.
+    """
+    known = np.isfinite(surveyed_m) & np.isfinite(dem_m)
+    if not known.any():
+        return None
+    difference = surveyed_m[known] - dem_m[known]
+    middle = float(np.median(difference))
+    spread = float(robust_sigma(difference - middle))
+    of_geoid = undulation_m[known]
+    return HeightDifference(
+        middle, spread, len(difference), float(np.median(of_geoid)) if np.isfinite(of_geoid).all() else float("nan")
+    )
+
+
+def datum_warning(found: HeightDifference, points: str, dem: str) -> str:
+    """Return what to say of points and DEM (named as files) that disagree; nothing where they do not."""
+    if not found.significant:
+        return ""
+    where = "above" if found.median_m > 0.0 else "below"
+    text = f"{points}: heights of {found.points} points lie {abs(found.median_m):.1f} m {where} the DEM {dem} (median)"
+    if not found.sign_of_geoid:
+        return f"{text}: check what the heights of both refer to (--height-datum, --dem-datum)"
+    low, high = (dem, points) if found.sign_of_geoid > 0 else (points, dem)
+    option = "--dem-datum" if found.sign_of_geoid > 0 else "--height-datum"
+    return (
+        f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of {low} are above "
+        f"the geoid but count as ellipsoidal ({option} egm96 or egm2008 says so), or those of {high} are ellipsoidal "
+        "but were converted"
+    )

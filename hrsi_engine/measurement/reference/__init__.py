@@ -1,0 +1,1 @@
+"""Ground control from a reference orthoimage: places, matching, and checks of the reference itself."""

@@ -1,0 +1,174 @@
+"""Whether a reference can be trusted: against the accuracy that the RPCs state, and against surveyed GCPs.
+
+The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
+it exceeds `LIMIT` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to hundreds of
+metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...block.block import Image
+from .matching import ImageControl, ReferenceControl
+
+LIMIT = 3.5  # standard deviations; 0.2 % of good references exceed it
+UNKNOWN_BIAS_M = 15.0  # of an RPC that states no ERR_BIAS, each horizontal coordinate
+INDEPENDENT_POINTS = 4.0  # all points of a reference together count as so many: its errors are alike over wide areas
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Standard deviations of a reference: of each horizontal coordinate, and of the DEM's heights, in metres."""
+
+    sigma_xy_m: float
+    sigma_h_m: float
+
+    def of_points(self, count: int) -> tuple[float, float]:
+        """Return the sigmas of each of ``count`` points, so that together they are `INDEPENDENT_POINTS`."""
+        more = float(np.sqrt(max(count / INDEPENDENT_POINTS, 1.0)))
+        return more * self.sigma_xy_m, more * self.sigma_h_m
+
+
+@dataclass(frozen=True)
+class ReferenceShift:
+    """Where an image's RPC lies beside the reference, and how far it may; all in metres.
+
+    east_m, north_m : the ground by the RPC less the same ground in the reference
+    bias_m : the RPC's own sigma; stated tells whether it comes from ERR_BIAS
+    """
+
+    image_id: str
+    east_m: float
+    north_m: float
+    limit_m: float
+    bias_m: float
+    stated: bool
+
+    @property
+    def length_m(self) -> float:
+        return float(np.hypot(self.east_m, self.north_m))
+
+    @property
+    def excessive(self) -> bool:
+        return self.length_m > self.limit_m
+
+
+def reference_shift(image: Image, found: ImageControl, ground: np.ndarray, accuracy: Accuracy) -> ReferenceShift | None:
+    """Return an image's shift against the reference in its middle; None where it does not show the reference at all.
+
+    ``ground (m, 3)`` are the places of the reference.
+    """
+    if found.rough_bias_px is None:
+        return None
+    bias = found.rough_bias_px if found.agreement is None else found.agreement.bias(image.centre_px[None])[0]
+    middle, _ = image.rpc.localize(image.centre_px[None], float(np.median(ground[:, 2])))
+    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
+    east, north = np.linalg.solve(by_ground[0, :, :2], bias)
+    own = image.rpc.err_bias or UNKNOWN_BIAS_M
+    # heights that are wrong move the ground along the line of sight
+    along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
+    limit = LIMIT * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
+    return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
+
+
+def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
+    """Return what the user should know of shifts that neither RPCs nor reference explain."""
+    bad = [shift for shift in shifts if shift.excessive]
+    if not bad:
+        return []
+    mean = np.mean([[shift.east_m, shift.north_m] for shift in bad], axis=0)
+    alike = all(np.hypot(s.east_m - mean[0], s.north_m - mean[1]) < 0.5 * s.limit_m for s in bad)
+    if alike and len(bad) == len(shifts) and len(bad) > 1:
+        first = bad[0]
+        return [
+            f"the RPCs of all {len(bad)} images lie {np.hypot(*mean):.1f} m beside the reference "
+            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explained(first)}: "
+            "check the reference's CRS and datum, and that it is right"
+        ]
+    return [
+        f"the RPC of {shift.image_id} lies {shift.length_m:.1f} m beside the reference ({shift.east_m:+.1f} m east, "
+        f"{shift.north_m:+.1f} m north), {_explained(shift)}: check the reference's "
+        "CRS and datum, and the RPC"
+        for shift in bad
+    ]
+
+
+def _explained(shift: ReferenceShift) -> str:
+    source = "its ERR_BIAS" if shift.stated else "assumed: it states no ERR_BIAS"
+    return (
+        f"more than the {shift.limit_m:.1f} m that the RPC's sigma of {shift.bias_m:.1f} m ({source}) and that of the "
+        "reference explain"
+    )
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Surveyed GCPs against the reference: median difference survey - reference in metres, and its limit."""
+
+    east_m: float
+    north_m: float
+    limit_m: float
+    points: int
+
+    @property
+    def excessive(self) -> bool:
+        return bool(np.hypot(self.east_m, self.north_m) > self.limit_m)
+
+    @property
+    def message(self) -> str:
+        return (
+            f"{self.points} measurements of surveyed GCPs put the ground {np.hypot(self.east_m, self.north_m):.2f} m "
+            f"({self.east_m:+.2f} m east, {self.north_m:+.2f} m north) beside the reference, more than the "
+            f"{self.limit_m:.2f} m that their sigmas explain: the reference is not used; check its datum, or theirs"
+        )
+
+
+class MeasuredGcps(NamedTuple):
+    """GCPs of one image: survey ``(k, 3)`` lon, lat, height, its sigmas ``(k, 2)`` m, and sample, line ``(k, 2)``."""
+
+    image_id: str
+    ground: np.ndarray
+    sigma_m: np.ndarray
+    xy: np.ndarray
+
+
+def contradiction(
+    images: Sequence[Image],
+    control: ReferenceControl,
+    gcps: Sequence[MeasuredGcps],
+    accuracy: Accuracy,
+) -> Contradiction | None:
+    """Return how surveyed GCPs and the reference differ; None where no image has both."""
+    by_id = {image.id: image for image in images}
+    found = {part.image_id: part for part in control.images if part.agreement is not None}
+    differences, variances = [], []
+    for image_id, ground, sigma_m, xy in gcps:
+        if image_id not in found or not len(ground):
+            continue
+        agreement = found[image_id].agreement
+        assert agreement is not None
+        projected, by_ground = by_id[image_id].rpc.project_with_metric_jacobian(ground)
+        beside = projected + agreement.bias(xy) - xy  # where the reference expects the survey, less where it was seen
+        inverse = np.linalg.inv(by_ground[:, :, :2])
+        differences.append(np.einsum("kij,kj->ki", inverse, beside))
+        lean = np.linalg.norm(np.einsum("kij,kj->ki", inverse, by_ground[:, :, 2]), axis=1)
+        variances.append(sigma_m[:, 0] ** 2 + 0.5 * lean**2 * (sigma_m[:, 1] ** 2 + accuracy.sigma_h_m**2))
+    if not differences:
+        return None
+    every, variance = np.concatenate(differences), np.concatenate(variances)
+    east, north = np.median(every, axis=0)
+    limit = LIMIT * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
+    return Contradiction(float(east), float(north), limit, len(every))
+
+
+def dem_sigma_m(cell_size_m: float) -> float:
+    """Return a standard deviation of a DEM's heights from the size of its cells, where nobody says more.
+
+    0.4 m for 1 m (laser scanning), 3 m for 30 m (TanDEM-X, Copernicus), 9 m for 90 m (SRTM): what their makers state.
+    """
+    return 0.3 + 0.1 * min(cell_size_m, 100.0)

@@ -1,0 +1,240 @@
+"""Ground control from an orthoimage: places in it, found again in raw images to a fraction of a pixel.
+
+A place is a textured spot of the orthoimage, with its position from there and its height from the DEM; the same places
+serve all images, so that a place in several images ties them too. Per image
+
+1. the RPC's bias is searched, coarse to fine, by correlating gradient directions of the whole image (or of parts of a
+   large one) with what orthoimage, RPC and DEM predict; the search grows until something stands out;
+2. every place is looked for near where RPC and bias put it, first by gradient directions to a pixel, then by
+   least-squares matching of grey values to a fraction;
+3. matches that do not follow an affine bias of the image are left out, and what is left must be more than chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...block.block import Image
+from ...block.orthoimage import Orthoimage
+from ...foundation.progress import Progress, advance, silent
+from ...surface.dem import HeightSurface
+from ..window_matching.least_squares_matching import match_patches
+from ..window_matching.orientation_correlation import orientation_field, peak_of, scores
+from ..window_matching.windows import DONE, LsmOptions, MatchImage
+from .bias_search import ImageBias, search_bias
+from .places import choose_places
+from .predicted_patches import Patch, image_patch, predicted_patch
+from .robust_offsets import Agreement, agree
+
+COARSER = 1.25  # an orthoimage this much coarser than the image sets the working resolution
+CONVINCING_LOG10 = -6.0
+TOLERANCE = 2.0  # working pixels within which matches belong together at first: heights of the DEM are not exact
+SIGMA_FLOOR_PX = 0.05  # no match of different images is better
+SIGMA_BY_DIRECTIONS_PX = 0.4  # of a peak of gradient directions where grey values do not match
+CORRELATION = 0.5  # of grey values, below which least-squares matching is not trusted
+LSM_REACH_PX, LSM_SMOOTHING_PX = 1.5, 0.7
+BORDER = 4  # working pixels around a template, for smoothing and slopes
+
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """How places are found.
+
+    points : places looked for in an image; window_px : side of a place's window in working pixels, odd
+    reach_px : how far beside the image's bias, in working pixels; search_px : largest bias looked for, image pixels
+    node_px : rays are computed every so many working pixels; threads : that work side by side
+    """
+
+    points: int = 300
+    window_px: int = 41
+    reach_px: int = 8
+    search_px: float = 1024.0
+    node_px: float = 4.0
+    threads: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class ImageControl:
+    """Places found in one image.
+
+    image_id, gsd_m (of its pixels), step (image pixels per working pixel)
+    places : (n,) indices into the places; xy, sigma_px : (n, 2), (n,) where they are and how well
+    offset_px : (n, 2) found - projected by the RPC; score : (n,) correlation of gradient directions
+    used : (n,) mask of the matches that agree; agreement : the image's bias, None where no place was found for sure
+    refusal : why there is none; rough_bias_px : (2,) the bias that the whole image shows, also then; None without
+    """
+
+    image_id: str
+    gsd_m: float
+    step: float
+    places: np.ndarray
+    xy: np.ndarray
+    sigma_px: np.ndarray
+    offset_px: np.ndarray
+    score: np.ndarray
+    used: np.ndarray
+    agreement: Agreement | None
+    refusal: str = ""
+    rough_bias_px: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceControl:
+    """Places ``ground (m, 3)`` with their ids, and what was found of them in each image."""
+
+    ids: np.ndarray
+    ground: np.ndarray
+    images: tuple[ImageControl, ...]
+
+
+def ground_sample_m(image: Image, ground: np.ndarray) -> float:
+    """Return the ground distance in metres of an image's pixels at a ground point ``(3,)``, mean of both directions."""
+    _, by_ground = image.rpc.project_with_metric_jacobian(ground[None])
+    return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
+
+
+def match_reference(
+    images: Sequence[Image],
+    reference: Orthoimage,
+    surface: HeightSurface,
+    options: ReferenceOptions | None = None,
+    progress: Progress = silent,
+) -> ReferenceControl:
+    """Return the places of an orthoimage that are found in images; every image has its pixels (`Image.raster`)."""
+    options = options or ReferenceOptions()
+    places = choose_places(images, reference, surface, options.points, options.window_px)
+    advance(progress, 0.1, f"{len(places)} places in the reference")
+    found = []
+    for number, image in enumerate(images):
+        found.append(_match_image(image, reference, surface, places, options))
+        advance(progress, 0.1 + 0.9 * (number + 1) / len(images), f"matched {image.id} with the reference")
+    width = len(str(len(places)))
+    ids = np.array([f"R{number + 1:0{width}d}" for number in range(len(places))], dtype=str)
+    return ReferenceControl(ids, places, tuple(found))
+
+
+def _match_image(
+    image: Image, reference: Orthoimage, surface: HeightSurface, places: np.ndarray, options: ReferenceOptions
+) -> ImageControl:
+    gsd = ground_sample_m(image, places[0]) if len(places) else 1.0
+    ratio = reference.gsd_m / gsd
+    step = ratio if ratio > COARSER else 1.0
+    if not len(places):
+        return _nothing(image, gsd, step, "no textured place of the reference, with a height, lies below it")
+    bias = search_bias(image, reference, surface, gsd, step, options.search_px)
+    if bias is None:
+        return _nothing(
+            image, gsd, step, f"it does not look like the reference within {options.search_px:g} px of where its RPC "
+            "puts it"
+        )  # fmt: skip
+    return _match_places(_Task(image, reference, surface, gsd, step, bias), places, options)
+
+
+def _nothing(
+    image: Image, gsd_m: float, step: float, refusal: str, rough_bias_px: np.ndarray | None = None
+) -> ImageControl:
+    none = np.zeros(0)
+    return ImageControl(
+        image.id, gsd_m, step, none.astype(np.int64), np.zeros((0, 2)), none, np.zeros((0, 2)), none,
+        none.astype(bool), None, refusal, rough_bias_px,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """An image to be matched: where its pixels lie, at which resolution, and its bias so far."""
+
+    image: Image
+    reference: Orthoimage
+    surface: HeightSurface
+    gsd_m: float
+    step: float
+    bias: ImageBias
+
+
+class _Match(NamedTuple):
+    xy: np.ndarray
+    sigma_px: float
+    score: float
+
+
+def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) -> ImageControl:
+    projected = task.image.rpc.project(places)
+    expected = projected + task.bias.offset_px
+    margin = task.step * (options.window_px // 2 + 1)
+    inside = np.all((expected > margin) & (expected < np.array(task.image.size) - 1.0 - margin), axis=1)
+    rows = np.flatnonzero(inside)
+    with ThreadPoolExecutor(max(options.threads, 1)) as pool:
+        matches = list(pool.map(lambda row: _match_place(task, expected[row], options), rows))
+    chosen = [match for match in matches if match is not None]
+    rows = rows[[match is not None for match in matches]]
+    if not rows.size:
+        refusal = "no place of the reference was found in it"
+        return _nothing(task.image, task.gsd_m, task.step, refusal, task.bias.offset_px)
+    xy = np.array([match.xy for match in chosen])
+    sigma = np.array([match.sigma_px for match in chosen])
+    score = np.array([match.score for match in chosen])
+    offset = xy - projected[rows]
+    agreement = agree(
+        xy,
+        offset,
+        task.image.centre_px,
+        task.image.half_size_px,
+        task.step * options.reach_px,
+        TOLERANCE * task.step,
+    )
+    refusal = ""
+    if agreement is None or agreement.chance_log10 > CONVINCING_LOG10:
+        refusal = f"{len(rows)} places resemble the reference, but not all shifted alike: it may show another place"
+        agreement = None
+    used = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
+    return ImageControl(
+        task.image.id, task.gsd_m, task.step, rows, xy, sigma, offset, score, used, agreement, refusal,
+        task.bias.offset_px,
+    )  # fmt: skip
+
+
+def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -> _Match | None:
+    """Return where a place is found near its expected position ``(2,)``; None where it is not."""
+    half, reach = options.window_px // 2, options.reach_px
+    side = 2 * half + 1
+    origin = expected - task.step * (half + BORDER)
+    template = predicted_patch(
+        task.image, task.reference, task.surface, origin, (side + 2 * BORDER, side + 2 * BORDER), task.step,
+        task.bias.offset_px, options.node_px, task.gsd_m,
+    )  # fmt: skip
+    if template.valid.mean() < 0.9:
+        return None
+    corner = expected - task.step * (half + reach + BORDER)
+    corner = np.round(corner) if task.step == 1.0 else corner
+    window = side + 2 * (reach + BORDER)
+    assert task.image.raster is not None
+    search = image_patch(task.image.raster, corner, (window, window), task.step)
+    if not search.valid.any():
+        return None
+    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    surface = scores(
+        orientation_field(template.grey, template.valid)[inner], orientation_field(search.grey, search.valid)[inner]
+    )
+    peak = peak_of(surface)
+    if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
+        return None  # the real peak lies outside
+    at = peak.shift + BORDER + half  # of the place's centre in the searched window
+    return _refined(template, search, at, peak.score, half + BORDER, task.step)
+
+
+def _refined(template: Patch, search: Patch, at: np.ndarray, score: float, middle: int, step: float) -> _Match:
+    """Return the match after least-squares matching, or as it is where grey values do not correlate."""
+    settings = LsmOptions(window_px=2 * (middle - BORDER) + 1, reach_px=LSM_REACH_PX)
+    first = MatchImage(template.grey, template.valid, LSM_SMOOTHING_PX)
+    second = MatchImage(search.grey, search.valid, LSM_SMOOTHING_PX)
+    made = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
+    if made.status[0] == DONE and made.correlation[0] >= CORRELATION and made.gain[0] > 0.0:
+        sigma = float(np.hypot(made.sigma_px[0], SIGMA_FLOOR_PX))
+        return _Match(search.origin + step * made.xy[0], step * sigma, score)
+    return _Match(search.origin + step * at, step * SIGMA_BY_DIRECTIONS_PX, score)

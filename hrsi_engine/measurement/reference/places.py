@@ -1,0 +1,112 @@
+"""Places of an orthoimage worth looking for: the most textured spot of every cell of a grid over the images' ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from ...block.block import Image
+from ...block.orthoimage import Orthoimage
+from ...surface.dem import HeightSurface, Status, intersect, surface_heights
+from .predicted_patches import read_reduced
+
+LOOKED_AT_PX = 192  # side of the part of a cell in which the place is chosen, working pixels
+FLAT = 0.02  # of the median texture, below which a place shows nothing
+OUTLINE = 40  # rays across an image, by which its ground is known
+MOST_CELLS = 20_000
+
+
+def choose_places(
+    images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, points: int, window_px: int
+) -> np.ndarray:
+    """Return lon, lat, height ``(m, 3)`` of places, about ``points`` of them in each image."""
+    below = [_ground_below(image, surface) for image in images]
+    below = [ground for ground in below if len(ground)]
+    if not below:
+        return np.zeros((0, 3))
+    areas = [_area_px(reference, ground) for ground in below]
+    cell = max(float(np.sqrt(min(areas) / points)), 4.0)
+    step = max(round(_pixel_m(images[0], below[0]) / reference.gsd_m), 1)
+    cells = _cells(reference, below, cell)
+    spots, texture = [], []
+    for column, row in cells:
+        spot = _best_spot(reference, column * cell, row * cell, cell, step, window_px)
+        if spot is not None:
+            spots.append(spot[0])
+            texture.append(spot[1])
+    if not spots:
+        return np.zeros((0, 3))
+    strong = np.array(texture) > FLAT * np.median(texture)
+    lonlat = reference.to_lonlat(np.array(spots)[strong])
+    ground = np.column_stack([lonlat, surface_heights(surface, lonlat)])
+    return ground[np.isfinite(ground[:, 2])]
+
+
+def _ground_below(image: Image, surface: HeightSurface) -> np.ndarray:
+    ground, status = intersect(image.rpc, image.grid_px(OUTLINE, OUTLINE), surface)
+    return ground[status == Status.FOUND]
+
+
+def _area_px(reference: Orthoimage, ground: np.ndarray) -> float:
+    """Return the area in the orthoimage's pixels of the upright box around an image's ground."""
+    pixels = reference.to_pixels(ground[:, :2])
+    return float(np.prod(np.maximum(np.ptp(pixels, axis=0), 1.0)))
+
+
+def _pixel_m(image: Image, ground: np.ndarray) -> float:
+    _, by_ground = image.rpc.project_with_metric_jacobian(ground[len(ground) // 2][None])
+    return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
+
+
+def _cells(reference: Orthoimage, below: Sequence[np.ndarray], cell: float) -> np.ndarray:
+    """Return column and row of the cells that an image sees; evenly thinned out where there are too many."""
+    pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
+    size = np.array(reference.raster.size)
+    inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
+    dense = np.unique(np.floor(_densified(pixels[inside], cell) / cell).astype(np.int64), axis=0)
+    last = np.floor((size - 1) / cell)
+    dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
+    return dense[:: max(len(dense) // MOST_CELLS, 1)]
+
+
+def _densified(pixels: np.ndarray, cell: float) -> np.ndarray:
+    """Return the positions and their neighbours half a cell away: rays may be farther apart than cells."""
+    steps = np.array([[x, y] for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]) * cell
+    return (pixels[:, None] + steps).reshape(-1, 2)
+
+
+def _best_spot(
+    reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
+) -> tuple[np.ndarray, float] | None:
+    """Return the pixel position of a cell's most textured window and its texture; None where it shows nothing."""
+    looked = int(min(cell / step, LOOKED_AT_PX))
+    margin = window_px // 2 + 2
+    side = max(looked, 1) + 2 * margin
+    start = np.floor(np.array([left, top]) + 0.5 * cell - 0.5 * step * side).astype(int)
+    grey, valid = read_reduced(reference.raster, int(start[0]), int(start[1]), step * side, step * side, step)
+    if not valid.any():
+        return None
+    texture = _texture(grey, valid, window_px)[margin:-margin, margin:-margin]
+    row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)
+    if texture[row, column] <= 0.0:
+        return None
+    return start + step * (margin + np.array([column, row])) + (step - 1) / 2.0, float(texture[row, column])
+
+
+def _texture(grey: np.ndarray, valid: np.ndarray, window_px: int) -> np.ndarray:
+    """Return the smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.
+
+    Gradient lengths count by their square root: one bright roof is no better than a whole field pattern.
+    """
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    gx, gy = cv2.Scharr(smooth, cv2.CV_32F, 1, 0), cv2.Scharr(smooth, cv2.CV_32F, 0, 1)
+    damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
+    xx, yy, xy = (
+        cv2.boxFilter(a * b * damp**2, cv2.CV_32F, (window_px, window_px)) for a, b in ((gx, gx), (gy, gy), (gx, gy))
+    )
+    least = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
+    square = np.ones((window_px, window_px), np.uint8)
+    whole = cv2.erode(valid.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.where(whole > 0, np.maximum(least, 0.0), 0.0)

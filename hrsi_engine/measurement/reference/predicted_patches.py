@@ -1,0 +1,165 @@
+"""What an image should show by its RPC: an orthoimage resampled into the image's geometry through RPC and DEM.
+
+Both the image and the orthoimage are brought to working pixels of ``step`` image pixels first, low-pass filtered where
+that makes them coarser, so that the two show the same detail. A working pixel ``(i, j)`` of a patch that begins at
+``origin`` has the image coordinates ``origin + step * (i, j)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...block.block import Image, Raster
+from ...block.orthoimage import Orthoimage
+from ...surface.dem import HeightSurface, Status, intersect
+
+BLUR = 0.45  # standard deviation of the low-pass filter, in pixels of the coarser image
+STRIP_LINES = 2048  # read at a time where the pixels are averaged
+VALID = 0.999
+LEAST_KNOWN = 0.5  # share of a patch's rays that meet the DEM; fewer leave the patch as it is
+LARGEST_PX = 64_000_000  # working pixels of a source window; more is a patch that lies across half the world
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Grey values ``(lines, samples)`` float32 and their mask; ``origin`` is the image position of its first pixel."""
+
+    grey: np.ndarray
+    valid: np.ndarray
+    origin: np.ndarray
+    step: float
+
+
+def read_reduced(
+    raster: Raster, sample: int, line: int, samples: int, lines: int, factor: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a window's means over ``factor`` x ``factor`` pixels and the mask of those whose pixels all are valid.
+
+    The window may reach over the edge. Element ``(0, 0)`` is centred at ``sample + (factor - 1) / 2``, likewise lines.
+    """
+    width, height = max(samples // factor, 1), max(lines // factor, 1)
+    grey, valid = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=bool)
+    rows = max(STRIP_LINES // factor, 1)
+    for row in range(0, height, rows):
+        count = min(rows, height - row)
+        part = _read_padded(raster, sample, line + row * factor, width * factor, count * factor)
+        if part is None:
+            continue
+        pixels, mask = part
+        if factor > 1:
+            share = cv2.resize(mask.astype(np.float32), (width, count), interpolation=cv2.INTER_AREA)
+            pixels = cv2.resize(np.where(mask, pixels, 0.0), (width, count), interpolation=cv2.INTER_AREA)
+            mask = share > VALID
+        grey[row : row + count], valid[row : row + count] = pixels, mask
+    return grey, valid
+
+
+def _read_padded(
+    raster: Raster, sample: int, line: int, samples: int, lines: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return float32 pixels and mask of a window that may reach over the edge; None where it lies outside."""
+    s0, l0 = max(sample, 0), max(line, 0)
+    s1, l1 = min(sample + samples, raster.size[0]), min(line + lines, raster.size[1])
+    if s1 <= s0 or l1 <= l0:
+        return None
+    pixels, mask = raster.read(s0, l0, s1 - s0, l1 - l0)
+    pixels = np.where(mask, pixels, 0).astype(np.float32)
+    if (s1 - s0, l1 - l0) == (samples, lines):
+        return pixels, mask
+    edges = ((l0 - line, line + lines - l1), (s0 - sample, sample + samples - s1))
+    return np.pad(pixels, edges), np.pad(mask, edges)
+
+
+def sampled(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return pixels at positions ``x, y`` of any 2-d shape (NaN: none) and their mask, low-passed to ``step`` pixels.
+
+    ``step`` is the distance of neighbouring positions in the raster's pixels; where it is below one the raster is the
+    coarser of the two, and is interpolated.
+    """
+    known = np.isfinite(x) & np.isfinite(y)
+    nothing = np.zeros(x.shape, dtype=np.float32), np.zeros(x.shape, dtype=bool)
+    if not known.any():
+        return nothing
+    factor = max(int(step), 1)
+    margin = 4 * factor + int(4 * step)
+    left, top = (int(np.floor(c[known].min())) - margin for c in (x, y))
+    right, bottom = (int(np.ceil(c[known].max())) + margin + factor for c in (x, y))
+    if (right - left) / factor * (bottom - top) / factor > LARGEST_PX or max(abs(left), abs(top)) > 2**30:
+        return nothing
+    grey, valid = read_reduced(raster, left, top, right - left, bottom - top, factor)
+    if not valid.any():
+        return nothing
+    rest = step / factor
+    if rest > 1.05:
+        grey = cv2.GaussianBlur(grey, (0, 0), BLUR * np.sqrt(rest**2 - 1.0) + 0.2)
+    offset = (factor - 1) / 2.0
+    at = [
+        ((np.where(known, c, -1e6) - start - offset) / factor).astype(np.float32) for c, start in ((x, left), (y, top))
+    ]
+    pixels = cv2.remap(grey, *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    inner = cv2.erode(valid.astype(np.float32), np.ones((3, 3), np.uint8))
+    mask = cv2.remap(inner, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0) > VALID
+    return np.where(mask, pixels, np.float32(0.0)), mask
+
+
+def image_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step: float) -> Patch:
+    """Return a patch of an image; its pixels are used as they are where ``step`` is 1 and ``origin`` a whole pixel."""
+    lines, samples = shape
+    if step == 1.0 and np.array_equal(origin, np.round(origin)):
+        part = _read_padded(raster, int(origin[0]), int(origin[1]), samples, lines)
+        grey, valid = part or (np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=bool))
+        return Patch(grey, valid, origin, step)
+    x, y = np.meshgrid(origin[0] + step * np.arange(samples), origin[1] + step * np.arange(lines))
+    return Patch(*sampled(raster, x, y, step), origin, step)
+
+
+def predicted_patch(
+    image: Image,
+    reference: Orthoimage,
+    surface: HeightSurface,
+    origin: np.ndarray,
+    shape: tuple[int, int],
+    step: float,
+    offset_px: np.ndarray,
+    node_px: float,
+    gsd_m: float,
+) -> Patch:
+    """Return what an orthoimage makes a patch of an image look like.
+
+    ``offset_px (2,)`` is by how much the image's points lie beside where its RPC puts them; rays are computed every
+    ``node_px`` working pixels and interpolated; ``gsd_m`` is the ground distance of the image's pixels.
+    """
+    lines, samples = shape
+    nodes = [int(np.ceil((count - 1) / node_px)) + 1 for count in (samples, lines)]
+    grid = np.stack(np.meshgrid(*(np.arange(count) * node_px for count in nodes)), axis=-1).reshape(-1, 2)
+    ground, status = intersect(image.rpc, origin + step * grid - offset_px, surface)
+    place = np.full((len(grid), 2), np.nan)
+    found = status == Status.FOUND
+    if found.any():
+        place[found] = reference.to_pixels(ground[found, :2])
+    if LEAST_KNOWN <= found.mean() < 1.0:
+        place = _filled(grid, place, found)
+    x, y = (_between_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
+    return Patch(*sampled(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
+
+
+def _filled(grid: np.ndarray, place: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return positions with those of rays into gaps of the DEM, from the affine function of the others."""
+    design = np.column_stack([np.ones(len(grid)), grid])
+    coefficients = np.linalg.lstsq(design[known], place[known], rcond=None)[0]
+    return np.where(known[:, None], place, design @ coefficients)
+
+
+def _between_nodes(values: np.ndarray, shape: tuple[int, int], node_px: float) -> np.ndarray:
+    """Return node values ``(rows, columns)`` interpolated to every working pixel; NaN beside a node without one."""
+    row, column = np.arange(shape[0]) / node_px, np.arange(shape[1]) / node_px
+    i = np.minimum(row.astype(int), max(values.shape[0] - 2, 0))
+    j = np.minimum(column.astype(int), max(values.shape[1] - 2, 0))
+    down, right = (row - i)[:, None], (column - j)[None]
+    below, beside = np.minimum(i + 1, values.shape[0] - 1), np.minimum(j + 1, values.shape[1] - 1)
+    upper = values[i][:, j] * (1.0 - right) + values[i][:, beside] * right
+    lower = values[below][:, j] * (1.0 - right) + values[below][:, beside] * right
+    return upper * (1.0 - down) + lower * down

@@ -1,0 +1,1 @@
+"""Targets measured to a fraction of a pixel: ellipses, corners of lines, edge points."""

@@ -1,0 +1,103 @@
+"""Sub-pixel edge points of a window, and the straight segments they form.
+
+An edge point is where the slope of the grey values (Gaussian derivative) is largest along its own direction; the peak
+of a parabola gives the position. Segments are runs of edge points along one line with the same direction of slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..interest_points.corners import gaussian_kernels
+from ..interest_points.outlines import SLOPE_PX, bilinear, slope_noise
+
+SLOPE_TO_NOISE = 5.0
+WEAKEST_SHARE = 0.15  # of the strongest slope in the window
+NEAR_LINE_PX, SAME_DIRECTION_DEG, LARGEST_GAP_PX = 0.8, 20.0, 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePoints:
+    """Edge points of a window: ``xy (n, 2)`` in its pixels, unit slopes ``(n, 2)`` towards brighter, and strengths."""
+
+    xy: np.ndarray
+    direction: np.ndarray
+    strength: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+
+def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
+    """Return the sub-pixel edge points of grey values (float32) away from unusable pixels."""
+    smooth, slope = gaussian_kernels(SLOPE_PX)
+    by_x = cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
+    by_y = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+    strength = np.hypot(by_x, by_y)
+    clear = cv2.erode(usable.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    threshold = max(SLOPE_TO_NOISE * noise * slope_noise(), WEAKEST_SHARE * float(strength[clear].max(initial=0.0)))
+    rows, columns = np.nonzero(clear & (strength > threshold))
+    inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
+    rows, columns = rows[inner], columns[inner]
+    at = strength[rows, columns]
+    direction = np.column_stack([by_x[rows, columns], by_y[rows, columns]]) / at[:, None]
+    before = bilinear(strength, columns - direction[:, 0], rows - direction[:, 1])
+    after = bilinear(strength, columns + direction[:, 0], rows + direction[:, 1])
+    bend = before - 2.0 * at + after
+    peak = (at >= before) & (at > after) & (bend < 0.0)
+    offset = 0.5 * (before - after)[peak] / bend[peak]
+    xy = np.column_stack([columns, rows])[peak] + offset[:, None] * direction[peak]
+    near = np.abs(offset) <= 0.7
+    return EdgePoints(xy[near], direction[peak][near], at[peak][near])
+
+
+def straight_segments(points: EdgePoints, shortest_px: float, most: int = 40) -> list[np.ndarray]:
+    """Return the indices of the points of each straight segment, longest first; no point is in two segments."""
+    free = np.ones(len(points), dtype=bool)
+    segments: list[np.ndarray] = []
+    for seed in np.argsort(-points.strength, kind="stable"):
+        if not free[seed]:
+            continue
+        run = _run_through(points, int(seed), free)
+        if len(run) >= 3 and np.ptp(_along(points, run)) >= shortest_px:
+            segments.append(run)
+            free[run] = False
+            if len(segments) == most:
+                break
+        else:
+            free[seed] = False
+    return sorted(segments, key=len, reverse=True)
+
+
+def _along(points: EdgePoints, run: np.ndarray) -> np.ndarray:
+    normal = points.direction[run].mean(axis=0)
+    return points.xy[run] @ np.array([-normal[1], normal[0]]) / max(float(np.hypot(*normal)), 1e-9)
+
+
+def _run_through(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:
+    """Return the free points of the unbroken run along the line of a seed, refined once with all of its points."""
+    centre, normal = points.xy[seed], points.direction[seed]
+    run = np.array([seed])
+    for _ in range(3):
+        offset = points.xy - centre
+        near = free & (np.abs(offset @ normal) < NEAR_LINE_PX)
+        near &= points.direction @ normal > np.cos(np.radians(SAME_DIRECTION_DEG))
+        candidates = np.flatnonzero(near)
+        if len(candidates) < 3:
+            return candidates
+        along = offset[candidates] @ np.array([-normal[1], normal[0]])
+        order = np.argsort(along)
+        breaks = np.flatnonzero(np.diff(along[order]) > LARGEST_GAP_PX)
+        middle = int(np.searchsorted(along[order], 0.0))
+        start = int(breaks[breaks < middle][-1]) + 1 if np.any(breaks < middle) else 0
+        end = int(breaks[breaks >= middle][0]) + 1 if np.any(breaks >= middle) else len(order)
+        run = candidates[order[start:end]]
+        if len(run) < 3:
+            return run
+        centre = points.xy[run].mean(axis=0)
+        _, axes = np.linalg.eigh(np.cov((points.xy[run] - centre).T))
+        normal = axes[:, 0] * np.sign(axes[:, 0] @ points.direction[run].mean(axis=0) or 1.0)
+    return run

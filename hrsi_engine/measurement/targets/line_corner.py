@@ -1,0 +1,163 @@
+"""Corners as intersections of two straight edges, each fitted to three edge points or more (thesis section 2.3).
+
+A line is ``n · x = p`` with the unit normal ``n``; it minimises the points' distances (total least squares).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...foundation.errors import SolveError
+
+FEWEST_POINTS = 3  # on each line
+SMALLEST_ANGLE_DEG = 20.0  # flatter intersections are not corners
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line fitted to edge points.
+
+    centroid, direction, normal : (2,); cofactor : (2, 2) of distance at the centroid and of direction (radians)
+    residual_px : (n,) signed distances; used : (n,) mask of points not left out; reach_px : first and last used point
+    along the direction from the centroid
+    """
+
+    centroid: np.ndarray
+    direction: np.ndarray
+    cofactor: np.ndarray
+    residual_px: np.ndarray
+    used: np.ndarray
+    reach_px: tuple[float, float]
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Unit normal, the direction turned by +90 degrees."""
+        return np.array([-self.direction[1], self.direction[0]])
+
+    @property
+    def rmse_px(self) -> float:
+        """Root mean square distance of the used points."""
+        return float(np.sqrt(np.mean(self.residual_px[self.used] ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """Where two lines meet: position (2,), covariance (2, 2) from the lines' residuals, angle between the lines."""
+
+    position: np.ndarray
+    covariance_px2: np.ndarray
+    angle_deg: float
+    lines: tuple[Line, Line]
+
+    @property
+    def sigma_px(self) -> float:
+        """Standard deviation of a coordinate (mean of the two axes)."""
+        return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
+
+    @property
+    def rmse_px(self) -> float:
+        """Root mean square distance of all used points from their lines."""
+        squares = [line.residual_px[line.used] ** 2 for line in self.lines]
+        return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
+    """Return the line through edge points ``(n, 2)``; those farther than ``tolerance_px`` are left out.
+
+    Raises `SolveError` for fewer than three points, or points that coincide.
+    """
+    xy = np.asarray(xy, dtype=np.float64)
+    used = np.ones(len(xy), dtype=bool)
+    line = _fit(xy, used)
+    for _ in range(5 if tolerance_px is not None else 0):
+        near = np.abs(line.residual_px) < max(float(tolerance_px or 0.0), 1.5 * np.median(np.abs(line.residual_px)))
+        if near.sum() < FEWEST_POINTS or np.array_equal(near, used):
+            break
+        used = near
+        line = _fit(xy, used)
+    return line
+
+
+def _fit(xy: np.ndarray, used: np.ndarray) -> Line:
+    if used.sum() < FEWEST_POINTS:
+        raise SolveError(f"a line needs {FEWEST_POINTS} edge points or more, {used.sum()} were given: measure more")
+    centroid = xy[used].mean(axis=0)
+    spread, axes = np.linalg.eigh(np.cov((xy[used] - centroid).T, bias=True))
+    if not spread[1] > 0.0:
+        raise SolveError("the edge points coincide: measure points along the edge")
+    direction = axes[:, 1]
+    along = (xy - centroid) @ direction
+    residual = (xy - centroid) @ np.array([-direction[1], direction[0]])
+    cofactor = np.diag([1.0 / used.sum(), 1.0 / np.sum(along[used] ** 2)])
+    reach = float(along[used].min()), float(along[used].max())
+    return Line(centroid, direction, cofactor, residual, used, reach)
+
+
+def intersect_lines(first: Line, second: Line) -> Corner:
+    """Return where two lines meet; raises `SolveError` where they are nearly parallel.
+
+    The variance of an edge point comes from both lines' residuals together.
+    """
+    angle = float(np.degrees(np.arccos(np.clip(abs(first.direction @ second.direction), 0.0, 1.0))))
+    if angle < SMALLEST_ANGLE_DEG:
+        raise SolveError(f"the two edges meet at {angle:.0f} degrees only: no corner can be measured there")
+    normals = np.array([first.normal, second.normal])
+    position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])
+    redundancy = sum(int(line.used.sum()) - 2 for line in (first, second))
+    squares = sum(float(np.sum(line.residual_px[line.used] ** 2)) for line in (first, second))
+    offsets = [_offset_cofactor(line, position) for line in (first, second)]
+    to_position = np.linalg.inv(normals)
+    covariance = squares / redundancy * to_position @ np.diag(offsets) @ to_position.T
+    return Corner(position, covariance, angle, (first, second))
+
+
+def _offset_cofactor(line: Line, position: np.ndarray) -> float:
+    """Return the cofactor of the line's offset across its direction at a position along it."""
+    along = float((position - line.centroid) @ line.direction)
+    return float(line.cofactor[0, 0] + along**2 * line.cofactor[1, 1])
+
+
+def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """Return the masks of the points on each of the two lines that explain most edge points ``(n, 2)``.
+
+    All pairs of points are tried for the first line, the same for the second among the rest; a point near both
+    belongs to the nearer one. Raises `SolveError` where no two lines have three points each.
+    """
+    xy = np.asarray(xy, dtype=np.float64)
+    best: tuple[tuple[int, float], np.ndarray, np.ndarray] | None = None
+    for first in _candidate_lines(xy):
+        own = np.abs(_distance(xy, first)) < tolerance_px
+        if own.sum() < FEWEST_POINTS or (~own).sum() < FEWEST_POINTS:
+            continue
+        for second in _candidate_lines(xy[~own]):
+            other = np.abs(_distance(xy, second)) < tolerance_px
+            nearer = np.abs(_distance(xy, first)) <= np.abs(_distance(xy, second))
+            a, b = own & (nearer | ~other), other & ~(own & nearer)
+            if min(a.sum(), b.sum()) < FEWEST_POINTS:
+                continue
+            misfit = float(np.sum(_distance(xy[a], first) ** 2) + np.sum(_distance(xy[b], second) ** 2))
+            score = (int(a.sum() + b.sum()), -misfit)
+            if best is None or score > best[0]:
+                best = score, a, b
+    if best is None:
+        raise SolveError(f"the edge points do not lie on two lines with {FEWEST_POINTS} points each: measure more")
+    return best[1], best[2]
+
+
+def _candidate_lines(xy: np.ndarray, most: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return point and normal of lines through pairs of points; evenly chosen pairs where there are very many."""
+    i, j = np.triu_indices(len(xy), 1)
+    if len(i) > most:
+        chosen = np.linspace(0, len(i) - 1, most).astype(int)
+        i, j = i[chosen], j[chosen]
+    step = xy[j] - xy[i]
+    length = np.hypot(step[:, 0], step[:, 1])
+    far = length > 0.0
+    normal = np.column_stack([-step[far, 1], step[far, 0]]) / length[far, None]
+    return list(zip(xy[i[far]], normal, strict=True))
+
+
+def _distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    return (xy - line[0]) @ line[1]

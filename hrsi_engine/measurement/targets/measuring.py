@@ -1,0 +1,319 @@
+"""Targets near approximate positions: the sub-pixel centre of a round or closed object, or the corner of two edges.
+
+Every measurement comes with its covariance, or is refused with the reason: nothing is measured where the feature is
+not there. Hand-measured edge points are evaluated by the same fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block.block import Raster
+from ...foundation.errors import InputError, SolveError
+from ..interest_points.gravity_centres import STRONG_QUALITY, Centre, CentreOptions, gravity_centres
+from ..interest_points.statistics import ImageStatistics, image_statistics
+from ..interest_points.windows import Area, Window, read_window
+from .edge_points import EdgePoints, find_edge_points, straight_segments
+from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
+from .line_corner import Corner, Line, fit_line, intersect_lines, split_into_lines
+
+CENTER, CORNER = "center", "corner"
+WORST_SIGMA_PX = 0.5
+WORST_QUALITY = 0.4  # of a region whose centre was asked for
+WORST_EDGE_RMSE_PX = 0.5
+SMALLEST_ANGLE_DEG = 30.0
+SHORTEST_EDGE_PX = 3.0
+LARGEST_TURN_DEG = 20.0  # of the slope along an edge
+EDGE_USED_PX = 20.0  # edges are used up to this far from the corner
+ROUNDED_PX = 1.5  # and from here on: nearer, the corner is rounded by the sensor
+END_NEAR_PX = 4.0  # an edge begins at most so far from the corner
+NEAR_EDGE_PX = 0.6  # edge points farther from their line are stray
+STATISTICS_PX = 256  # half side of the area whose statistics hold for a target
+
+
+@dataclass(frozen=True)
+class TargetOptions:
+    """How far from the approximate position the target may be, and the largest diameter of its object."""
+
+    search_px: float = 15.0
+    largest_px: float = 80.0
+    smallest_px: float = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class TargetMeasurement:
+    """A target measured, or why not.
+
+    kind : ``center`` or ``corner``; xy : (2,) sample, line, NaN where refused; covariance_px2 : (2, 2)
+    rmse_px : of the edge points about the fitted curve; edges : (k, 2), used : (k,) mask
+    curves : polylines (m, 2) of the fit, to be drawn; refusal : the reason, empty where measured
+    """
+
+    kind: str
+    xy: np.ndarray
+    covariance_px2: np.ndarray
+    rmse_px: float
+    edges: np.ndarray
+    used: np.ndarray
+    curves: tuple[np.ndarray, ...]
+    quality: float = np.nan
+    refusal: str = ""
+
+    @property
+    def sigma_px(self) -> float:
+        """Standard deviation of a coordinate (mean of the two axes)."""
+        return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
+
+
+def refused(kind: str, reason: str) -> TargetMeasurement:
+    """Return a measurement that was not made."""
+    nothing = np.empty((0, 2))
+    return TargetMeasurement(
+        kind, np.full(2, np.nan), np.full((2, 2), np.nan), np.nan, nothing, np.empty(0, bool), (), np.nan, reason
+    )
+
+
+def measure_target(
+    raster: Raster, approximate: np.ndarray, kind: str = CENTER, options: TargetOptions | None = None
+) -> TargetMeasurement:
+    """Return the target nearest to an approximate position ``(2,)``; ``kind`` is one of `MEASURES`.
+
+    Raises `InputError` for an unknown kind; a target that is not there is a refusal in the result.
+    """
+    options = options or TargetOptions()
+    if kind not in MEASURES:
+        raise InputError(f"target kind {kind!r} is not one of {', '.join(MEASURES)}: correct it")
+    x, y = (float(value) for value in approximate)
+    if not (-0.5 <= x <= raster.size[0] - 0.5 and -0.5 <= y <= raster.size[1] - 0.5):
+        return refused(kind, f"the approximate position {x:.1f}, {y:.1f} is outside the image")
+    try:
+        return MEASURES[kind](raster, np.array([x, y]), options)
+    except SolveError as error:
+        return refused(kind, str(error))
+
+
+def _around(raster: Raster, middle: np.ndarray, half: float) -> Area:
+    """Return the square around a position, as far as the image goes."""
+    low = np.maximum(np.floor(middle - half), 0).astype(int)
+    high = np.minimum(np.ceil(middle + half) + 1, raster.size).astype(int)
+    return Area(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+
+def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tuple[Window, ImageStatistics]:
+    statistics = image_statistics(raster, _around(raster, middle, STATISTICS_PX))
+    window = read_window(raster, _around(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
+    return window, statistics
+
+
+# ---- centres ---------------------------------------------------------------------------------------------------
+
+
+def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
+    """Return the gravity centre of the best closed region near a position; raises `SolveError` where there is none."""
+    window, statistics = _window(raster, approximate, options.search_px, options.largest_px + 64.0)
+    if not window.usable.any():
+        raise SolveError("the image has no valid pixels there")
+    wanted = CentreOptions(options.smallest_px, options.largest_px, quality=WORST_QUALITY)
+    found = [
+        centre
+        for centre in gravity_centres(window, statistics, wanted)
+        if np.hypot(*(centre.xy - approximate)) <= _reach(centre, options) and centre.sigma_px <= WORST_SIGMA_PX
+    ]
+    if not found:
+        raise SolveError(
+            f"no clear closed object of {options.smallest_px:g} to {options.largest_px:g} px lies within "
+            f"{options.search_px:g} px"
+        )
+    best = max(found, key=lambda centre: _preference(centre, approximate, options))
+    return _from_ellipse(best) if best.kind == "ellipse" else _from_outline(best)
+
+
+def _reach(centre: Centre, options: TargetOptions) -> float:
+    """Return how far from the approximate position a centre may be: that of a weak object so far as it covers it.
+
+    Where the target itself is not seen, something weak beside it would be taken for it.
+    """
+    if centre.quality >= STRONG_QUALITY:
+        return options.search_px
+    return min(options.search_px, float(centre.size_px[0]) / 2.0)
+
+
+def _preference(centre: Centre, approximate: np.ndarray, options: TargetOptions) -> float:
+    distance = float(np.hypot(*(centre.xy - approximate))) / options.search_px
+    return centre.quality + (0.2 if centre.kind == "ellipse" else 0.0) - 0.7 * distance
+
+
+def _from_ellipse(centre: Centre) -> TargetMeasurement:
+    """Return the centre by an ellipse fit that is robust against stray edge points."""
+    ellipse = fit_ellipse_robust(centre.outline)
+    return _ellipse_measurement(ellipse, centre.outline, centre.quality)
+
+
+def _ellipse_measurement(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
+    return TargetMeasurement(
+        CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
+        (_closed(ellipse.outline()),), quality,
+    )  # fmt: skip
+
+
+def _from_outline(centre: Centre) -> TargetMeasurement:
+    used = np.ones(len(centre.outline), dtype=bool)
+    return TargetMeasurement(
+        CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used, (_closed(centre.outline),),
+        centre.quality,
+    )  # fmt: skip
+
+
+def _closed(ring: np.ndarray) -> np.ndarray:
+    return np.vstack([ring, ring[:1]])
+
+
+# ---- corners ---------------------------------------------------------------------------------------------------
+
+
+def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
+    """Return where the two clearest straight edges near a position meet; raises `SolveError` where there are none."""
+    window, statistics = _window(raster, approximate, options.search_px + EDGE_USED_PX + 4.0, 0.0)
+    if not window.usable.any():
+        raise SolveError("the image has no valid pixels there")
+    points = find_edge_points(window.grey, window.usable, statistics.noise)
+    segments = straight_segments(points, SHORTEST_EDGE_PX)
+    origin = window.origin
+    candidates = []
+    for first, second, rough in _crossings(points, segments, approximate - origin, options.search_px + END_NEAR_PX):
+        made = _corner_of(points, first, second, rough, approximate - origin, options.search_px)
+        if made is not None:
+            candidates.append(made)
+    if not candidates:
+        raise SolveError(f"no two straight edges meet within {options.search_px:g} px")
+    _, corner, edges = max(candidates, key=lambda candidate: candidate[0])
+    return _corner_measurement(corner, edges, origin)
+
+
+def _crossings(
+    points: EdgePoints, segments: list[np.ndarray], approximate: np.ndarray, reach_px: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield the pairs of segments whose lines cross within a reach of a position, and where ``(2,)``."""
+    if len(segments) < 2:
+        return
+    lines = [fit_line(points.xy[segment]) for segment in segments]
+    normal = np.array([line.normal for line in lines])
+    offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
+    i, j = np.triu_indices(len(lines), 1)
+    sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
+    steep = np.abs(sine) > np.sin(np.radians(SMALLEST_ANGLE_DEG - LARGEST_TURN_DEG / 2.0))
+    i, j, sine = i[steep], j[steep], sine[steep, None]
+    across = np.column_stack([normal[:, 1], -normal[:, 0]])
+    crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
+    for k in np.flatnonzero(np.hypot(*crossing.T) <= reach_px):
+        yield segments[i[k]], segments[j[k]], crossing[k] + approximate
+
+
+def _corner_of(
+    points: EdgePoints, first: np.ndarray, second: np.ndarray, rough: np.ndarray, approximate: np.ndarray,
+    search_px: float,
+) -> tuple[float, Corner, np.ndarray] | None:  # fmt: skip
+    """Return score, corner and edge points of two segments that cross at a ``rough`` position near the approximate one.
+
+    None where they make no corner there.
+    """
+    one, other = (_used_part(points.xy[segment], rough) for segment in (first, second))
+    if one is None or other is None:
+        return None
+    try:
+        corner = intersect_lines(*(fit_line(part, tolerance_px=NEAR_EDGE_PX) for part in (one, other)))
+    except SolveError:
+        return None
+    away = float(np.hypot(*(corner.position - approximate)))
+    good = corner.angle_deg >= SMALLEST_ANGLE_DEG and corner.rmse_px <= WORST_EDGE_RMSE_PX
+    good &= all(_turn_deg(points, segment, rough) < LARGEST_TURN_DEG for segment in (first, second))
+    if away > search_px or not good or corner.sigma_px > WORST_SIGMA_PX:
+        return None
+    lengths = [min(np.ptp(line.reach_px), EDGE_USED_PX) for line in corner.lines]
+    strength = [float(np.median(points.strength[segment])) for segment in (first, second)]
+    score = (
+        min(lengths) / EDGE_USED_PX
+        + 0.5 * sum(strength) / (2.0 * float(points.strength.max()))
+        - 1.2 * away / search_px
+    )
+    return score, corner, np.concatenate([one, other])
+
+
+def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
+    """Return by how much the slope turns along an edge near its corner: chords of a circle are no edges of a corner."""
+    distance = np.hypot(*(points.xy[segment] - corner).T)
+    near = distance <= EDGE_USED_PX
+    direction = points.direction[segment][near]
+    if len(direction) < 4:
+        return 0.0
+    mean = direction.mean(axis=0)
+    angle = np.degrees(np.arctan2(mean[0] * direction[:, 1] - mean[1] * direction[:, 0], direction @ mean))
+    return float(abs(np.polyfit(distance[near], angle, 1)[0]) * np.ptp(distance[near]))
+
+
+def _used_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
+    """Return a segment's points at the right distances from the corner, None where it does not begin or end there."""
+    distance = np.hypot(*(xy - corner).T)
+    if distance.min() > END_NEAR_PX:
+        return None
+    direction = xy[np.argmax(distance)] - corner
+    one_side = (xy - corner) @ direction > 0.0
+    if np.sum(~one_side & (distance > END_NEAR_PX)) > 0.3 * len(xy):  # the edge goes on: a crossing, not a corner
+        return None
+    chosen = one_side & (distance >= ROUNDED_PX) & (distance <= EDGE_USED_PX)
+    part = xy[chosen]
+    return part if len(part) >= 3 and np.ptp(distance[chosen]) >= SHORTEST_EDGE_PX - ROUNDED_PX else None
+
+
+def _corner_measurement(corner: Corner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:
+    used = np.concatenate([line.used for line in corner.lines])
+    curves = tuple(np.array([corner.position, _far_end(line, corner.position)]) + origin for line in corner.lines)
+    quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
+    return TargetMeasurement(
+        CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, used, curves, quality
+    )
+
+
+def _far_end(line: Line, position: np.ndarray) -> np.ndarray:
+    """Return the end of a line's used part that is farther from a position."""
+    ends = line.centroid + np.outer(line.reach_px, line.direction)
+    return ends[np.argmax(np.hypot(*(ends - position).T))]
+
+
+Measure = Callable[[Raster, np.ndarray, TargetOptions], TargetMeasurement]
+#: How a target of each kind is measured on the image.
+MEASURES: dict[str, Measure] = {CENTER: measure_centre, CORNER: measure_corner}
+
+
+# ---- hand-measured edge points ---------------------------------------------------------------------------------
+
+
+def centre_from_edges(edges: np.ndarray, method: str = "direct") -> TargetMeasurement:
+    """Return the ellipse centre of hand-measured edge points; raises `SolveError` where they give none."""
+    return _ellipse_measurement(fit_ellipse(edges, method), edges, np.nan)
+
+
+def corner_from_hand_edges(edges: np.ndarray) -> TargetMeasurement:
+    """Return the intersection of the two lines of hand-measured edge points; raises `SolveError`."""
+    first, second = split_into_lines(edges)
+    corner = intersect_lines(fit_line(edges[first]), fit_line(edges[second]))
+    return _corner_measurement(corner, np.concatenate([edges[first], edges[second]]), np.zeros(2))
+
+
+EDGE_FITS: dict[str, Callable[[np.ndarray], TargetMeasurement]] = {
+    CENTER: centre_from_edges,
+    CORNER: corner_from_hand_edges,
+}
+
+
+def measure_edges(edges: np.ndarray, kind: str = CENTER) -> TargetMeasurement:
+    """Return the target of hand-measured edge points ``(n, 2)``, or a refusal with the reason."""
+    if kind not in EDGE_FITS:
+        raise InputError(f"target kind {kind!r} is not one of {', '.join(EDGE_FITS)}: correct it")
+    try:
+        return EDGE_FITS[kind](np.asarray(edges, dtype=np.float64))
+    except SolveError as error:
+        return refused(kind, str(error))

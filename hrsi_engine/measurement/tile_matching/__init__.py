@@ -1,0 +1,1 @@
+"""Two tiles of images matched where their RPCs say that they show the same ground."""

@@ -1,0 +1,116 @@
+"""The second image as the first would see it: windows resampled to where RPCs, heights and bias predict each pixel.
+
+In this frame - columns and rows of the first tile - a point is displaced by what is not known yet: the rest of the
+bias, and the parallax of the rest of the height, which has one direction per place, that of the epipolar lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from .epipolar import HEIGHT_STEP_M, MIN_STRETCH, transfer
+from .types import ImageTile, PairGeometry
+
+NODE_PX = 32  # the prediction is exact at nodes so far apart and bilinear between them
+WIDEST_PAD_PX = 512
+
+
+@dataclass(frozen=True, eq=False)
+class TileFrame:
+    """Prediction from a first into a second tile; positions ``(n, 2)`` are columns, rows of the tiles."""
+
+    first: ImageTile
+    second: ImageTile
+    geometry: PairGeometry
+
+    def predict(self, points: np.ndarray, raised_m: float = 0.0, heights_m: np.ndarray | None = None) -> np.ndarray:
+        """Return columns and rows in the second tile of points of the first.
+
+        The points are at the heights given, else at those of the geometry, + ``raised_m``.
+        """
+        xy = self.first.to_image(points)
+        height = (self.geometry.heights_at(xy) if heights_m is None else heights_m) + raised_m
+        seen = transfer(self.geometry.first, self.geometry.second, xy, height) + self.geometry.bias_px
+        return self.second.to_tile(seen)
+
+    def jacobians(self, points: np.ndarray) -> np.ndarray:
+        """Return second by first at constant height, ``(n, 2, 2)``."""
+        xy, reach = self.first.to_image(points), 8.0 * self.first.step
+        height = self.geometry.heights_at(xy)
+        columns = []
+        for axis in ((reach, 0.0), (0.0, reach)):
+            ends = [
+                transfer(self.geometry.first, self.geometry.second, xy + sign * np.array(axis), height)
+                for sign in (1.0, -1.0)
+            ]
+            columns.append((ends[0] - ends[1]) / (2.0 * reach))
+        return np.stack(columns, axis=-1) * (self.first.step / self.second.step)
+
+    def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of what a height does in this frame."""
+        moved = (self.predict(points, HEIGHT_STEP_M) - self.predict(points, -HEIGHT_STEP_M)) / (2.0 * HEIGHT_STEP_M)
+        slope = np.linalg.solve(self.jacobians(points), moved[..., None])[..., 0]
+        stretch = np.linalg.norm(slope, axis=1)
+        flat = stretch < MIN_STRETCH
+        return np.where(flat[:, None], (1.0, 0.0), slope / np.maximum(stretch, MIN_STRETCH)[:, None]), stretch
+
+    def displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
+        """Return how far positions in the second tile are from their prediction, in this frame, ``(n, 2)``."""
+        return np.linalg.solve(self.jacobians(points), (found - self.predict(points))[..., None])[..., 0]
+
+    @cached_property
+    def scale(self) -> float:
+        """Pixels of the second tile per pixel of the first, mean of both directions."""
+        rows, columns = self.first.pixels.shape
+        jacobian = self.jacobians(np.array([[0.5 * columns, 0.5 * rows]]))[0]
+        return float(np.sqrt(abs(np.linalg.det(jacobian))))
+
+    @cached_property
+    def reach_px(self) -> tuple[float, float]:
+        """How far a point may be displaced along and across the epipolar line."""
+        rows, columns = self.first.pixels.shape
+        corners = np.array([[x, y] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)])
+        _, stretch = self.parallax(corners)
+        along, across = (margin / (self.second.step * self.scale) for margin in self.geometry.margin_px)
+        return along + float(stretch.max()) * self._height_uncertainty(corners), across
+
+    def _height_uncertainty(self, points: np.ndarray) -> float:
+        if self.geometry.height_sigma_m is not None:
+            return 3.0 * self.geometry.height_sigma_m
+        height = self.geometry.heights_at(self.first.to_image(points))
+        return float(np.maximum(self.geometry.highest_m - height, height - self.geometry.lowest_m).max())
+
+    @cached_property
+    def pad_px(self) -> int:
+        """By how much the resampled window reaches beyond the first tile on each side."""
+        return int(np.ceil(min(max(self.reach_px), WIDEST_PAD_PX))) + 2
+
+    @cached_property
+    def resampled(self) -> ImageTile:
+        """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both counted in pixels of the first tile."""
+        rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
+        count = [max(2, -(-(length - 1) // NODE_PX) + 1) for length in (columns, rows)]
+        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(NODE_PX) for n in count)), axis=-1).reshape(-1, 2)
+        seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2)
+        by_row, by_column = _between_nodes(rows, count[1]), _between_nodes(columns, count[0])
+        x, y = (np.nan_to_num(by_row @ seen[..., k] @ by_column.T, nan=-1e4).astype(np.float32) for k in (0, 1))
+        grey, valid = self.second.pixels, self.second.valid.astype(np.uint8)
+        if self.scale > 1.2:  # the second image is finer: smooth away what the first cannot show
+            grey = cv2.GaussianBlur(grey, (0, 0), 0.5 * float(np.sqrt(self.scale**2 - 1.0)))
+        pixels = cv2.remap(grey, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        known = cv2.remap(valid, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0) > 0
+        return ImageTile(pixels, known, (-self.pad_px, -self.pad_px), 1.0)
+
+
+def _between_nodes(length: int, nodes: int) -> np.ndarray:
+    """Return the matrix of linear interpolation from nodes ``NODE_PX`` apart to every pixel."""
+    position = np.arange(length) / NODE_PX
+    node = np.minimum(position.astype(np.int64), nodes - 2)
+    weights = np.zeros((length, nodes))
+    weights[np.arange(length), node] = 1.0 - (position - node)
+    weights[np.arange(length), node + 1] = position - node
+    return weights

@@ -1,0 +1,312 @@
+"""Matching of two windows with RPC geometry: interest points of the first, positions in the second to ~0.05 px.
+
+1. The second window is resampled to the geometry of the first (`tile_frame`); finders (`matchers`) name candidates,
+   and RPC geometry that tolerates a bias keeps the true ones: the seeds.
+2. Every interest point of the first window (`tile_points`) is sought where its neighbours among the seeds predict it,
+   in a box along the epipolar line (`window_search`), and brought to sub-pixel precision by least-squares matching on
+   the original pixels of both windows. What is found are seeds of the next round.
+3. Matches that contradict the epipolar geometry, their neighbours, or their own precision are dropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...foundation.robust_scale import robust_sigma
+from ..window_matching.bands import BANDS, SEARCH_BAND
+from ..window_matching.least_squares_matching import match_patches
+from ..window_matching.window_search import search_windows
+from ..window_matching.windows import DONE, LsmOptions, MatchImage
+from .epipolar import MIN_STRETCH
+from .frame import TileFrame
+from .matchers import MATCHERS
+from .points import tile_points
+from .rpc_consistency import FEWEST, Consistency, rpc_consistency
+from .types import HeightGrid, ImageTile, MatchOptions, PairGeometry, TileMatches, no_matches
+
+__all__ = [
+    "HeightGrid", "ImageTile", "MatchOptions", "PairGeometry", "TileMatches", "match_tile", "no_matches",
+    "transfer_points",
+]  # fmt: skip
+NEIGHBOURS = 8
+SPREAD_SEARCHED = 0.7  # of the neighbours' range of parallax, to both sides
+SLOPE_SEARCHED = 0.02  # px of parallax per px of distance to the neighbours
+SEARCH_MARGIN_PX = 3  # windows of the search are so much smaller on each side than those of least squares
+TRIAL, FEWEST_OF_A_TRIAL = 150, 20  # matches that the band is chosen on
+INNER = 2.0 / 3.0  # of a window is matched again: where it holds two surfaces, or is false, the result moves
+CHANGE_WEIGHT = 0.35  # of that movement in the standard deviation
+GOOD_SIGMA_PX = 0.1  # where quality is one half
+LARGEST_NORMAL = 4.0  # sigmas of its own that a match may deviate across the epipolar line
+
+
+def match_tile(
+    first: ImageTile, second: ImageTile, geometry: PairGeometry, options: MatchOptions | None = None
+) -> TileMatches:
+    """Return the interest points of the first tile that are found in the second."""
+    options = options or MatchOptions()
+    task = _Task(TileFrame(first, second, geometry), options, tile_points(first, options))
+    if not len(task.points):
+        return no_matches()
+    seeds = _seeds(task)
+    if len(seeds.points) < FEWEST:
+        return no_matches()
+    found = _Matched.nothing(len(task.points))
+    for window in options.windows_px:
+        rows = np.flatnonzero(~found.done)
+        found.add(rows, *_find(task, rows, _expected(task, rows, seeds), window))
+        known = np.flatnonzero(found.done)
+        found.done[known[~_consistency(task, task.points[known], found.xy[known]).good]] = False
+        known = np.flatnonzero(found.done)
+        if len(known) < FEWEST:
+            return no_matches()
+        seeds = _Seeds(task.points[known], task.frame.displacements(task.points[known], found.xy[known]))
+    return _judged(task, found)
+
+
+def transfer_points(
+    first: ImageTile,
+    second: ImageTile,
+    geometry: PairGeometry,
+    first_xy: np.ndarray,
+    height_m: np.ndarray,
+    options: MatchOptions | None = None,
+) -> TileMatches:
+    """Return where given points of the first tile with known heights appear in the second; those that are found.
+
+    ``first_xy (n, 2)`` are whole pixels of the first tile (as `match_tile` returns them), ``height_m (n,)`` their
+    heights, known from a match in another image. ``geometry.bias_px`` should be that of the pair, as the height is
+    known by the other pair; points are sought a few pixels around.
+    """
+    options = options or MatchOptions()
+    frame = TileFrame(first, second, geometry)
+    points = np.round(first.to_tile(first_xy)).astype(np.int64).reshape(-1, 2)
+    inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
+    task = _Task(frame, options, points[inside])
+    if len(task.points) < FEWEST:
+        return no_matches()
+    shift = frame.displacements(task.points, frame.predict(task.points, heights_m=np.asarray(height_m)[inside]))
+    found = _Matched.nothing(len(task.points))
+    for window in dict.fromkeys(options.windows_px):
+        rows = np.flatnonzero(~found.done)
+        reach = np.tile([options.reach_px[0], options.across_px], (len(rows), 1))
+        found.add(rows, *_find(task, rows, _Expected(shift[rows], reach), window))
+    return _judged(task, found)
+
+
+# ---- what the steps hand on ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Two windows, the interest points of the first, and what is derived from both when it is first needed."""
+
+    frame: TileFrame
+    options: MatchOptions
+    points: np.ndarray
+
+    @cached_property
+    def direction(self) -> np.ndarray:
+        """Unit vectors of the parallax at the points, in the first window."""
+        return self.frame.parallax(self.points)[0]
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        return self.frame.jacobians(self.points)
+
+    @cached_property
+    def searched(self) -> tuple[MatchImage, MatchImage]:
+        """The first window and the resampled second one, as they are searched."""
+        first, second = self.frame.first, self.frame.resampled
+        return SEARCH_BAND.image(first.pixels, first.valid), SEARCH_BAND.image(second.pixels, second.valid)
+
+    @cached_property
+    def _images(self) -> dict[str, tuple[MatchImage, MatchImage]]:
+        return {}
+
+    def images(self, name: str) -> tuple[MatchImage, MatchImage]:
+        """Return both windows in a band; the sharper one is smoothed to the resolution of the other."""
+        if name not in self._images:
+            first, second, scale = self.frame.first, self.frame.second, self.frame.scale
+            self._images[name] = (
+                BANDS[name].image(first.pixels, first.valid, max(1.0, 1.0 / scale)),
+                BANDS[name].image(second.pixels, second.valid, max(1.0, scale)),
+            )
+        return self._images[name]
+
+    @cached_property
+    def chosen(self) -> list[str]:
+        """The band that was chosen, once it is."""
+        return list(self.options.bands) if len(self.options.bands) == 1 else []
+
+
+class _Seeds(NamedTuple):
+    """Positions in the first window and displacements in its frame, ``(n, 2)``."""
+
+    points: np.ndarray
+    shift: np.ndarray
+
+
+class _Expected(NamedTuple):
+    """Displacement of each point ``(n, 2)``, and half length and half width of the box to search, ``(n, 2)``."""
+
+    shift: np.ndarray
+    reach: np.ndarray
+
+
+@dataclass(eq=False)
+class _Matched:
+    """What is known of each interest point: whether it is matched, where, correlation and sigma (px)."""
+
+    done: np.ndarray
+    xy: np.ndarray
+    correlation: np.ndarray
+    sigma: np.ndarray
+
+    @classmethod
+    def nothing(cls, count: int) -> _Matched:
+        return cls(np.zeros(count, bool), np.full((count, 2), np.nan), np.zeros(count), np.full(count, np.nan))
+
+    def add(
+        self, rows: np.ndarray, found: np.ndarray, xy: np.ndarray, correlation: np.ndarray, sigma: np.ndarray
+    ) -> None:
+        """Enter matches of the points ``rows[found]``."""
+        index = rows[found]
+        self.done[index], self.xy[index], self.correlation[index], self.sigma[index] = True, xy, correlation, sigma
+
+
+# ---- steps ---------------------------------------------------------------------------------------------------------
+
+
+def _seeds(task: _Task) -> _Seeds:
+    """Return the candidates of all finders that geometry allows; without finders, the prediction itself."""
+    frame, options = task.frame, task.options
+    if not options.finders:
+        return _Seeds(task.points, np.zeros((len(task.points), 2)))
+    reach = float(np.hypot(*frame.reach_px))
+    own = ImageTile(frame.first.pixels, frame.first.valid)  # in its own pixels, wherever in the image it is
+    found = [MATCHERS[name](own, frame.resampled, reach, options) for name in options.finders]
+    first, second = (np.concatenate(part) for part in zip(*found, strict=True))
+    if len(first) < FEWEST:
+        return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
+    good = _consistency(task, first, frame.predict(second)).good
+    return _Seeds(first[good], (second - first)[good])
+
+
+def _expected(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
+    """Return where points are sought: the middle of their neighbours' displacements, and as far as these differ."""
+    options = task.options
+    direction = task.direction[rows]
+    if not options.finders and seeds.points is task.points:
+        reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
+        return _Expected(np.zeros((len(rows), 2)), reach)
+    normal = np.column_stack([direction[:, 1], -direction[:, 0]])
+    count = min(NEIGHBOURS, len(seeds.points))
+    distance, near = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
+    along, across = (np.sort(np.einsum("nki,ni->nk", seeds.shift[near], axis), axis=1) for axis in (direction, normal))
+    middle = np.median(along, axis=1)[:, None] * direction + np.median(across, axis=1)[:, None] * normal
+    spread = along[:, -2] - along[:, 1] if count > 3 else along[:, -1] - along[:, 0]
+    length = SPREAD_SEARCHED * spread + SLOPE_SEARCHED * distance[:, -1] + options.reach_px[0]
+    return _Expected(
+        middle, np.column_stack([np.minimum(length, options.reach_px[1]), np.full(len(rows), options.across_px)])
+    )
+
+
+def _find(
+    task: _Task, rows: np.ndarray, expected: _Expected, window: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Search points and match them; return which of ``rows`` are found, positions, correlations and sigmas (px)."""
+    frame, options, points = task.frame, task.options, task.points[rows]
+    half = max(window // 2 - SEARCH_MARGIN_PX, 4)
+    pad = frame.pad_px
+    sought = search_windows(
+        *task.searched, points, points + expected.shift + pad, task.direction[rows], expected.reach, half
+    )
+    clear = sought.inside & (sought.correlation > options.min_correlation)
+    hits = np.flatnonzero(clear & (sought.rival < options.largest_rival * sought.correlation))
+    start = frame.predict(sought.xy[hits] - pad)
+    if not task.chosen:
+        task.chosen.append(_best_band(task, rows[hits], start, sought.correlation[hits], window))
+    band = BANDS[task.chosen[0]]
+    images = task.images(task.chosen[0])
+    fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _lsm(task, window))
+    inner = match_patches(*images, points[hits], fine.xy, fine.affine, _lsm(task, int(window * INNER)))
+    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy, axis=1), np.inf)
+    sigma = np.hypot(fine.sigma_px * band.sigma_factor, CHANGE_WEIGHT * change)
+    good = (fine.status == DONE) & (fine.correlation > options.min_correlation) & (sigma < options.largest_sigma_px)
+    return hits[good], fine.xy[good], fine.correlation[good], sigma[good]
+
+
+def _lsm(task: _Task, window: int) -> LsmOptions:
+    """Return the options of least-squares matching; windows grow where the second image is the coarser one."""
+    grown = round(window // 2 * float(np.clip(1.0 / task.frame.scale, 1.0, 3.0)))
+    return LsmOptions(2 * grown + 1, reach_px=4.0 * max(1.0, task.frame.scale))
+
+
+def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> str:
+    """Return the band in which matches scatter least across the epipolar lines: tried on the clearer half of them."""
+    clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, FEWEST_OF_A_TRIAL)]
+    trial = np.sort(clearer[:: max(1, len(clearer) // TRIAL)])
+    if len(trial) < FEWEST_OF_A_TRIAL:
+        return task.options.bands[0]
+    chosen = rows[trial]
+    found = {
+        name: match_patches(
+            *task.images(name), task.points[chosen], start[trial], task.jacobian[chosen], _lsm(task, window)
+        )
+        for name in task.options.bands
+    }
+    everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
+    if everywhere.sum() < FEWEST_OF_A_TRIAL:
+        return task.options.bands[0]
+    scatter = {
+        name: _consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
+        for name, patches in found.items()
+    }
+    return min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf)
+
+
+def _consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
+    frame = task.frame
+    xy, geometry = frame.first.to_image(points), frame.geometry
+    seen = frame.second.to_image(found) - geometry.bias_px
+    unit = frame.second.step * max(frame.scale, 1.0)
+    return rpc_consistency(geometry.first, geometry.second, xy, seen, geometry.heights_at(xy), unit_px=unit)
+
+
+def _judged(task: _Task, found: _Matched) -> TileMatches:
+    """Return the matches that fit the others within their own precision, with sigmas scaled to what is observed."""
+    known = np.flatnonzero(found.done)
+    if len(known) < FEWEST:
+        return no_matches()
+    frame = task.frame
+    fit = _consistency(task, task.points[known], found.xy[known])
+    sigma = found.sigma[known] * frame.second.step
+    normal = np.abs(fit.deviation_px) / sigma
+    scale = max(1.0, float(robust_sigma(normal[fit.good]))) if fit.good.any() else 1.0
+    good = (
+        fit.good
+        & (normal < LARGEST_NORMAL * scale)
+        & (sigma * scale < task.options.largest_sigma_px * frame.second.step)
+    )
+    xy = frame.first.to_image(task.points[known])
+    offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
+    matches = TileMatches(
+        xy, frame.second.to_image(found.xy[known]), sigma * scale,
+        1.0 / (1.0 + (sigma * scale / (GOOD_SIGMA_PX * frame.second.step)) ** 2),
+        np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
+        np.asarray(frame.geometry.bias_px) + offset * _across(frame, xy),
+    )  # fmt: skip
+    return matches.select(good)
+
+
+def _across(frame: TileFrame, xy: np.ndarray) -> np.ndarray:
+    """Return the unit vector across the epipolar lines of the second image, with the sign of `epipolar_miss`."""
+    points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
+    direction = np.mean(np.einsum("nij,nj->ni", frame.jacobians(points), frame.parallax(points)[0]), axis=0)
+    direction /= max(float(np.linalg.norm(direction)), MIN_STRETCH)
+    return np.array([-direction[1], direction[0]])

@@ -1,0 +1,88 @@
+"""Interest points of one window: places where least-squares matching will be precise, whatever the other image is.
+
+Points are corners (the smaller eigenvalue of the structure tensor has a local maximum) at whole pixels. How precise a
+match can become follows from the tensor over the matching window and the image's noise (Foerstner 1982: the covariance
+of a shift is noise² times the inverse of the summed tensor); where that is poor - water, saturated areas, fog - there
+is no point at all.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ...foundation.robust_scale import MAD_TO_SIGMA
+from ..interest_points.corners import Tensor, far_from_unusable, local_maxima, structure_tensor
+from .types import ImageTile, MatchOptions
+
+_LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
+NOISE_CELL_PX = 32
+LARGEST_EXPECTED_SIGMA_PX = 0.1
+WEAKEST_SHARE = 0.02  # of the median strength of the corners: below, noise that the estimate did not see
+EDGE_PX = 4  # filters see the mirror image at the tile's edge
+SPREAD_CELLS = 16
+
+
+def tile_noise(tile: ImageTile) -> float:
+    """Return the standard deviation of the noise of a tile's grey values."""
+    if tile.noise is not None:
+        return tile.noise
+    rows, columns = (length // NOISE_CELL_PX * NOISE_CELL_PX for length in tile.pixels.shape)
+    if not rows or not columns:
+        return 0.0
+    curved = np.abs(cv2.filter2D(tile.pixels, cv2.CV_32F, _LAPLACIAN)) / 6.0
+    shape = rows // NOISE_CELL_PX, NOISE_CELL_PX, columns // NOISE_CELL_PX, NOISE_CELL_PX
+    cells = curved[:rows, :columns].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
+    whole = tile.valid[:rows, :columns].reshape(shape).all(axis=(1, 3))
+    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
+
+
+def tile_points(tile: ImageTile, options: MatchOptions) -> np.ndarray:
+    """Return columns and rows ``(n, 2)``, int64, of the interest points of a tile; they depend on this tile alone."""
+    half = max(options.windows_px) // 2
+    if min(tile.pixels.shape) <= 2 * half + 2 * EDGE_PX:
+        return np.empty((0, 2), dtype=np.int64)
+    tensor = structure_tensor(tile.pixels)
+    strength = _smaller_eigenvalue(tensor)
+    smallest = min(options.windows_px) // 2
+    strength[~far_from_unusable(tile.valid, smallest + EDGE_PX)] = 0.0
+    margin = smallest + EDGE_PX
+    strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
+    rows, columns = np.nonzero(local_maxima(strength, options.spacing_px))
+    noise = tile_noise(tile)
+    expected = _expected_sigma(tensor, rows, columns, smallest, noise)
+    at = strength[rows, columns]
+    good = (expected < LARGEST_EXPECTED_SIGMA_PX) & (at > WEAKEST_SHARE * np.median(at) if len(at) else True)
+    points = np.column_stack([columns, rows])[good].astype(np.int64)
+    if options.most_points and len(points) > options.most_points:
+        points = points[
+            _spread(points, expected[good], (tile.pixels.shape[0], tile.pixels.shape[1]), options.most_points)
+        ]
+    return points
+
+
+def _smaller_eigenvalue(tensor: Tensor) -> np.ndarray:
+    half_trace = 0.5 * (tensor.xx + tensor.yy)
+    return half_trace - np.sqrt((0.5 * (tensor.xx - tensor.yy)) ** 2 + tensor.xy**2)
+
+
+def _expected_sigma(tensor: Tensor, rows: np.ndarray, columns: np.ndarray, half: int, noise: float) -> np.ndarray:
+    """Return what noise alone leaves of a match's precision, px: the tensor is averaged over the matching window."""
+    side = (2 * half + 1, 2 * half + 1)
+    xx, xy, yy = (cv2.boxFilter(layer, cv2.CV_32F, side)[rows, columns].astype(np.float64) for layer in tensor)
+    pixels = side[0] * side[1]
+    # the derivatives' own noise (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
+    own = noise**2 / (8.0 * np.pi)
+    xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
+    smaller = 0.5 * (xx + yy) - np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
+    return noise / np.sqrt(np.maximum(smaller, 1e-12) * pixels)
+
+
+def _spread(points: np.ndarray, expected: np.ndarray, shape: tuple[int, int], most: int) -> np.ndarray:
+    """Return indices of the best points of each cell of a grid, the same number in each as far as there are any."""
+    cell = np.floor(points * (SPREAD_CELLS / np.array(shape[::-1]))).astype(np.int64) @ [1, SPREAD_CELLS]
+    order = np.lexsort((expected, cell))
+    first = np.searchsorted(cell[order], cell[order])
+    rank = np.empty(len(points), dtype=np.int64)
+    rank[order] = np.arange(len(points)) - first
+    return np.sort(np.lexsort((expected, rank))[:most])

@@ -1,0 +1,122 @@
+"""Matches between the features of two images: mutual nearest neighbours, ratio test, RPC geometry."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...camera.rpc import RPC
+from ...foundation.robust_scale import robust_sigma
+from .epipolar import EpipolarMiss, epipolar_miss
+
+RATIO = 0.8
+ROWS_PER_BATCH = 2048
+MODE_WIDTH_PX = 3.0  # the true matches of a pair lie this close to one another across the epipolar lines
+NEIGHBOURS = 12
+FEWEST, FEWEST_FOR_TREND = 6, 30  # matches that an offset, and a plane, can be judged by
+PARALLAX_JUMP_PX = 8.0  # difference of parallax to the neighbours' median that buildings and trees explain
+
+
+def mutual_matches(first: np.ndarray, second: np.ndarray, ratio: float = RATIO) -> tuple[np.ndarray, np.ndarray]:
+    """Return index pairs of descriptors (unit length) that are each other's nearest and pass the ratio test."""
+    if len(first) < 2 or len(second) < 2:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    nearest = np.empty(len(first), np.int64)
+    distinct = np.empty(len(first), bool)
+    back_best = np.full(len(second), -np.inf, np.float32)
+    back = np.zeros(len(second), np.int64)
+    for start in range(0, len(first), ROWS_PER_BATCH):
+        part = slice(start, min(start + ROWS_PER_BATCH, len(first)))
+        similarity = first[part] @ second.T
+        column_best = similarity.argmax(axis=0)
+        column_value = similarity[column_best, np.arange(len(second))]
+        better = column_value > back_best
+        back[better], back_best[better] = start + column_best[better], column_value[better]
+        rows = np.arange(part.stop - part.start)
+        best = similarity.argmax(axis=1)
+        best_value = similarity[rows, best].copy()
+        similarity[rows, best] = -np.inf
+        second_value = similarity.max(axis=1)
+        nearest[part] = best
+        # distance² of unit vectors is 2 - 2 * similarity
+        distinct[part] = (1.0 - best_value) < ratio**2 * (1.0 - second_value)
+    index = np.flatnonzero(distinct & (back[nearest] == np.arange(len(first))))
+    return index, nearest[index]
+
+
+class Consistency(NamedTuple):
+    """Of matches: which ones geometry allows, distance across the epipolar line from the trend (px), NaN where there
+    is none, its robust standard deviation, and the epipolar distances themselves."""
+
+    good: np.ndarray
+    deviation_px: np.ndarray
+    sigma_px: float
+    miss: EpipolarMiss
+
+
+def rpc_consistency(
+    first: RPC,
+    second: RPC,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    height_m: np.ndarray | float,
+    floor_px: float = 0.5,
+    unit_px: float = 1.0,
+) -> Consistency:
+    """Judge matches by RPC geometry, whatever the RPCs' bias.
+
+    Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
+    it is found as the mode of the distances and refined by a robust plane. Matches beyond 3.5 robust sigmas (at
+    least ``floor_px``) fail. Along the lines a match must not leave its neighbours by more than terrain does.
+    ``unit_px`` is the size of a matched pixel in pixels of the image (pyramids); thresholds are in units of it.
+    """
+    miss = epipolar_miss(first, second, first_xy, second_xy, height_m)
+    across, along = miss.across_px / unit_px, miss.along_px / unit_px
+    known = np.isfinite(across) & np.isfinite(miss.height_m)
+    nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
+    if known.sum() < FEWEST:
+        return nothing
+    across = np.where(known, across, np.inf)
+    good = known & (np.abs(across - _mode(across[known])) < MODE_WIDTH_PX)
+    design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
+    for _ in range(5):
+        if good.sum() < FEWEST:
+            return nothing
+        terms = 3 if good.sum() >= FEWEST_FOR_TREND else 1
+        deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
+        sigma = float(robust_sigma(deviation[good]))
+        good = np.abs(deviation) < max(3.5 * sigma, floor_px)
+    good = good & _like_neighbours(first_xy, along, good)
+    return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
+
+
+def rpc_consistent(
+    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float, floor_px: float = 0.5
+) -> np.ndarray:
+    """Return the mask of the matches that `rpc_consistency` allows."""
+    return rpc_consistency(first, second, first_xy, second_xy, height_m, floor_px).good
+
+
+def _mode(values: np.ndarray) -> float:
+    """Return the middle of the densest interval of half the mode's width."""
+    ordered = np.sort(values)
+    count = np.searchsorted(ordered, ordered + MODE_WIDTH_PX / 2.0, side="right") - np.arange(len(ordered))
+    densest = int(count.argmax())
+    return float(np.median(ordered[densest : densest + count[densest]]))
+
+
+def _like_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
+    index = np.flatnonzero(good)
+    result = np.zeros(len(xy), bool)
+    if len(index) <= NEIGHBOURS:
+        result[index] = True
+        return result
+    _, near = cKDTree(xy[index]).query(xy[index], k=NEIGHBOURS + 1)
+    around = parallax[index][near[:, 1:]]
+    middle = np.median(around, axis=1)
+    spread = robust_sigma(around - middle[:, None], axis=1)
+    result[index] = np.abs(parallax[index] - middle) < np.maximum(5.0 * spread, PARALLAX_JUMP_PX)
+    return result

@@ -1,0 +1,150 @@
+"""What goes into and comes out of the matching of two windows: plain arrays, so that any process can do the work.
+
+Positions are always (sample, line) of the full-resolution image, (0, 0) the centre of its first pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from scipy import ndimage
+
+from ...camera.rpc import RPC
+
+
+@dataclass(frozen=True, eq=False)
+class ImageTile:
+    """A window of an image, possibly of a level of its pyramid.
+
+    pixels : (rows, cols) float32 grey values; valid : (rows, cols) bool, False for nodata, clouds, saturated areas
+    origin_px : (sample, line) of the centre of the first pixel, in full-resolution coordinates
+    step : full-resolution pixels per pixel of the tile, so that pixel (column, row) of the tile lies at
+    ``origin_px + step * (column, row)``
+    noise : standard deviation of the grey values' noise; None estimates it from the tile
+    """
+
+    pixels: np.ndarray
+    valid: np.ndarray
+    origin_px: tuple[float, float] = (0.0, 0.0)
+    step: float = 1.0
+    noise: float | None = None
+
+    def to_tile(self, xy: np.ndarray) -> np.ndarray:
+        """Return tile columns and rows ``(n, 2)`` of full-resolution positions."""
+        return (np.asarray(xy, dtype=np.float64) - self.origin_px) / self.step
+
+    def to_image(self, column_row: np.ndarray) -> np.ndarray:
+        """Return full-resolution positions ``(n, 2)`` of tile columns and rows."""
+        return np.asarray(column_row, dtype=np.float64) * self.step + self.origin_px
+
+
+@dataclass(frozen=True, eq=False)
+class HeightGrid:
+    """Ellipsoidal heights (m) of what the first image sees, on a regular grid of its full-resolution positions.
+
+    heights_m : (rows, cols), finite; node (column, row) lies at ``origin_px + spacing_px * (column, row)``; bilinear
+    between nodes, constant outside.
+    """
+
+    heights_m: np.ndarray
+    origin_px: tuple[float, float] = (0.0, 0.0)
+    spacing_px: float = 64.0
+
+    def at(self, xy: np.ndarray) -> np.ndarray:
+        """Return heights ``(n,)`` at positions ``(n, 2)`` of the first image."""
+        node = (np.asarray(xy, dtype=np.float64) - self.origin_px) / self.spacing_px
+        return ndimage.map_coordinates(self.heights_m, node[:, ::-1].T, order=1, mode="nearest")
+
+
+@dataclass(frozen=True, eq=False)
+class PairGeometry:
+    """Where points of the first image appear in the second.
+
+    bias_px : (2,) known offset (sample, line) in the second image, observed - predicted by the RPCs
+    margin_px : how far (px of the second image) the prediction may be off along and across the epipolar line, beyond
+    what the heights between ``lowest_m`` and ``highest_m`` explain
+    heights : approximate heights over the first image, or None: then the middle of lowest and highest
+    height_sigma_m : how well ``heights`` are known; None: anything between lowest and highest
+    """
+
+    first: RPC
+    second: RPC
+    lowest_m: float
+    highest_m: float
+    bias_px: tuple[float, float] = (0.0, 0.0)
+    margin_px: tuple[float, float] = (64.0, 64.0)
+    heights: HeightGrid | None = None
+    height_sigma_m: float | None = None
+
+    def heights_at(self, xy: np.ndarray) -> np.ndarray:
+        """Return approximate heights ``(n,)`` at positions of the first image."""
+        if self.heights is None:
+            return np.full(len(xy), 0.5 * (self.lowest_m + self.highest_m))
+        return self.heights.at(xy)
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How two windows are matched. Lengths are in pixels of the first tile unless said otherwise.
+
+    finders : names in `MATCHERS` whose candidates are joined to learn the bias and the shape of the ground
+    features : most features of a tile that a finder compares
+    windows_px : sides (odd) of the windows of least-squares matching, one round of search and matching after the other;
+    each round takes the points that the earlier ones did not find, with what they found as knowledge of the ground
+    bands : names in `BANDS`, the filters that grey values may be matched in; the best on the pair is taken
+    spacing_px : interest points of the first tile are at least so far apart
+    most_points : of a tile, spread over a grid, the best by expected precision; 0 for all
+    reach_px : least and largest half length of a search along the epipolar line; across_px : half width across it
+    min_correlation : of the matched windows, in the band they were matched in, after least squares
+    largest_rival : correlation of the next best position of the search, as a share of the best
+    largest_sigma_px : standard deviation of a matched position (pixels of the tile) above which it is dropped
+    """
+
+    finders: tuple[str, ...] = ("sift",)
+    features: int = 4000
+    windows_px: tuple[int, ...] = (31, 41, 21)
+    bands: tuple[str, ...] = ("fine", "middle", "coarse")
+    spacing_px: float = 3.0
+    most_points: int = 0
+    reach_px: tuple[float, float] = (3.0, 25.0)
+    across_px: float = 2.5
+    min_correlation: float = 0.35
+    largest_rival: float = 0.95
+    largest_sigma_px: float = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class TileMatches:
+    """Matched positions, columns of length n.
+
+    first_xy, second_xy : (n, 2) full-resolution positions. ``first_xy`` are interest points of the first tile, whole
+    pixels of it, the same whatever the second tile is: equal positions mean the same point.
+    sigma_px : standard deviation of a coordinate in the second image (pixels of the full image)
+    quality : 0 … 1, higher for more precise ones, 0.5 at 0.1 px of the second tile; kind : ``corner``
+    height_m : ellipsoidal height that the match stands for, by the RPCs and the bias found
+    bias_px : (2,) offset in the second image, observed - predicted by the RPCs without ``PairGeometry.bias_px``; it is
+    known across the epipolar lines only and is at right angles to them
+    """
+
+    first_xy: np.ndarray
+    second_xy: np.ndarray
+    sigma_px: np.ndarray
+    quality: np.ndarray
+    kind: np.ndarray
+    height_m: np.ndarray
+    bias_px: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+    def __len__(self) -> int:
+        return len(self.first_xy)
+
+    def select(self, keep: np.ndarray) -> TileMatches:
+        """Return the chosen rows (mask or indices)."""
+        columns = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "bias_px"}
+        return TileMatches(**columns, bias_px=self.bias_px)
+
+
+def no_matches() -> TileMatches:
+    """Return a result without rows."""
+    nothing = np.empty(0)
+    return TileMatches(np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, np.empty(0, "U9"), nothing)

@@ -1,0 +1,1 @@
+"""One window found in another image: search, correlation, least-squares matching."""

@@ -1,0 +1,156 @@
+"""Least-squares matching by NumPy, many windows at once: the same steps as the compiled loops of `lsm_kernels`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .windows import (
+    DIVERGED,
+    DONE,
+    OUTSIDE,
+    SMALLEST_GAIN,
+    TERMS,
+    UNFINISHED,
+    WEAK,
+    LsmOptions,
+    MatchImage,
+    Results,
+)
+
+PART = 256  # windows in memory
+
+
+def match_in_parts(
+    first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
+) -> None:
+    """Match windows whose templates are inside the first image; results are changed in place."""
+    for begin in range(0, len(centre), PART):
+        part = slice(begin, begin + PART)
+        _match_part(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
+
+
+def _match_part(
+    first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
+) -> None:
+    xy, affine, covariance, figures, status = results
+    weight = options.weights().ravel()
+    offset = _offsets(options.half)
+    A = _designs(first, centre, offset, weight)
+    N = np.einsum("npi,p,npj->nij", A, weight, A)
+    solvable = _solvable(N)
+    status[:] = np.where(solvable, UNFINISHED, WEAK)
+    inverse = np.full_like(N, np.nan)
+    inverse[solvable] = np.linalg.inv(N[solvable])
+    begin = xy.copy()
+    solution, seen = np.zeros((len(centre), TERMS)), np.zeros(A.shape[:2])
+    going = np.flatnonzero(solvable)
+    for _ in range(options.most):
+        going = _leave_outside(second, xy, affine, status, going, options.half)
+        if not len(going):
+            break
+        seen[going] = _sample(second.coefficients, xy[going, None] + offset @ affine[going].transpose(0, 2, 1))
+        right = np.einsum("npi,p,np->ni", A[going], weight, seen[going])
+        solution[going] = np.einsum("nij,nj->ni", inverse[going], right)
+        going = _move(xy, affine, begin, status, solution, going, options)
+    matched = np.flatnonzero((status == DONE) | (status == UNFINISHED))
+    _figures(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
+    scale = (figures[matched, 2] / figures[matched, 1]) ** 2
+    by_template = inverse[matched, :2, :2] * scale[:, None, None]
+    covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
+
+
+def _offsets(half: int) -> np.ndarray:
+    line = np.arange(-half, half + 1, dtype=np.float64)
+    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+
+
+def _designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the design matrices ``(n, pixels, 8)`` of templates; affine terms count offsets in half windows."""
+    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
+    grey = first.grey[rows, columns].astype(np.float64)
+    gx, gy = (slope[rows, columns].astype(np.float64) for slope in first.slopes)
+    dx, dy = (offset / offset.max()).T
+    mean = (grey @ weight / weight.sum())[:, None]
+    return np.stack([gx, gy, gx * dx, gx * dy, gy * dx, gy * dy, grey - mean, np.ones_like(grey)], axis=-1)
+
+
+def _solvable(N: np.ndarray) -> np.ndarray:
+    diagonal = np.sqrt(np.einsum("nii->ni", N))
+    positive = diagonal.min(axis=1) > 0.0
+    safe = np.where(positive[:, None], diagonal, 1.0)
+    smallest = np.linalg.eigvalsh(N / (safe[:, :, None] * safe[:, None, :]))[:, 0]
+    return positive & (smallest > 1e-9)
+
+
+def _leave_outside(
+    second: MatchImage, xy: np.ndarray, affine: np.ndarray, status: np.ndarray, going: np.ndarray, half: int
+) -> np.ndarray:
+    rows, columns = second.coefficients.shape
+    reach = half * np.abs(affine[going]).sum(axis=2)
+    inside = np.all((xy[going] - reach >= 1.0) & (xy[going] + reach < np.array([columns, rows]) - 3.0), axis=1)
+    status[going[~inside]] = OUTSIDE
+    return going[inside]
+
+
+def _sample(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the spline's values at positions ``(…, 2)`` that are 1 … size - 3 cells inside."""
+    cell = np.floor(at).astype(np.int64)
+    t = at - cell
+    s = 1.0 - t
+    weights = (s**3 / 6.0, 2.0 / 3.0 - 0.5 * t**2 * (2.0 - t), 2.0 / 3.0 - 0.5 * s**2 * (2.0 - s), t**3 / 6.0)
+    total = np.zeros(at.shape[:-1])
+    for j in range(4):
+        line = sum(weights[i][..., 0] * coefficients[cell[..., 1] + j - 1, cell[..., 0] + i - 1] for i in range(4))
+        total += weights[j][..., 1] * line
+    return total
+
+
+def _move(
+    xy: np.ndarray,
+    affine: np.ndarray,
+    begin: np.ndarray,
+    status: np.ndarray,
+    solution: np.ndarray,
+    going: np.ndarray,
+    options: LsmOptions,
+) -> np.ndarray:
+    """Compose the warps with the inverses of the templates' small warps; return the windows that go on."""
+    half = options.half
+    gain = solution[going, 6]
+    fine = gain > SMALLEST_GAIN
+    status[going[~fine]] = DIVERGED
+    going, gain = going[fine], gain[fine]
+    small = np.eye(2) + (solution[going, 2:6] / gain[:, None] / half).reshape(-1, 2, 2)
+    shift = solution[going, :2] / gain[:, None]
+    det = np.linalg.det(small)
+    fine = (det > 0.5) & (det < 2.0) & ((shift**2).sum(axis=1) <= 4.0 * half**2)
+    status[going[~fine]] = DIVERGED
+    going, small, shift = going[fine], small[fine], shift[fine]
+    inverse = np.linalg.inv(small)
+    back = -np.einsum("nij,nj->ni", inverse, shift)
+    xy[going] += np.einsum("nij,nj->ni", affine[going], back)
+    affine[going] = affine[going] @ inverse
+    near = ((xy[going] - begin[going]) ** 2).sum(axis=1) <= options.reach_px**2
+    status[going[~near]] = DIVERGED
+    change = np.abs(back).sum(axis=1) + 0.25 * half * np.abs(inverse - np.eye(2)).sum(axis=(1, 2))
+    status[going[near & (change < options.closure_px)]] = DONE
+    return going[near & (change >= options.closure_px)]
+
+
+def _figures(
+    A: np.ndarray,
+    weight: np.ndarray,
+    seen: np.ndarray,
+    solution: np.ndarray,
+    N: np.ndarray,
+    rows: np.ndarray,
+    figures: np.ndarray,
+) -> None:
+    """Write correlation, gain and RMS residual."""
+    mean = (seen @ weight / weight.sum())[:, None]
+    spread = ((seen - mean) ** 2) @ weight
+    product = np.einsum("np,p,np->n", A[:, :, 6], weight, seen)
+    figures[rows, 0] = product / np.sqrt(np.maximum(N[:, 6, 6] * spread, 1e-30))
+    figures[rows, 1] = solution[:, 6]
+    residual = seen - np.einsum("npi,ni->np", A, solution)
+    figures[rows, 2] = np.sqrt(residual**2 @ weight / weight.sum())

@@ -1,0 +1,324 @@
+"""Compiled loops of least-squares matching and window search (needs numba); `least_squares_matching` has the method.
+
+They take ranges of patches and release the interpreter's lock, so that threads may share a tile. Results equal those of
+the NumPy way to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ...foundation.compiled_code import OPTIONS, Arrays
+from .windows import DIVERGED, DONE, OUTSIDE, SMALLEST_GAIN, TERMS, UNFINISHED, WEAK
+
+RIVAL_PX = 3  # as in `window_search`
+
+
+@njit(**OPTIONS)
+def _cubic_weights(t: float, w: np.ndarray) -> None:
+    """Write the four weights of the cubic B-spline at the fraction t of a cell."""
+    s = 1.0 - t
+    w[0] = s * s * s / 6.0
+    w[1] = 2.0 / 3.0 - 0.5 * t * t * (2.0 - t)
+    w[2] = 2.0 / 3.0 - 0.5 * s * s * (2.0 - s)
+    w[3] = t * t * t / 6.0
+
+
+@njit(**OPTIONS)
+def _sample(coefficients: np.ndarray, x: float, y: float, wx: np.ndarray, wy: np.ndarray) -> float:
+    """Return the spline's value; the position must be 1 … size - 3 cells inside."""
+    column, row = int(x), int(y)
+    _cubic_weights(x - column, wx)
+    _cubic_weights(y - row, wy)
+    total = 0.0
+    for j in range(4):
+        line = coefficients[row - 1 + j]
+        total += wy[j] * (
+            wx[0] * line[column - 1] + wx[1] * line[column] + wx[2] * line[column + 1] + wx[3] * line[column + 2]
+        )
+    return total
+
+
+@njit(**OPTIONS)
+def _factor(N: np.ndarray) -> bool:
+    """Replace the lower triangle of N by its Cholesky factor; False where it is not positive definite."""
+    for i in range(TERMS):
+        limit = 1e-9 * N[i, i]
+        for j in range(i + 1):
+            total = N[i, j]
+            for k in range(j):
+                total -= N[i, k] * N[j, k]
+            if i == j:
+                if not total > limit:
+                    return False
+                N[i, i] = math.sqrt(total)
+            else:
+                N[i, j] = total / N[j, j]
+    return True
+
+
+@njit(**OPTIONS)
+def _solve(L: np.ndarray, b: np.ndarray) -> None:
+    """Replace b by the solution of L L' x = b."""
+    for i in range(TERMS):
+        for k in range(i):
+            b[i] -= L[i, k] * b[k]
+        b[i] /= L[i, i]
+    for i in range(TERMS - 1, -1, -1):
+        for k in range(i + 1, TERMS):
+            b[i] -= L[k, i] * b[k]
+        b[i] /= L[i, i]
+
+
+@njit(**OPTIONS)
+def _template(
+    first: np.ndarray,
+    by_x: np.ndarray,
+    by_y: np.ndarray,
+    column: int,
+    row: int,
+    weight: np.ndarray,
+    A: np.ndarray,
+    N: np.ndarray,
+) -> float:
+    """Write design matrix ``A (pixels, 8)`` and normal matrix of a template; return the template's mean."""
+    side = weight.shape[0]
+    half = side // 2
+    mean, scale = 0.0, 0.0
+    for j in range(side):
+        for i in range(side):
+            mean += weight[j, i] * first[row - half + j, column - half + i]
+            scale += weight[j, i]
+    mean /= scale
+    N[:] = 0.0
+    pixel = 0
+    for j in range(side):
+        for i in range(side):
+            y, x = row - half + j, column - half + i
+            gx, gy = by_x[y, x], by_y[y, x]
+            dx, dy = (i - half) / half, (j - half) / half
+            A[pixel, 0], A[pixel, 1] = gx, gy
+            A[pixel, 2], A[pixel, 3], A[pixel, 4], A[pixel, 5] = gx * dx, gx * dy, gy * dx, gy * dy
+            A[pixel, 6], A[pixel, 7] = first[y, x] - mean, 1.0
+            w = weight[j, i]
+            for a in range(TERMS):
+                wa = w * A[pixel, a]
+                for b in range(a + 1):
+                    N[a, b] += wa * A[pixel, b]
+            pixel += 1
+    return mean
+
+
+@njit(**OPTIONS)
+def match_range(
+    begin: int,
+    end: int,
+    images: Arrays,
+    centre: np.ndarray,
+    weight: np.ndarray,
+    limits: Arrays,
+    results: Arrays,
+) -> None:
+    """Match the windows ``begin:end`` around pixels ``centre (n, 2)``, whose templates are inside the first image.
+
+    images : grey values and slopes by column and row of the first, spline coefficients of the second
+    weight (side, side); limits : iterations, smallest change, farthest from the start
+    results : positions, affine maps (start values, replaced), covariance, figures (correlation, gain, RMS), status
+    """
+    first, by_x, by_y, coefficients = images
+    most, closure, reach = limits
+    xy, affine, covariance, figures, status = results
+    side = weight.shape[0]
+    half = side // 2
+    rows, columns = coefficients.shape
+    A, N = np.empty((side * side, TERMS)), np.empty((TERMS, TERMS))
+    b, unit, seen = np.empty(TERMS), np.empty(TERMS), np.empty(side * side)
+    wx, wy = np.empty(4), np.empty(4)
+    total_weight = weight.sum()
+    for n in range(begin, end):
+        status[n] = UNFINISHED
+        _template(first, by_x, by_y, centre[n, 0], centre[n, 1], weight, A, N)
+        variance = N[6, 6]
+        if not variance > 0.0 or not _factor(N):
+            status[n] = WEAK
+            continue
+        px, py = xy[n, 0], xy[n, 1]
+        a00, a01, a10, a11 = affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1]
+        gain = 1.0
+        for _ in range(most):
+            reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
+            if not (
+                px - reach_x >= 1.0
+                and py - reach_y >= 1.0
+                and px + reach_x < columns - 3.0
+                and py + reach_y < rows - 3.0
+            ):
+                status[n] = OUTSIDE
+                break
+            b[:] = 0.0
+            squares = 0.0
+            pixel = 0
+            for j in range(side):
+                for i in range(side):
+                    x = px + a00 * (i - half) + a01 * (j - half)
+                    y = py + a10 * (i - half) + a11 * (j - half)
+                    value = _sample(coefficients, x, y, wx, wy)
+                    seen[pixel] = value
+                    value *= weight[j, i]
+                    for k in range(TERMS):
+                        b[k] += A[pixel, k] * value
+                    squares += value * seen[pixel]
+                    pixel += 1
+            mean = b[7] / total_weight
+            spread = squares - mean * b[7]
+            product = b[6]  # the template's grey values have the mean 0
+            _solve(N, b)
+            gain = b[6]
+            if not gain > SMALLEST_GAIN:
+                status[n] = DIVERGED
+                break
+            # inverse of the template's own small warp: (I + D)^-1 and -(I + D)^-1 d
+            d00, d01 = 1.0 + b[2] / gain / half, b[3] / gain / half
+            d10, d11 = b[4] / gain / half, 1.0 + b[5] / gain / half
+            det = d00 * d11 - d01 * d10
+            sx, sy = b[0] / gain, b[1] / gain
+            if not (0.5 < det < 2.0) or sx * sx + sy * sy > 4.0 * half * half:
+                status[n] = DIVERGED
+                break
+            i00, i01, i10, i11 = d11 / det, -d01 / det, -d10 / det, d00 / det
+            tx, ty = -(i00 * sx + i01 * sy), -(i10 * sx + i11 * sy)
+            px, py = px + a00 * tx + a01 * ty, py + a10 * tx + a11 * ty
+            a00, a01, a10, a11 = (
+                a00 * i00 + a01 * i10,
+                a00 * i01 + a01 * i11,
+                a10 * i00 + a11 * i10,
+                a10 * i01 + a11 * i11,
+            )
+            away_x, away_y = px - xy[n, 0], py - xy[n, 1]
+            if away_x * away_x + away_y * away_y > reach * reach:
+                status[n] = DIVERGED
+                break
+            if abs(tx) + abs(ty) + half * (abs(i00 - 1.0) + abs(i01) + abs(i10) + abs(i11 - 1.0)) * 0.25 < closure:
+                status[n] = DONE
+                break
+        if status[n] == UNFINISHED or status[n] == DONE:
+            left = 0.0
+            pixel = 0
+            for j in range(side):
+                for i in range(side):
+                    r = seen[pixel]
+                    for k in range(TERMS):
+                        r -= A[pixel, k] * b[k]
+                    left += weight[j, i] * r * r
+                    pixel += 1
+            figures[n, 0] = product / math.sqrt(max(variance * spread, 1e-30))
+            figures[n, 1] = gain
+            figures[n, 2] = math.sqrt(left / total_weight)
+            for k in range(2):
+                unit[:] = 0.0
+                unit[k] = 1.0
+                _solve(N, unit)
+                if k == 0:
+                    c00 = unit[0]
+                    c01 = unit[1]
+                else:
+                    c11 = unit[1]
+            f = left / total_weight / (gain * gain)
+            c00, c01, c11 = c00 * f, c01 * f, c11 * f
+            covariance[n, 0, 0] = a00 * a00 * c00 + 2.0 * a00 * a01 * c01 + a01 * a01 * c11
+            covariance[n, 1, 1] = a10 * a10 * c00 + 2.0 * a10 * a11 * c01 + a11 * a11 * c11
+            covariance[n, 0, 1] = a00 * a10 * c00 + (a00 * a11 + a01 * a10) * c01 + a01 * a11 * c11
+            covariance[n, 1, 0] = covariance[n, 0, 1]
+        xy[n, 0], xy[n, 1] = px, py
+        affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1] = a00, a01, a10, a11
+
+
+@njit(**OPTIONS)
+def search_range(
+    begin: int,
+    end: int,
+    first: np.ndarray,
+    second: np.ndarray,
+    clear: np.ndarray,
+    centre: np.ndarray,
+    predicted: np.ndarray,
+    direction: np.ndarray,
+    reach: np.ndarray,
+    half: int,
+    best: np.ndarray,
+    figures: np.ndarray,
+) -> None:
+    """Search the windows ``begin:end``; arguments as in `window_search.search_windows`."""
+    side = 2 * half + 1
+    rows, columns = second.shape
+    template = np.empty((side, side), np.float32)
+    largest = 2 * math.ceil(math.hypot(reach[begin:end, 0].max(), reach[begin:end, 1].max())) + 3
+    score = np.empty((largest, largest))
+    count = side * side
+    for n in range(begin, end):
+        mean = 0.0
+        for j in range(side):
+            for i in range(side):
+                value = first[centre[n, 1] - half + j, centre[n, 0] - half + i]
+                template[j, i] = value
+                mean += value
+        mean /= count
+        norm = 0.0
+        for j in range(side):
+            for i in range(side):
+                template[j, i] -= mean
+                norm += template[j, i] * template[j, i]
+        size = 2 * math.ceil(math.hypot(reach[n, 0], reach[n, 1])) + 1
+        middle = size // 2
+        x0, y0 = round(predicted[n, 0]) - middle, round(predicted[n, 1]) - middle
+        top, at_i, at_j = -2.0, -1, -1
+        for j in range(size):
+            for i in range(size):
+                score[j, i] = -2.0
+                dx, dy = x0 + i - predicted[n, 0], y0 + j - predicted[n, 1]
+                along = dx * direction[n, 0] + dy * direction[n, 1]
+                across = dx * direction[n, 1] - dy * direction[n, 0]
+                if abs(along) > reach[n, 0] or abs(across) > reach[n, 1]:
+                    continue
+                x, y = x0 + i, y0 + j
+                if x < half or y < half or x >= columns - half or y >= rows - half or not clear[y, x]:
+                    continue
+                total, squares, product = 0.0, 0.0, 0.0
+                for b in range(side):
+                    t, s, q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+                    for a in range(side):
+                        value = second[y - half + b, x - half + a]
+                        t += value
+                        s += value * value
+                        q += value * template[b, a]
+                    total += float(t)
+                    squares += float(s)
+                    product += float(q)
+                spread = squares - total * total / count
+                value = product / math.sqrt(max(norm * spread, 1e-20))
+                score[j, i] = value
+                if value > top:
+                    top, at_i, at_j = value, i, j
+        if at_i < 0:
+            continue
+        rival = -1.0
+        inside = 0 < at_i < size - 1 and 0 < at_j < size - 1
+        for j in range(size):
+            for i in range(size):
+                near = max(abs(i - at_i), abs(j - at_j))
+                if near > RIVAL_PX and score[j, i] > rival:
+                    # only peaks count as rivals, not the winner's slopes
+                    peak = True
+                    for b in range(max(j - 1, 0), min(j + 2, size)):
+                        for a in range(max(i - 1, 0), min(i + 2, size)):
+                            if score[b, a] > score[j, i]:
+                                peak = False
+                    if peak:
+                        rival = score[j, i]
+                if near == 1 and score[j, i] < -1.5:
+                    inside = False
+        best[n, 0], best[n, 1] = x0 + at_i, y0 + at_j
+        figures[n, 0], figures[n, 1], figures[n, 2] = top, rival, 1.0 if inside else 0.0

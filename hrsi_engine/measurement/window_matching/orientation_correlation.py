@@ -1,0 +1,99 @@
+"""Matching by the directions of grey value gradients, which seasons and sensors change less than grey values.
+
+The gradient ``g = gx + i gy`` of each pixel becomes ``(g / |g|)² |g| / (|g| + m)``, m being the median length:
+doubling the angle makes light-on-dark and dark-on-light the same, the factor silences noise without letting strong
+edges rule (orientation correlation: Fitch, Kadyrov, Christmas and Kittler 2002). Two such fields are correlated by FFT.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy import fft
+
+from ...foundation.robust_scale import robust_sigma
+
+SMOOTHING = 0.8  # standard deviation in pixels of the Gaussian below the gradients
+SUPPORT = np.ones((5, 5), np.uint8)  # pixels that a gradient is made of
+
+
+class Peak(NamedTuple):
+    """The best shift ``(2,)`` in samples and lines, its score, and how it stands out of the surface.
+
+    ``contrast`` is the distance from the surface's median in its robust standard deviations; ``rival`` is the second
+    best score at another place, as a share of the best one.
+    """
+
+    shift: np.ndarray
+    score: float
+    contrast: float
+    rival: float
+
+
+def orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return the field of doubled gradient directions, complex64 of the same shape; 0 where not all is valid."""
+    smooth = cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SMOOTHING)
+    gradient = cv2.Scharr(smooth, cv2.CV_32F, 1, 0) + 1j * cv2.Scharr(smooth, cv2.CV_32F, 0, 1)
+    inside = cv2.erode(valid.astype(np.uint8), SUPPORT, borderType=cv2.BORDER_CONSTANT, borderValue=1) > 0
+    length = np.abs(gradient)
+    typical = float(np.median(length[inside])) if inside.any() else 0.0
+    if typical <= 0.0:
+        typical = float(length.max()) or 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        field = gradient**2 / (length * (length + typical))
+    return np.where(inside & (length > 0.0), field, 0.0).astype(np.complex64)
+
+
+def correlation_sums(template: np.ndarray, search: np.ndarray) -> np.ndarray:
+    """Return the real part of the correlation at every shift at which the template lies inside the search field."""
+    shape = [fft.next_fast_len(size) for size in search.shape]
+    product = fft.fft2(search, shape) * np.conj(fft.fft2(template, shape))
+    lines, samples = (s - t + 1 for s, t in zip(search.shape, template.shape, strict=True))
+    return np.ascontiguousarray(fft.ifft2(product)[:lines, :samples].real)
+
+
+def window_energy(search: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return the sum of squares of the search field below the template at every shift."""
+    total = cv2.integral(np.square(np.abs(search)).astype(np.float64))
+    lines, samples = shape
+    return total[lines:, samples:] - total[:-lines, samples:] - total[lines:, :-samples] + total[:-lines, :-samples]
+
+
+def scores(template: np.ndarray, search: np.ndarray) -> np.ndarray:
+    """Return the normalised correlation, -1 to 1, at every shift; 0 where there is nothing to compare."""
+    own = float(np.square(np.abs(template)).sum())
+    below = window_energy(search, (template.shape[0], template.shape[1]))
+    energy = np.maximum(below, 0.25 * own)  # half empty windows are no better
+    return correlation_sums(template, search) / np.sqrt(max(own, 1e-12) * np.maximum(energy, 1e-12))
+
+
+def peak_of(surface: np.ndarray, apart: int = 3) -> Peak:
+    """Return the peak of a correlation surface; ``shift`` counts from its first element.
+
+    Rivals are looked for more than ``apart`` elements away.
+    """
+    row, column = np.unravel_index(int(np.argmax(surface)), surface.shape)
+    best = float(surface[row, column])
+    middle = float(np.median(surface))
+    spread = float(robust_sigma(surface - middle))
+    rest = surface.copy()
+    rest[max(row - apart, 0) : row + apart + 1, max(column - apart, 0) : column + apart + 1] = -np.inf
+    second = float(rest.max())
+    shift = np.array([column, row], dtype=np.float64) + _vertex(surface, int(row), int(column))
+    return Peak(
+        shift, best, (best - middle) / max(spread, 1e-12), second / best if best > 0.0 and np.isfinite(second) else 0.0
+    )
+
+
+def _vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
+    """Return the vertex of the parabolas through the peak and its neighbours, relative to the peak."""
+    result = np.zeros(2)
+    for axis, (place, line) in enumerate(((column, surface[row]), (row, surface[:, column]))):
+        if 0 < place < len(line) - 1:
+            below, here, above = line[place - 1 : place + 2]
+            curvature = below - 2.0 * here + above
+            if curvature < 0.0:
+                result[axis] = 0.5 * (below - above) / curvature
+    return np.clip(result, -0.5, 0.5)

@@ -1,0 +1,131 @@
+"""Search for windows of one image in another of nearly the same geometry, by normalised cross-correlation.
+
+Each window is sought in a box around its predicted position, long along the epipolar line and narrow across it. The
+best whole-pixel position comes with its correlation and with that of the best other peak in the box: repetitive
+patterns have a rival as good as the winner.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...foundation import compiled_code
+from .windows import MatchImage
+
+RIVAL_PX = 3  # peaks nearer to the best one belong to it
+PART = 64  # windows in memory at a time (NumPy)
+
+
+class Found(NamedTuple):
+    """Best positions ``xy (n, 2)``, their correlation, that of the best other peak (-1 without), and whether the best
+    position lies inside its box rather than on the edge (then the true one may be outside)."""
+
+    xy: np.ndarray
+    correlation: np.ndarray
+    rival: np.ndarray
+    inside: np.ndarray
+
+
+def search_windows(
+    first: MatchImage,
+    second: MatchImage,
+    centre: np.ndarray,
+    predicted: np.ndarray,
+    direction: np.ndarray,
+    reach: np.ndarray,
+    half: int,
+) -> Found:
+    """Search windows of ``2 half + 1`` pixels around whole pixels ``centre (n, 2)`` of the first image in the second.
+
+    predicted : (n, 2) positions in the second image; direction : (n, 2) unit vectors along the boxes
+    reach : (n, 2) half length along ``direction`` and half width of each box. Positions whose window meets invalid
+    pixels are passed over; where there is no other, the correlation is -1.
+    """
+    centre = np.asarray(centre, dtype=np.int64).reshape(-1, 2)
+    best = np.array(predicted, dtype=np.float64)
+    figures = np.full((len(centre), 3), -1.0)
+    usable = first.clear(half)[centre[:, 1], centre[:, 0]] & np.isfinite(best).all(axis=1)
+    rows = np.flatnonzero(usable)
+    if len(rows):
+        part = best[rows], figures[rows]
+        inputs = centre[rows], best[rows].copy(), direction[rows], np.ascontiguousarray(reach[rows])
+        search = _by_compiled_loops if compiled_code.wanted() else _by_arrays
+        search(first, second, inputs, half, part)
+        best[rows], figures[rows] = part
+    return Found(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
+
+
+Inputs = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _by_compiled_loops(
+    first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
+) -> None:
+    from .lsm_kernels import search_range
+
+    search_range(0, len(inputs[0]), first.grey, second.grey, second.clear(half), *inputs, half, *results)
+
+
+def _by_arrays(
+    first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """NumPy's way: windows of like boxes together."""
+    size = 2 * np.ceil(np.hypot(*inputs[3].T)).astype(np.int64) + 1
+    for length in np.unique(size):
+        same = np.flatnonzero(size == length)
+        for begin in range(0, len(same), PART):
+            rows = same[begin : begin + PART]
+            part = tuple(column[rows] for column in inputs)
+            scores, corner = _scores(first, second, part, half, int(length))
+            results[0][rows], results[1][rows] = _judged(scores, corner, part[1])
+
+
+def _scores(
+    first: MatchImage, second: MatchImage, inputs: Inputs, half: int, size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return correlations ``(n, size, size)``, -2 where not tried, and the boxes' first positions ``(n, 2)``."""
+    centre, predicted, direction, reach = inputs
+    offset = np.arange(-half, half + 1)
+    template = first.grey[centre[:, 1, None, None] + offset[:, None], centre[:, 0, None, None] + offset]
+    template = template.astype(np.float64) - template.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
+    norm = np.sum(template**2, axis=(1, 2))
+    corner = np.round(predicted).astype(np.int64) - size // 2
+    clear = second.clear(half)
+    rows, columns = clear.shape
+    scores = np.full((len(centre), size, size), -2.0)
+    for j in range(size):
+        for i in range(size):
+            x, y = corner[:, 0] + i, corner[:, 1] + j
+            away = np.column_stack([x, y]) - predicted
+            along = np.abs(np.sum(away * direction, axis=1))
+            across = np.abs(away[:, 0] * direction[:, 1] - away[:, 1] * direction[:, 0])
+            tried = (along <= reach[:, 0]) & (across <= reach[:, 1])
+            tried &= (x >= half) & (y >= half) & (x < columns - half) & (y < rows - half)
+            tried[tried] = clear[y[tried], x[tried]]
+            seen = second.grey[y[tried, None, None] + offset[:, None], x[tried, None, None] + offset].astype(np.float64)
+            spread = np.sum(seen**2, axis=(1, 2)) - np.sum(seen, axis=(1, 2)) ** 2 / seen[0].size if len(seen) else 0.0
+            product = np.sum(seen * template[tried], axis=(1, 2))
+            scores[tried, j, i] = product / np.sqrt(np.maximum(norm[tried] * spread, 1e-20))
+    return scores, corner
+
+
+def _judged(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return best positions and figures (correlation, rival, inside) of boxes of scores."""
+    count, size, _ = scores.shape
+    best, figures = predicted.copy(), np.full((count, 3), -1.0)
+    padded = np.pad(scores, ((0, 0), (1, 1), (1, 1)), constant_values=-2.0)
+    around = [padded[:, 1 + b : 1 + b + size, 1 + a : 1 + a + size] for b in (-1, 0, 1) for a in (-1, 0, 1)]
+    peak = scores >= np.max(around, axis=0)
+    flat = scores.reshape(count, -1).argmax(axis=1)
+    row, column = np.divmod(flat, size)
+    top = scores.reshape(count, -1)[np.arange(count), flat]
+    grid = np.arange(size)
+    near = np.maximum(np.abs(grid[:, None] - row[:, None, None]), np.abs(grid - column[:, None, None])) <= RIVAL_PX
+    rival = np.where(peak & ~near, scores, -1.0).max(axis=(1, 2), initial=-1.0)
+    lowest = np.min([layer[np.arange(count), row, column] for layer in around], axis=0)
+    known = top > -1.5
+    best[known] = np.column_stack([column, row])[known] + corner[known]
+    figures[known] = np.column_stack([top, rival, np.where(lowest > -1.5, 1.0, 0.0)])[known]
+    return best, figures

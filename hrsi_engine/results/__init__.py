@@ -1,0 +1,1 @@
+"""What an adjustment is turned into: residuals, statistics, figures of the report, tables, layers; each rule once."""

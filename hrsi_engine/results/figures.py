@@ -1,0 +1,234 @@
+"""The figures of an adjusted block, as the report's schema (version 1) names them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..adjustment import Adjustment, Verdict
+from ..adjustment.precision import CIRCLE_90, LINE_90, predicted_accuracy
+from ..adjustment.result import DatumPart
+from ..block.block import GroundPoints, Role
+from ..refinement import RefinedRPC
+from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, by_image, radial_rmse, rmse
+
+OUTLIER_SIGMAS = 4.0  # a residual beyond this many of its sigmas is listed
+MOST_OUTLIERS = 200
+NAMED = 6  # most measurements in a warning
+GROSS_SIGMAS = 10.0  # beyond, an error is worth a warning of its own
+NO_ROWS = np.zeros(0, dtype=np.int64)
+
+
+def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
+    """Return the report's entries about the adjustment; paths, times and settings are the caller's."""
+    rows = dict(by_image(result.block, np.ones(len(result.block.measurements), dtype=bool)))
+    return {
+        "model": result.model.name,
+        "converged": result.converged,
+        "status": result.status,
+        "iterations": len(result.history),
+        "history": [{"cost": step.cost, "damping": step.damping} for step in result.history],
+        "sigma0": result.sigma0,
+        "observations": result.observations,
+        "unknowns": result.unknowns,
+        "redundancy": round(result.redundancy, 3),
+        "images": {
+            image.id: _image_entry(result, left, index, rows.get(index, NO_ROWS), refined[index])
+            for index, image in enumerate(result.block.images)
+        },
+        **control_and_check(result, left),
+        "ties": _tie_entry(result, left),
+        "outliers": outliers(result, left),
+        "solves": result.solves,
+        "rejected": _rejected(result),
+        "findings": [asdict(finding) for finding in result.findings],
+        "variance_components": [asdict(part) for part in result.variance_components],
+        "parts": [_part_entry(part) for part in result.parts],
+        "cross_validation": _cross_validation(result),
+        "dem_heights": None if result.dem is None else asdict(result.dem),
+    }
+
+
+def _rejected(result: Adjustment) -> dict[str, Any]:
+    """Return how many measurements were left out, as blunders or as doubtful, and the worst of them."""
+    rows = result.block.measurements
+    out = np.flatnonzero(result.verdict != int(Verdict.KEPT))
+    out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
+    return {
+        "blunders": int((result.verdict == int(Verdict.BLUNDER)).sum()),
+        "doubtful": int((result.verdict == int(Verdict.DOUBTFUL)).sum()),
+        "measurements": [
+            {
+                "id": str(result.block.points.ids[rows.point[row]]),
+                "image": result.block.images[rows.image[row]].id,
+                "verdict": Verdict(result.verdict[row]).name.lower(),
+                "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
+            }
+            for row in out[:MOST_OUTLIERS].tolist()
+        ],
+    }
+
+
+def _part_entry(part: DatumPart) -> dict[str, Any]:
+    """Return what holds images that hang together; ``by_priors`` counts parameters that come from priors."""
+    entry = asdict(part)
+    entry["images"] = list(part.images[:MOST_OUTLIERS])
+    entry["image_count"] = len(part.images)
+    sigma = entry.pop("sigma_m")
+    east, north, height = sigma
+    accuracy = {"ce90_m": CIRCLE_90 * float(np.sqrt(0.5 * (east**2 + north**2))), "le90_m": LINE_90 * height}
+    entry |= {name: value if np.isfinite(value) else None for name, value in accuracy.items()}
+    return entry | {
+        f"sigma_{axis}_m": value if np.isfinite(value) else None
+        for axis, value in zip(("east", "north", "height"), sigma, strict=True)
+    }
+
+
+def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
+    found = result.cross_validation
+    if found is None:
+        return None
+    east, north, height = (rmse(found.error_m[:, axis]) for axis in range(3))
+    return {
+        "points": len(found.ids), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
+        "errors_m": {
+            name: [None if np.isnan(value) else float(value) for value in error]
+            for name, error in zip(found.ids, found.error_m, strict=True)
+        },
+    }  # fmt: skip
+
+
+def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Return the figures of the known points, by their role."""
+    return {"control": _known_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
+
+
+def _image_entry(
+    result: Adjustment, left: Residuals, index: int, here: np.ndarray, refined: RefinedRPC
+) -> dict[str, Any]:
+    values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
+    return {
+        "observations": int(np.isfinite(result.residual_px[here]).all(axis=1).sum()),
+        "before_rmse_sample_px": rmse(left.before_px[here, 0]),
+        "before_rmse_line_px": rmse(left.before_px[here, 1]),
+        "rmse_sample_px": rmse(left.at_known_px[here, 0]),
+        "rmse_line_px": rmse(left.at_known_px[here, 1]),
+        "rpc_fit_max_px": refined.fit_max_px,
+        "parameters": {name: {"value": float(value), "sigma": float(sigma)} for name, value, sigma in values},
+    }
+
+
+def _known_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, Any]:
+    points = result.block.points.role == role
+    rows = points[result.block.measurements.point]
+    east, north, height = (rmse(left.ground_m[points, axis]) for axis in range(3))
+    sigma = survey_sigma_m(result.block.points, np.flatnonzero(points))
+    return {
+        "points": int(points.sum()),
+        **{f"sigma_survey_{axis}_m": rmse(sigma[:, k]) for k, axis in enumerate(("east", "north", "height"))},
+        "rmse_east_m": east,
+        "rmse_north_m": north,
+        "rmse_height_m": height,
+        "rmse_sample_px": rmse(left.at_known_px[rows, 0]),
+        "rmse_line_px": rmse(left.at_known_px[rows, 1]),
+    }
+
+
+def survey_sigma_m(points: GroundPoints, rows: np.ndarray) -> np.ndarray:
+    """Return the standard deviations of surveyed east, north and height ``(k, 3)``; infinite where not surveyed."""
+    return np.sqrt(points.survey_covariance_m2(rows).diagonal(axis1=1, axis2=2))
+
+
+def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    entry = _known_entry(result, left, Role.CHECK)
+    points = result.block.points.role == Role.CHECK
+    radial, height = radial_rmse(left.ground_m[points, :2]), entry["rmse_height_m"]
+    entry["ce90_m"] = None if radial is None else CE90_OF_RADIAL_RMSE * radial
+    entry["le90_m"] = None if height is None else LE90_OF_RMSE * height
+    entry["predicted"] = predicted_accuracy(
+        result.ground_covariance_m2[points], result.block.points.survey_covariance_m2(np.flatnonzero(points))
+    )
+    return entry
+
+
+def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images."""
+    block = result.block
+    used = np.isfinite(result.residual_px).all(axis=1) & (block.points.role == Role.TIE)[block.measurements.point]
+    points = block.measurements.point[used]
+    rays = np.bincount(points, minlength=len(block.points))
+    return {
+        **_tie_figures(result, left, used),
+        "by_rays": {
+            str(count): _tie_figures(result, left, used & (rays[block.measurements.point] == count))
+            for count in np.unique(rays[rays > 0])
+        },
+    }
+
+
+def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[str, Any]:
+    return {
+        "points": len(np.unique(result.block.measurements.point[rows])),
+        "observations": int(rows.sum()),
+        "before_rmse_px": radial_rmse(left.tie_before_px[rows]),
+        "rmse_px": radial_rmse(result.residual_px[rows]),
+    }
+
+
+def outlier_statistic(result: Adjustment, left: Residuals) -> np.ndarray:
+    """Return each measurement's residual length over its sigma; of known points at their known position."""
+    known = result.block.known[result.block.measurements.point]
+    residual = np.where(known[:, None], left.at_known_px, result.judged_residual_px)
+    return np.linalg.norm(residual, axis=1) / (_expected_px(result) * max(result.sigma0, 1.0))
+
+
+def _expected_px(result: Adjustment) -> np.ndarray:
+    """Return the sigma of each measurement; of GCPs with that of their survey, seen in the image, ``(n,)``."""
+    block, rows = result.block, result.block.measurements
+    sigma = rows.sigma_px.copy()
+    surveyed = (block.points.role == Role.GCP)[rows.point] & np.isfinite(block.points.sigma_m).all(axis=1)[rows.point]
+    for index, here in by_image(block, surveyed):
+        rpc = block.images[index].rpc
+        _, by_ground = rpc.project_with_metric_jacobian(block.points.ground[rows.point[here[:1]]])
+        east, north, up = np.hypot(*by_ground[0])
+        along, height = block.points.sigma_m[rows.point[here]].T
+        sigma[here] = np.sqrt(sigma[here] ** 2 + 0.5 * (east**2 + north**2) * along**2 + 0.5 * (up * height) ** 2)
+    return sigma
+
+
+def outliers(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
+    """Return the measurements beyond 4 sigma, worst first; of those left out, by the test that they failed."""
+    statistic = outlier_statistic(result, left)
+    left_out = np.isnan(statistic) & (result.verdict != int(Verdict.KEPT))
+    statistic = np.where(left_out, result.statistic, statistic)
+    rows = result.block.measurements
+    worst = np.argsort(-np.nan_to_num(statistic))[:MOST_OUTLIERS]
+    return [
+        {
+            "id": str(result.block.points.ids[rows.point[row]]),
+            "image": result.block.images[rows.image[row]].id,
+            "role": Role(result.block.points.role[rows.point[row]]).label,
+            "statistic": float(statistic[row]),
+        }
+        for row in worst
+        if statistic[row] > OUTLIER_SIGMAS
+    ]
+
+
+def rejection_warnings(result: Adjustment) -> list[str]:
+    """Name the gross errors that data snooping left out, the worst first."""
+    out = result.verdict != int(Verdict.KEPT)
+    gross = int((out & (np.nan_to_num(result.statistic) > GROSS_SIGMAS)).sum())
+    if not gross:
+        return []
+    worst = [
+        f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
+        for entry in _rejected(result)["measurements"][: min(gross, NAMED)]
+    ]
+    return [
+        f"{out.sum()} image points ({100.0 * out.mean():.2g} %) do not fit their points and are left out, {gross} of "
+        f"them by more than {GROSS_SIGMAS:g} sigma: {', '.join(worst)}{' …' if gross > NAMED else ''}"
+    ]

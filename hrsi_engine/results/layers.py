@@ -1,0 +1,56 @@
+"""The layers of an adjusted block and the map of its report, from the engine's tables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..adjustment import Adjustment
+from ..drawing.block_map import BlockMap
+from ..ground.geodesy import to_projected, utm_epsg
+from ..io.layers import Layer
+from .residuals import Residuals
+from .tables import Table, footprint, ground_points_table, image_points_table, images_table, positions, residuals_table
+
+WGS84 = 4326
+RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
+
+
+def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list[Layer]:
+    """Return the layers of ``block.gpkg``; ``residual_crs`` is both, wgs84 or utm."""
+    middle = _middle(result)
+    left_over = residuals_table(result, left)
+    footprints = images_table(result, float(middle[2]))
+    chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
+    crs = {"residuals_wgs84": WGS84, "residuals_utm": utm_epsg(middle[0], middle[1])}
+    return [
+        Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
+        _point_layer("ground_points", ground_points_table(result), WGS84),
+        _point_layer("image_points", image_points_table(result, left), WGS84),
+        *(_point_layer(name, left_over, crs[name]) for name in chosen),
+    ]
+
+
+def block_map(result: Adjustment, left: Residuals) -> BlockMap:
+    """Return footprints and the ground residuals of the known points, for the report's map."""
+    height = float(_middle(result)[2])
+    known = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    points = result.block.points
+    return BlockMap(
+        footprints={image.id: footprint(image, height) for image in result.block.images},
+        lonlat=points.ground[known, :2],
+        roles=points.role[known],
+        residual_en_m=left.ground_m[known, :2],
+        ids=points.ids[known],
+    )
+
+
+def _middle(result: Adjustment) -> np.ndarray:
+    return np.nanmedian(positions(result), axis=0)
+
+
+def _point_layer(name: str, table: Table, epsg: int) -> Layer:
+    """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
+    place = table.positions
+    if epsg != WGS84:
+        place = np.column_stack([to_projected(place, epsg), place[:, 2]])
+    return Layer(name, "PointZ", epsg, place, table.columns)

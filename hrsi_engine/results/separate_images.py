@@ -1,0 +1,135 @@
+"""Images refined one by one, put together as the result of an adjustment without common points.
+
+So the residuals, tables, layers and reports of a block serve them too. Every image keeps its own model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..adjustment import Adjustment
+from ..adjustment.intersection import intersect
+from ..adjustment.observations import subset
+from ..adjustment.result import Verdict
+from ..block.block import Block, Image
+from ..refinement import Priors, RefinedRPC, RefinementModel
+from ..refinement.model import Equations, Linearise
+from ..refinement.refine import Refinement
+
+
+@dataclass(frozen=True, eq=False)
+class PerImage:
+    """A model that is another one on every image; values beyond an image's own parameters are ignored."""
+
+    models: dict[str, RefinementModel]
+    name: str = "auto"
+    title: str = "each image has its own model"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Numbers only: the parameters' names are those of each image's model."""
+        return tuple(f"p_{k + 1}" for k in range(max(len(model.parameters) for model in self.models.values())))
+
+    @property
+    def least_points(self) -> int:
+        """Of the most demanding image."""
+        return max(model.least_points for model in self.models.values())
+
+    def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
+        """Return those of the image's model, 0 for what it does not have."""
+        own = self.models[image.id].prior_sigmas(image, priors)
+        return np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
+
+    def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
+        """Return the equations of the image's model."""
+        model = self.models[image.id]
+        own = model.equations(image, observed_px)
+        count, total = len(model.parameters), len(self.parameters)
+
+        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
+            at = own(values[:count], ground)
+            return at._replace(by_values=np.pad(at.by_values, ((0, 0), (0, 0), (0, total - count))))
+
+        return linearise
+
+    def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return the projection by the image's model."""
+        model = self.models[image.id]
+        return model.project(image, values[: len(model.parameters)], ground)
+
+    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+        """Return the new RPC of the image's model."""
+        model = self.models[image.id]
+        return model.refined_rpc(image, values[: len(model.parameters)])
+
+
+def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustment:
+    """Return refinements, one an image of the block in its order, as an adjustment.
+
+    Known points on several images are intersected with the refined cameras; nothing else of a point is estimated.
+    """
+    model = _common_model(refinements)
+    values = _padded([found.estimate.values for found in refinements], len(model.parameters))
+    sigmas = _padded([found.estimate.sigmas for found in refinements], len(model.parameters))
+    residual, weight = _control_residuals(block, refinements)
+    points, rows = len(block.points), len(block.measurements)
+    redundancy = sum(found.estimate.redundancy for found in refinements)
+    squares = sum(found.estimate.sigma0**2 * found.estimate.redundancy for found in refinements)
+    converged = all(found.estimate.converged for found in refinements)
+    return Adjustment(
+        block=block, model=model, values=values, values_sigma=sigmas,
+        ground=_intersected(block, model, values),
+        ground_sigma_m=np.full((points, 3), np.nan),
+        ground_covariance_m2=np.full((points, 3, 3), np.nan),
+        residual_px=residual, weight=weight,
+        redundancy_numbers=np.full((rows, 2), np.nan),
+        statistic=np.full(rows, np.nan),
+        verdict=np.full(rows, int(Verdict.KEPT), dtype=np.int8),
+        prior_share=np.zeros_like(values),
+        sigma0=float(np.sqrt(squares / redundancy)) if redundancy > 0.5 else 1.0,
+        observations=2 * sum(len(found.control) for found in refinements),
+        unknowns=sum(len(found.model.parameters) for found in refinements),
+        redundancy=redundancy, converged=converged,
+        status="converged" if converged else "stopped at the iteration limit",
+        history=(), solves=0, findings=(), variance_components=(), parts=(), cross_validation=None,
+        warnings=tuple(warning for found in refinements for warning in found.warnings),
+    )  # fmt: skip
+
+
+def _common_model(refinements: Sequence[Refinement]) -> RefinementModel:
+    names = {found.model.name for found in refinements}
+    if len(names) == 1:
+        return refinements[0].model
+    return PerImage({found.image.id: found.model for found in refinements})
+
+
+def _padded(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
+    return np.array([np.pad(row, (0, width - len(row))) for row in rows]).reshape(len(rows), width)
+
+
+def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple[np.ndarray, np.ndarray]:
+    """Return residuals ``(n, 2)`` of the measurements that were used, NaN elsewhere, and weights 1 or 0."""
+    rows = block.measurements
+    residual, weight = np.full((len(rows), 2), np.nan), np.zeros(len(rows))
+    for index, found in enumerate(refinements):
+        order = np.argsort(found.control.ids)
+        here = np.flatnonzero(rows.image == index)
+        ids = block.points.ids[rows.point[here]]
+        place = np.minimum(np.searchsorted(found.control.ids[order], ids), len(order) - 1)
+        same = found.control.ids[order][place] == ids
+        residual[here[same]] = found.estimate.residual_px[order][place[same]]
+        weight[here[same]] = 1.0
+    return residual, weight
+
+
+def _intersected(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
+    """Return positions of the known points measured on several images, NaN for others."""
+    ground = np.full((len(block.points), 3), np.nan)
+    several = block.known & (block.rays_per_point() >= 2)
+    if several.any():
+        observations = subset(block, several)
+        ground[observations.points] = intersect(observations, model, values, block.points.ground[observations.points])
+    return ground

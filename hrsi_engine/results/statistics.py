@@ -1,0 +1,94 @@
+"""How residuals are distributed, and over which parts of the images points lie: what tells a sound block at a glance.
+
+A normalised residual is v / (sigma sqrt(r)) with the observation's redundancy number r (Baarda 1968): a standard normal
+variable where sigmas and model are right.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..adjustment import Adjustment
+from ..block.block import Role
+from .residuals import Residuals, by_image
+
+LEAST_REDUNDANCY = 0.02  # an observation that nothing controls has no residual to speak of
+COVERAGE_CELLS = 5  # along each side of an image
+AXES = ("sample", "line")
+MOST_CHECK_POINTS = 200
+
+
+def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
+    """Return the normalised residuals of control and tie measurements that took part, by axis, ``(n,)`` each.
+
+    Check points' are left out: they are only intersected, and no part of what was minimised. Without redundancy
+    numbers (images refined one by one) they are residuals over their sigmas.
+    """
+    redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normalised = result.judged_residual_px / (result.block.measurements.sigma_px[:, None] * np.sqrt(redundancy))
+    took_part = result.block.points.role[result.block.measurements.point] != Role.CHECK
+    usable = np.isfinite(normalised) & (redundancy > LEAST_REDUNDANCY) & took_part[:, None]
+    return {axis: normalised[usable[:, column], column] for column, axis in enumerate(AXES)}
+
+
+def distribution(values: np.ndarray) -> dict[str, Any]:
+    """Return number, mean, standard deviation and the share beyond 3; the share is 0.0027 for a normal variable."""
+    if not len(values):
+        return {"count": 0, "mean": None, "std": None, "beyond_3": None}
+    return {
+        "count": len(values),
+        "mean": float(values.mean()),
+        "std": float(values.std()),
+        "beyond_3": float(np.mean(np.abs(values) > 3.0)),
+    }
+
+
+def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
+    """Return how many tie points that took part lie in each cell of each image, ``(cells, cells)``, lines first."""
+    block = result.block
+    rows = block.measurements
+    used = np.isfinite(result.residual_px).all(axis=1) & (block.points.role[rows.point] == Role.TIE)
+    counts = {image.id: np.zeros((COVERAGE_CELLS, COVERAGE_CELLS), dtype=np.int64) for image in block.images}
+    for index, here in by_image(block, used):
+        image = block.images[index]
+        share = (rows.xy[here] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
+        cell = np.clip((share * COVERAGE_CELLS).astype(np.int64), 0, COVERAGE_CELLS - 1)
+        np.add.at(counts[image.id], (cell[:, 1], cell[:, 0]), 1)
+    return counts
+
+
+def covered_share(counts: np.ndarray) -> float:
+    """Return the share of an image's cells that hold a point."""
+    return float(np.mean(counts > 0))
+
+
+def check_point_rows(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
+    """Return the check points with survey - computed and its predicted sigma, the worst first; not more than 200."""
+    points = result.block.points
+    here = np.flatnonzero((points.role == Role.CHECK) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    worst = here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_CHECK_POINTS]
+    variance = points.survey_covariance_m2(worst).diagonal(axis1=1, axis2=2)
+    predicted = np.sqrt(result.ground_sigma_m[worst] ** 2 + variance)
+    names = ("east_m", "north_m", "height_m")
+    return [
+        {"id": str(points.ids[row])}
+        | {name: _number(left.ground_m[row, axis]) for axis, name in enumerate(names)}
+        | {f"sigma_{name}": _number(predicted[place, axis]) for axis, name in enumerate(names)}
+        for place, row in enumerate(worst.tolist())
+    ]
+
+
+def entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Return these statistics as the report has them."""
+    return {
+        "normalised_residuals": {axis: distribution(values) for axis, values in normalised_residuals(result).items()},
+        "tie_coverage": {name: covered_share(counts) for name, counts in tie_coverage(result).items()},
+        "check_points": check_point_rows(result, left),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

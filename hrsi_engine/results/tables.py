@@ -1,0 +1,207 @@
+"""An adjusted block as tables for a GIS: footprints, points, measurements and residuals, each with a position.
+
+Every table is its positions and a dict of columns of equal length, in the names of `docs/outputs`; residuals are in
+pixels and metres, positions in longitude, latitude and height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..adjustment import Adjustment
+from ..block.block import Block, Image, Role
+from .figures import OUTLIER_SIGMAS, outlier_statistic
+from .residuals import Residuals
+
+MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, and each costs a hundred bytes twice
+ROLE_LABELS = np.array([role.label for role in Role])
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Positions ``(n, 3)`` lon, lat, height (or a list of rings ``(k, 2)``) and columns of length n."""
+
+    positions: Any
+    columns: dict[str, np.ndarray]
+
+
+def footprint(image: Image, height_m: float) -> np.ndarray:
+    """Return the outline of an image on the ground at one height, ``(k, 2)`` lon, lat, closed."""
+    ring = image.rpc.localize(image.outline_px(8), height_m).ground[:, :2]
+    ring = ring[np.isfinite(ring).all(axis=1)]
+    return np.vstack([ring, ring[:1]])
+
+
+def images_table(result: Adjustment, height_m: float) -> Table:
+    """Return footprints at a height, with id, path, size and the image's number of measurements."""
+    images = result.block.images
+    used = np.isfinite(result.residual_px).all(axis=1)
+    count = np.bincount(result.block.measurements.image[used], minlength=len(images))
+    columns = {
+        "id": np.array([image.id for image in images]),
+        "path": np.array([image.path for image in images]),
+        "samples": np.array([image.size[0] if image.size else 0 for image in images]),
+        "lines": np.array([image.size[1] if image.size else 0 for image in images]),
+        "observations": count,
+        "footprint_height_m": np.full(len(images), height_m),
+    }
+    return Table([footprint(image, height_m) for image in images], columns)
+
+
+def positions(result: Adjustment) -> np.ndarray:
+    """Return the best known position of each point: adjusted, else surveyed; NaN without either."""
+    return np.where(np.isfinite(result.ground), result.ground, result.block.points.ground)
+
+
+def ground_points_table(result: Adjustment) -> Table:
+    """Return all points at their adjusted positions, with sigmas; known ones also as they were surveyed."""
+    points = result.block.points
+    place = positions(result)
+    here = np.isfinite(place).all(axis=1)
+    surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
+    sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
+    columns = {
+        "id": points.ids,
+        "role": ROLE_LABELS[points.role],
+        "height": place[:, 2],
+        "sigma_east_m": result.ground_sigma_m[:, 0],
+        "sigma_north_m": result.ground_sigma_m[:, 1],
+        "sigma_height_m": result.ground_sigma_m[:, 2],
+        "rays": result.block.rays_per_point(),
+        "survey_lon": surveyed[:, 0],
+        "survey_lat": surveyed[:, 1],
+        "survey_height": surveyed[:, 2],
+        "sigma_xy": sigma_survey[:, 0],
+        "sigma_h": sigma_survey[:, 1],
+    }
+    return Table(place[here], {name: column[here] for name, column in columns.items()})
+
+
+def image_points_table(result: Adjustment, left: Residuals) -> Table:
+    """Return all measurements at the position of their point, with residuals, weights and flags."""
+    rows = result.block.measurements
+    place = positions(result)[rows.point]
+    here = np.isfinite(place).all(axis=1)
+    residual = _image_residual(result, left)
+    columns = {
+        **_identity(result.block, rows.point, rows.image),
+        "sample": rows.xy[:, 0],
+        "line": rows.xy[:, 1],
+        "sigma_px": rows.sigma_px,
+        "kind": rows.kind,
+        "quality": rows.quality,
+        "residual_sample_px": residual[:, 0],
+        "residual_line_px": residual[:, 1],
+        "weight": result.weight,
+        "flag": _flags(result, left),
+    }
+    return Table(place[here], {name: column[here] for name, column in columns.items()})
+
+
+def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_RESIDUALS) -> Table:
+    """Return ground residuals (one row a known point) and image residuals (one row a measurement).
+
+    Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
+    of image points has every one.
+    """
+    return _stacked(_ground_rows(result, left), _image_rows(result, left, most))
+
+
+def thinning_warnings(result: Adjustment) -> list[str]:
+    """Say that the residual layers do not show every image point."""
+    count = len(result.block.measurements)
+    if count <= MOST_IMAGE_RESIDUALS:
+        return []
+    return [
+        f"the residual layers show about {MOST_IMAGE_RESIDUALS} of the {count} image points, among them all of known "
+        "points and all outliers; the layer image_points has them all"
+    ]
+
+
+def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, np.ndarray]:
+    return {
+        "id": block.points.ids[point],
+        "role": ROLE_LABELS[block.points.role[point]],
+        "image": np.array([image.id for image in block.images])[image],
+    }
+
+
+def _image_residual(result: Adjustment, left: Residuals) -> np.ndarray:
+    """Return the residual that a person wants to see: at the known position, else at the adjusted one."""
+    known = result.block.known[result.block.measurements.point]
+    return np.where(known[:, None], left.at_known_px, result.residual_px)
+
+
+def _flags(result: Adjustment, left: Residuals) -> np.ndarray:
+    rows = result.block.measurements
+    flags = np.full(len(rows), "ok", dtype="U8")
+    flags[outlier_statistic(result, left) > OUTLIER_SIGMAS] = "outlier"
+    unused = ~np.isfinite(result.residual_px).all(axis=1)
+    tie = result.block.points.role[rows.point] == Role.TIE
+    flags[unused & tie] = "rejected"
+    flags[unused & ~tie & (flags == "ok")] = "unused"
+    return flags
+
+
+def _ground_rows(result: Adjustment, left: Residuals) -> Table:
+    points = result.block.points
+    here = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    nothing = np.full(len(here), np.nan)
+    sigma = result.ground_sigma_m[here]
+    excess = np.abs(left.ground_m[here, :2]).max(axis=1, initial=0.0)
+    limit = OUTLIER_SIGMAS * np.hypot(np.nan_to_num(sigma[:, :2].max(axis=1)), points.sigma_m[here, 0])
+    columns = {
+        "id": points.ids[here],
+        "role": ROLE_LABELS[points.role[here]],
+        "image": np.full(len(here), ""),
+        "level": np.full(len(here), "ground"),
+        "residual_sample_px": nothing,
+        "residual_line_px": nothing,
+        "residual_east_m": left.ground_m[here, 0],
+        "residual_north_m": left.ground_m[here, 1],
+        "residual_height_m": left.ground_m[here, 2],
+        "sigma_sample_px": nothing,
+        "sigma_line_px": nothing,
+        "sigma_east_m": sigma[:, 0],
+        "sigma_north_m": sigma[:, 1],
+        "sigma_height_m": sigma[:, 2],
+        "flag": np.where((excess > limit) & (sigma[:, 0] > 0.0), "outlier", "ok"),
+    }
+    return Table(points.ground[here], columns)
+
+
+def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
+    rows = result.block.measurements
+    residual = _image_residual(result, left)
+    place = positions(result)[rows.point]
+    here = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1))
+    flags = _flags(result, left)
+    if len(here) > most:
+        shown = (flags[here] != "ok") | result.block.known[rows.point[here]]
+        shown[:: -(-len(here) // most)] = True
+        here = here[shown]
+    nothing = np.full(len(here), np.nan)
+    columns = {
+        **_identity(result.block, rows.point[here], rows.image[here]),
+        "level": np.full(len(here), "image"),
+        "residual_sample_px": residual[here, 0],
+        "residual_line_px": residual[here, 1],
+        "residual_east_m": nothing,
+        "residual_north_m": nothing,
+        "residual_height_m": nothing,
+        "sigma_sample_px": rows.sigma_px[here],
+        "sigma_line_px": rows.sigma_px[here],
+        "sigma_east_m": nothing,
+        "sigma_north_m": nothing,
+        "sigma_height_m": nothing,
+        "flag": flags[here],
+    }
+    return Table(place[here], columns)
+
+
+def _stacked(first: Table, second: Table) -> Table:
+    columns = {name: np.concatenate([first.columns[name], second.columns[name]]) for name in first.columns}
+    return Table(np.vstack([first.positions, second.positions]), columns)

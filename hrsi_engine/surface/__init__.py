@@ -1,0 +1,1 @@
+"""The surface that rays meet: heights of a DEM, and where a ray intersects it."""

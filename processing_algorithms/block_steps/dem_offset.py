@@ -1,0 +1,47 @@
+"""Does a block without GCPs lie on the DEM that was named, though nothing holds it there?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..files.terrain import dem_datum
+
+if TYPE_CHECKING:
+    from ...hrsi_engine.adjustment import Adjustment
+
+LEAST_POINTS = 10
+LEAST_OFFSET_M = 1.0  # grass, interpolation and a DEM's own errors may do so much
+LIMIT = 4.0  # standard deviations of the median that an offset must exceed
+
+
+def offset_warning(result: Adjustment, options: Mapping[str, Any]) -> list[str]:
+    """Return a warning where the tie points of a block without GCPs lie clearly off the DEM, and it does not hold them.
+
+    Orthoimages made with this DEM are then displaced against one another by the offset times the difference of the
+    tangents of their view angles.
+    """
+    import numpy as np
+
+    from ...hrsi_engine.block.block import Role
+    from ...hrsi_engine.foundation.robust_scale import robust_sigma
+    from ...hrsi_engine.io.dems import open_dem
+    from ...hrsi_engine.surface.dem import surface_heights
+
+    role = result.block.points.role
+    if not options["dem"] or options["sigma_dem"] is not None or np.any(role == Role.GCP):
+        return []
+    ground = result.ground[(role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
+    above = ground[:, 2] - surface_heights(open_dem(options["dem"], dem_datum(options)), ground[:, :2])
+    above = above[np.isfinite(above)]
+    if len(above) < LEAST_POINTS:
+        return []
+    middle = float(np.median(above))
+    spread = float(robust_sigma(above - middle))
+    if abs(middle) <= max(LEAST_OFFSET_M, LIMIT * 1.2533 * spread / np.sqrt(len(above))):
+        return []
+    return [
+        f"the tie points lie {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "
+        f"{len(above)}), and without GCPs nothing holds the block to it: orthoimages made with this DEM will not "
+        "fit one another; add --sigma-dem with the DEM's accuracy in metres"
+    ]

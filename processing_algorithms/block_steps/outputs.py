@@ -1,0 +1,117 @@
+"""From an adjustment to files: refined RPCs, layers, reports. Everything is staged and appears at once."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...hrsi_engine.adjustment import Adjustment
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.version import VERSION
+from ...hrsi_engine.io.layer_styles import default_styles
+from ...hrsi_engine.io.layers import write_geopackage
+from ...hrsi_engine.io.output_dir import staged
+from ...hrsi_engine.io.report import write_report_html, write_report_json
+from ...hrsi_engine.io.versions import versions
+from ...hrsi_engine.refinement import RefinedRPC
+from ...hrsi_engine.results import statistics as residual_statistics
+from ...hrsi_engine.results.drawings import report_figures
+from ...hrsi_engine.results.figures import block_report, rejection_warnings
+from ...hrsi_engine.results.layers import block_layers, block_map
+from ...hrsi_engine.results.residuals import Residuals, residuals
+from ...hrsi_engine.results.tables import thinning_warnings
+from ..interface.declare import Context, Report
+from .rpc_outputs import IN_PLACE, clear_the_way, write_into_images, write_new_files
+
+FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
+LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
+
+
+class Clock:
+    """Seconds of each part of a run, for the report."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start = self._last = time.monotonic()
+
+    def lap(self, part: str) -> None:
+        """Close a part."""
+        now = time.monotonic()
+        self.seconds[part] = round(now - self._last, 3)
+        self._last = now
+
+    def total(self) -> dict[str, float]:
+        """Return all parts and the total."""
+        return {"total": round(time.monotonic() - self._start, 3), **self.seconds}
+
+
+def write_results(
+    algorithm: str,
+    options: Mapping[str, Any],
+    result: Adjustment,
+    warnings: Sequence[str],
+    clock: Clock,
+    context: Context,
+    more: Mapping[str, Any] | None = None,
+) -> Report:
+    """Write everything that the options ask for; return the report. ``more`` are entries that it has besides."""
+    images = result.block.images
+    left = residuals(result)
+    refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
+    clock.lap("residuals")
+    report = {
+        "schema": 1, "algorithm": algorithm, "version": VERSION, "seconds": {}, **block_report(result, left, refined),
+        **residual_statistics.entries(result, left),
+        "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
+                     *_fit_warnings(images, refined)],
+        "versions": versions(),
+        "settings": {key: value for key, value in options.items() if value is not None},
+        **(more or {}),
+    }  # fmt: skip
+    with staged(options["output_dir"], [image.path for image in images]) as folder:
+        names = write_new_files(folder, images, refined, options["write"], stage(context.progress, 0.0, 0.5))
+        _name_outputs(report, options, images, names)
+        advance(context.progress, 0.5, "writing layers")
+        layers = block_layers(result, left, options["residual_crs"])
+        styles = default_styles({layer.name: layer.fields for layer in layers})
+        write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
+        report["warnings"] += clear_the_way(options["output_dir"], names, images, refined)
+        if options["write"] == IN_PLACE:
+            report["warnings"] += write_into_images(images, refined, stage(context.progress, 0.7, 0.95))
+        clock.lap("write")
+        report["seconds"] = clock.total()
+        _write_reports(folder, report, result, left, page=options["report"])
+        advance(context.progress, 1.0, "done")
+    return report
+
+
+def _name_outputs(
+    report: Report, options: Mapping[str, Any], images: Sequence[Image], names: Mapping[str, str]
+) -> None:
+    """Enter where the results will lie."""
+    folder = options["output_dir"]
+    for image in images:
+        output = os.path.join(folder, names[image.id]) if image.id in names else None
+        if options["write"] == IN_PLACE and image.raster is not None:
+            output = image.path
+        report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
+    files = {"report": REPORT_FILE, "layers": LAYERS_FILE} | ({"html": PAGE_FILE} if options["report"] else {})
+    report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
+
+
+def _write_reports(folder: Path, report: Report, result: Adjustment, left: Residuals, page: bool) -> None:
+    if page:
+        write_report_html(str(folder / PAGE_FILE), report, block_map(result, left), report_figures(result, left))
+    write_report_json(str(folder / REPORT_FILE), report)
+
+
+def _fit_warnings(images: Sequence[Image], refined: Sequence[RefinedRPC]) -> list[str]:
+    return [
+        f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
+        for image, new in zip(images, refined, strict=True)
+        if new.fit_max_px > FIT_WARNING_PX
+    ]

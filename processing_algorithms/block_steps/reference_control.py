@@ -1,0 +1,182 @@
+"""GCPs from a reference orthoimage as options, points and report: for `gcps-from-reference` and `triangulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..interface.declare import Context, Kind, Param, Report
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints
+    from ...hrsi_engine.measurement.reference.checks import Accuracy
+    from ...hrsi_engine.measurement.reference.matching import ReferenceControl
+
+SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given
+KIND = "reference"
+PREFIX = "REF"
+REFERENCE = Param(
+    "reference", Kind.RASTER, "Orthoimage in which GCPs are found by matching, in any CRS", metavar="FILE"
+)
+REFERENCE_PARAMS = (
+    Param(
+        "reference-sigma", Kind.NUMBER,
+        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size",
+        minimum=1e-6, unit="m", metavar="M",
+    ),
+    Param("reference-band", Kind.INTEGER, "Band of the reference", default=1, minimum=1, advanced=True, metavar="N"),
+    Param(
+        "reference-points", Kind.INTEGER, "Places of the reference looked for in each image", default=300, minimum=12,
+        advanced=True, metavar="N",
+    ),
+    Param(
+        "reference-search", Kind.NUMBER, "How far the RPCs may be off against the reference", default=1024.0,
+        minimum=16.0, unit="px", advanced=True, metavar="PX",
+    ),
+)  # fmt: skip
+
+
+class FromReference(NamedTuple):
+    """What matching gave: images, places found, accuracy of the reference, report entries and warnings."""
+
+    images: Sequence[Image]
+    control: ReferenceControl
+    accuracy: Accuracy
+    entries: Report
+    warnings: list[str]
+
+
+def match(images: Sequence[Image], options: Mapping[str, Any], context: Context) -> FromReference:
+    """Match images with the reference of the options; raises `InputError` where they name no DEM, or no pixels."""
+    from ...hrsi_engine.foundation.errors import InputError
+    from ...hrsi_engine.io.dems import open_dem
+    from ...hrsi_engine.io.reference_images import open_reference
+    from ...hrsi_engine.measurement.reference.checks import reference_shift, shift_warnings
+    from ...hrsi_engine.measurement.reference.matching import ReferenceOptions, match_reference
+    from ..files.terrain import dem_datum
+    from ..interface.threads import requested_threads
+
+    if not options.get("dem"):
+        raise InputError(f"{options['reference']}: the heights of its points come from a DEM: name one with --dem")
+    with_pixels = [image for image in images if image.raster is not None]
+    if not with_pixels:
+        raise InputError("a reference can only be matched with images that have pixels: name the images themselves")
+    reference = open_reference(options["reference"], options["reference_band"])
+    surface = open_dem(options["dem"], dem_datum(options))
+    settings = ReferenceOptions(
+        points=options["reference_points"], search_px=options["reference_search"], threads=requested_threads(options)
+    )
+    control = match_reference(with_pixels, reference, surface, settings, context.progress)
+    accuracy = _accuracy(reference.gsd_m, surface, control.ground, options)
+    shifts = [
+        reference_shift(image, found, control.ground, accuracy)
+        for image, found in zip(with_pixels, control.images, strict=True)
+    ]
+    warnings = [f"{found.image_id}: {found.refusal}" for found in control.images if found.refusal]
+    warnings += shift_warnings([shift for shift in shifts if shift is not None])
+    entries: Report = {
+        "path": options["reference"], "gsd_m": reference.gsd_m, "places": len(control.ground),
+        "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
+        "images": {
+            found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
+        },
+    }  # fmt: skip
+    return FromReference(with_pixels, control, accuracy, entries, warnings)
+
+
+def _accuracy(gsd_m: float, surface: Any, ground: np.ndarray, options: Mapping[str, Any]) -> Accuracy:
+    from ...hrsi_engine.measurement.reference.checks import Accuracy, dem_sigma_m
+    from ...hrsi_engine.surface.dem import cell_size_m
+
+    sigma_h = options["sigma_dem"]
+    if sigma_h is None:
+        sigma_h = dem_sigma_m(cell_size_m(surface, ground[len(ground) // 2])) if len(ground) else 1.0
+    return Accuracy(options["reference_sigma"] or SIGMA_PIXELS * gsd_m, sigma_h)
+
+
+def _image_entry(found: Any, shift: Any) -> Report:
+    used, agreement = found.used, found.agreement
+    bias = [None, None] if agreement is None else agreement.coefficients[:, 0].tolist()
+    return {
+        "matched": len(used), "used": int(used.sum()), "working_pixel_px": found.step,
+        "bias_sample_px": bias[0], "bias_line_px": bias[1],
+        "spread_px": None if agreement is None else agreement.spread_px,
+        "east_m": None if shift is None else shift.east_m, "north_m": None if shift is None else shift.north_m,
+        "limit_m": None if shift is None else shift.limit_m, "refusal": found.refusal or None,
+    }  # fmt: skip
+
+
+def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
+    """Return the GCPs and their measurements, those that agree."""
+    import numpy as np
+
+    from ...hrsi_engine.block.block import GroundPoints, ImagePoints, Role
+
+    control = found.control
+    seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
+    most = max((int(part.used.sum()) for part in control.images), default=0)
+    sigma = np.tile(found.accuracy.of_points(most), (len(seen), 1))
+    ids = np.char.add(PREFIX, np.char.lstrip(control.ids, "R"))
+    ground = GroundPoints.create(ids[seen], control.ground[seen], Role.GCP, sigma, found.entries["path"])
+    rows = [(part, part.used) for part in control.images]
+    image_points = ImagePoints.create(
+        np.concatenate([ids[part.places[used]] for part, used in rows]),
+        np.concatenate([np.full(int(used.sum()), part.image_id) for part, used in rows]),
+        np.concatenate([part.xy[used] for part, used in rows]),
+        np.concatenate([part.sigma_px[used] for part, used in rows]),
+        KIND,
+        np.concatenate([part.score[used] for part, used in rows]),
+        found.entries["path"],
+    )
+    return ground, image_points
+
+
+def contradicts(found: FromReference, block: Block) -> str:
+    """Return what to say where the surveyed GCPs of a block contradict the reference; nothing where they do not."""
+    import numpy as np
+
+    from ...hrsi_engine.block.block import Role
+    from ...hrsi_engine.measurement.reference.checks import MeasuredGcps, contradiction
+
+    rows = block.measurements
+    surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != KIND)
+    gcps = []
+    for index, image in enumerate(block.images):
+        here = surveyed & (rows.image == index)
+        point = rows.point[here]
+        if here.any():
+            gcps.append(MeasuredGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here]))
+    differ = contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
+    if differ is not None:
+        found.entries["surveyed_gcps"] = {
+            "measurements": differ.points, "east_m": differ.east_m, "north_m": differ.north_m,
+            "limit_m": differ.limit_m,
+        }  # fmt: skip
+    return differ.message if differ is not None and differ.excessive and np.isfinite(differ.limit_m) else ""
+
+
+def read_block(
+    images: Sequence[Image], options: Mapping[str, Any], ties: Sequence[ImagePoints], context: Context
+) -> tuple[Block, list[str], Report]:
+    """Read a block with the GCPs of ``--reference``, if one is given, among its points; also warnings, report entries.
+
+    Where surveyed GCPs contradict the reference, they are right, and it is left out.
+    """
+    from . import inputs as block_inputs
+
+    if not options["reference"]:
+        return *block_inputs.read_block(images, options, ties), {}
+    found = match(images, options, context)
+    ground, measured = points(found)
+    control = dict(options)
+    if options.get("gcp_ids"):
+        control["gcp_ids"] = [*options["gcp_ids"], *ground.ids.tolist()]
+    block, warnings = block_inputs.read_block(images, control, [*ties, measured], [ground])
+    contradiction = contradicts(found, block)
+    if contradiction:
+        found.entries["used"] = False
+        block, warnings = block_inputs.read_block(images, options, ties)
+        found.warnings.append(contradiction)
+    return block, [*found.warnings, *warnings], {"reference": found.entries}

@@ -1,0 +1,77 @@
+"""Where refined RPCs go: copies of the images, virtual images, ``_RPC.TXT`` files, or the images themselves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.camera.rpc import RPC
+from ...hrsi_engine.foundation.progress import Progress, advance, stage
+from ...hrsi_engine.io.rpc_files import free_the_way, write_geotiff_copy, write_in_place, write_rpc_text, write_vrt
+from ...hrsi_engine.refinement import RefinedRPC
+
+Writer = Callable[[str, str, RPC, Progress], object]
+
+
+def _copy(source: str, target: str, rpc: RPC, progress: Progress) -> None:
+    write_geotiff_copy(source, target, rpc, progress)
+
+
+def _virtual(source: str, target: str, rpc: RPC, progress: Progress) -> None:
+    write_vrt(source, target, rpc)
+
+
+def _text(source: str, target: str, rpc: RPC, progress: Progress) -> None:
+    write_rpc_text(target, rpc)
+
+
+#: By the choice of ``--write``: ending of the new file, and what writes it.
+NEW_FILES: dict[str, tuple[str, Writer]] = {
+    "copy": (".tif", _copy),
+    "vrt": (".vrt", _virtual),
+    "sidecar": ("_RPC.TXT", _text),
+}
+IN_PLACE, NOTHING = "in-place", "none"
+WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
+
+
+def write_new_files(
+    folder: Path, images: Sequence[Image], refined: Sequence[RefinedRPC], how: str, progress: Progress
+) -> dict[str, str]:
+    """Write each image's refined RPC into a new file of ``folder``; return the file names by image id."""
+    names: dict[str, str] = {}
+    for done, (image, new) in enumerate(zip(images, refined, strict=True)):
+        choice = WITHOUT_PIXELS if image.raster is None and how != NOTHING else how
+        if choice not in NEW_FILES:
+            continue
+        part = stage(progress, done / len(images), (done + 1) / len(images))
+        advance(part, 0.0, f"writing {image.id}")
+        ending, write = NEW_FILES[choice]
+        names[image.id] = image.id + ending
+        write(image.path, str(folder / names[image.id]), new.rpc, part)
+    return names
+
+
+def clear_the_way(
+    folder: str, names: Mapping[str, str], images: Sequence[Image], refined: Sequence[RefinedRPC]
+) -> list[str]:
+    """Set aside sidecars of an earlier run in ``folder`` that would win over the RPCs of new copies; return notices."""
+    notices: list[str] = []
+    for image, new in zip(images, refined, strict=True):
+        name = names.get(image.id, "")
+        if name.endswith(NEW_FILES["copy"][0]):
+            notices += free_the_way(os.path.join(folder, name), image.path, new.rpc)
+    return notices
+
+
+def write_into_images(images: Sequence[Image], refined: Sequence[RefinedRPC], progress: Progress) -> list[str]:
+    """Write the refined RPCs into the images themselves; return notices. Each image is replaced in one step."""
+    notices: list[str] = []
+    with_pixels = [(image, new) for image, new in zip(images, refined, strict=True) if image.raster is not None]
+    for done, (image, new) in enumerate(with_pixels):
+        part = stage(progress, done / len(with_pixels), (done + 1) / len(with_pixels))
+        advance(part, 0.0, f"writing {os.path.basename(image.path)}")
+        notices += write_in_place(image.path, new.rpc, part)
+    return notices

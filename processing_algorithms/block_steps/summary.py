@@ -1,0 +1,51 @@
+"""What a person reads on the terminal after a block was adjusted."""
+
+from __future__ import annotations
+
+from ..interface.declare import Report
+
+AXES = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: report key: column width
+MOST_OUTLIERS = 5
+MOST_PARTS = 3
+
+
+def summarise(report: Report) -> str:
+    """Return how it went, control and check points, what to be careful with, and where the results lie."""
+    lines = [
+        f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
+        f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",
+        "",
+        f"{'points':<16}{'number':>7}" + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in AXES.items()),
+        *(_known_points(role, report[role]) for role in ("control", "check")),
+    ]
+    check, ties, outliers = report["check"], report["ties"], report["outliers"]
+    if check["ce90_m"] is not None:
+        lines.append(f"check: CE90 {number(check['ce90_m'])} m, LE90 {number(check['le90_m'])} m")
+    if ties["points"]:
+        lines.append(
+            f"ties: {ties['points']} points, {ties['observations']} observations, "
+            f"RMSE {number(ties['before_rmse_px'])} px before, {number(ties['rmse_px'])} px after"
+        )
+    lines += [
+        f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
+        f"{number(part['ce90_m'])} m, LE90 {number(part['le90_m'])} m"
+        for part in report["parts"][:MOST_PARTS]
+        if not part["gcps"] and part["ce90_m"] is not None
+    ]
+    lines += [
+        f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:MOST_OUTLIERS]
+    ]
+    if len(outliers) > MOST_OUTLIERS:
+        lines.append(f"outliers: {len(outliers)} in all, see the report")
+    lines += [f"warning: {text}" for text in report["warnings"]]
+    return "\n".join([*lines, "", *(f"{what:<8}{path}" for what, path in report["outputs"].items())])
+
+
+def _known_points(role: str, entry: Report) -> str:
+    numbers = "".join(f"{number(entry[f'rmse_{axis}']):>{width}}" for axis, width in AXES.items())
+    return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
+
+
+def number(value: float | None) -> str:
+    """Return a figure with three digits, a dash where there is none."""
+    return "-" if value is None else f"{value:.3f}"

@@ -1,0 +1,65 @@
+"""Coordinates as lines of text, as `gdaltransform` takes and prints them."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from ...hrsi_engine.foundation.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+def standard_input(example: str) -> Iterable[str]:
+    """Return the lines that are piped in; raise `InputError` where nothing is, instead of waiting for a person."""
+    if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
+        raise InputError(f"no points are given: name a file with --points, or pipe lines {example!r} into the command")
+    return sys.stdin
+
+
+def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
+    """Return the numbers of lines ``(n, len(names))`` and what follows them in each line.
+
+    Numbers are separated by blanks, tabs or commas; the last may be missing (NaN). Empty lines are skipped. Raises
+    `InputError` with the number of the line.
+    """
+    import numpy as np
+
+    numbers, rest = [], []
+    for count, line in enumerate(lines, start=1):
+        words = line.replace(",", " ").split()
+        if not words:
+            continue
+        values = _leading_numbers(words[: len(names)])
+        if len(values) < len(names) - 1:
+            raise InputError(f"line {count}: {line.strip()[:60]!r} does not begin with {' '.join(names)}: correct it")
+        rest.append(" ".join(words[len(values) :]))
+        numbers.append(values + [math.nan] * (len(names) - len(values)))
+    return np.array(numbers, dtype=np.float64).reshape(-1, len(names)), rest
+
+
+def _leading_numbers(words: Sequence[str]) -> list[float]:
+    values: list[float] = []
+    for word in words:
+        try:
+            value = float(word)
+        except ValueError:
+            break
+        if not math.isfinite(value):
+            break
+        values.append(value)
+    return values
+
+
+def format_lines(rows: Iterable[Sequence[float | str | None]], separator: str = " ") -> str:
+    """Return rows as text with 15 significant digits, ``nan`` where there is no value."""
+    return "\n".join(separator.join(_text(value) for value in row if value != "") for row in rows)
+
+
+def _text(value: float | str | None) -> str:
+    if value is None:
+        return "nan"
+    return value if isinstance(value, str) else f"{value:.15g}"

@@ -1,0 +1,29 @@
+"""Images opened for an algorithm, with a word on where each RPC came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..interface.declare import Log
+
+if TYPE_CHECKING:
+    from ...hrsi_engine.block.block import Image
+
+MOST_LINES = 20  # of a large block only the images with several RPCs are told
+
+
+def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Image]:
+    """Open images or RPC files alone; log the source of each RPC and the others that were not used.
+
+    A filter stays silent (not ``always``) unless there was a choice between several RPCs.
+    """
+    from ...hrsi_engine.io.rasters import open_image_and_source
+
+    images = []
+    for path in paths:
+        image, found = open_image_and_source(path)
+        if found.ignored or (always and len(paths) <= MOST_LINES):
+            log(f"{image.id}: {found.summary}")
+        images.append(image)
+    return images

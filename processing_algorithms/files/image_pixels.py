@@ -1,0 +1,72 @@
+"""Images of which the pixels are needed; an RPC is welcome but not required."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..interface.declare import Kind, Param
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...hrsi_engine.block.block import Raster
+    from ...hrsi_engine.camera.rpc import RPC
+    from ...hrsi_engine.measurement.interest_points import Area
+    from ...hrsi_engine.surface.dem import HeightSurface
+
+IMAGES_WITH_PIXELS = Param(
+    "images", Kind.IMAGES, "Images, with or without RPC", required=True, metavar="IMAGE"
+)  # fmt: skip
+
+
+class ImagePixels(NamedTuple):
+    """An image opened for its pixels; ``rpc`` is None where it has none."""
+
+    id: str
+    path: str
+    raster: Raster
+    rpc: RPC | None
+
+
+def open_pixels(path: str, band: int = 1) -> ImagePixels:
+    """Open an image; raises `InputError` where it has no pixels."""
+    from ...hrsi_engine.foundation.errors import InputError
+    from ...hrsi_engine.io.rasters import GdalRaster, image_id
+    from ...hrsi_engine.io.rpc_files.find import rpc_of_dataset
+
+    raster = GdalRaster(path, band)
+    try:
+        rpc = rpc_of_dataset(path, raster.dataset).rpc
+    except InputError:
+        rpc = None
+    return ImagePixels(image_id(path), path, raster, rpc)
+
+
+def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None) -> np.ndarray:
+    """Return lon, lat, height ``(n, 3)`` of image points on a surface, else at the RPC's mean height.
+
+    NaN without RPC.
+    """
+    import numpy as np
+
+    from ...hrsi_engine.surface.dem import intersect
+
+    if image.rpc is None or not len(xy):
+        return np.full((len(xy), 3), np.nan)
+    if surface is None:
+        return image.rpc.localize(xy, image.rpc.height_off).ground
+    return intersect(image.rpc, xy, surface)[0]
+
+
+def window_area(text: str | None, option: str) -> Area | None:
+    """Return the window of ``sample,line,samples,lines``; `InputError` naming the option for another text."""
+    from ...hrsi_engine.foundation.errors import InputError
+    from ...hrsi_engine.measurement.interest_points import Area
+
+    if text is None:
+        return None
+    try:
+        sample, line, samples, lines = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} {text!r} is not SAMPLE,LINE,SAMPLES,LINES: give four whole numbers") from None
+    return Area(sample, line, sample + samples, line + lines)

@@ -1,0 +1,33 @@
+"""The chip of a measured target: its surroundings, edge points and fitted curve."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...hrsi_engine.block.block import Raster
+    from ...hrsi_engine.drawing.target_chips import TargetChip
+    from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement
+
+CHIP_MARGIN_PX = 8.0
+
+
+def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
+    """Return what is drawn of a target; around the approximate position where it was refused."""
+    import numpy as np
+
+    from ...hrsi_engine.drawing.target_chips import TargetChip
+
+    grey, origin = None, np.zeros(2)
+    middle = approximate if made.refusal else made.xy
+    if raster is not None and middle is not None:
+        shown = np.vstack([made.edges, middle[None]])
+        margin = CHIP_MARGIN_PX if len(made.edges) else 3.0 * CHIP_MARGIN_PX
+        low = np.maximum(np.floor(shown.min(axis=0) - margin), 0).astype(int)
+        high = np.minimum(np.ceil(shown.max(axis=0) + margin) + 1, raster.size).astype(int)
+        if np.all(high > low):
+            grey, _ = raster.read(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+        origin = low.astype(np.float64)
+    return TargetChip(grey, origin, made.edges, made.used, made.curves, made.xy)

@@ -1,0 +1,141 @@
+"""The command ``hrsi ALGORITHM [options] IMAGE...``: results on stdout, progress and one-line errors on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+
+from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
+from ...hrsi_engine.foundation.version import VERSION
+from .. import REGISTRY
+from .command_parser import algorithm_parser, registry_help
+from .declare import Algorithm, Context, Report
+from .options import checked_options, find_algorithm
+from .terminal import SilentTerminal, TerminalProgress
+
+_OWN_PACKAGE = __name__.partition(".")[0]
+_DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
+
+
+def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] = REGISTRY) -> int:
+    """Run the command line and return its exit code: 0 done, 1 not solved, 2 wrong input, 130 interrupted."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
+    try:
+        _dispatch(list(sys.argv[1:] if words is None else words), registry)
+        sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+        return 0
+    except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
+        _silence_stdout()
+        return 1
+    except (Exception, KeyboardInterrupt) as error:
+        message, code = describe(error)
+        print(f"ERROR: {message}", file=sys.stderr)
+        if os.environ.get(_DEBUG, "0") not in ("", "0"):
+            traceback.print_exception(error)
+        return code
+
+
+def describe(error: BaseException) -> tuple[str, int]:
+    """Return what the user reads of an error, on one line, and the exit code."""
+    for kind, description in DESCRIPTIONS.items():
+        if isinstance(error, kind):
+            message, code = description(error)
+            return " ".join(message.split()), code
+    raise error
+
+
+def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> None:
+    if not words:
+        raise InputError("no algorithm given; hrsi --help lists them")
+    first, *rest = words
+    if first in PAGES:
+        print(PAGES[first](registry))
+    elif first.startswith("-"):
+        raise InputError(f"{first} stands before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
+    elif HELP & set(rest):
+        print(algorithm_parser(find_algorithm(registry, first)).format_help(), end="")
+    else:
+        _run_algorithm(find_algorithm(registry, first), rest)
+
+
+def _run_algorithm(algorithm: Algorithm, words: list[str]) -> None:
+    given = algorithm_parser(algorithm).parse_words(words)
+    quiet, as_json = given.pop("quiet", False), given.pop("json", False)
+    options = checked_options(algorithm, given)
+    terminal = (SilentTerminal if quiet else TerminalProgress)(sys.stderr)
+    try:
+        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+            report = algorithm.execute(options, Context(terminal.progress, terminal.log))
+        terminal.finish()
+    finally:
+        terminal.break_line()
+    print(_json_text(report) if as_json else algorithm.summarise(report))
+
+
+def _json_text(report: Report) -> str:
+    return json.dumps(report, indent=2, allow_nan=False)
+
+
+def _describe_own(error: BaseException) -> tuple[str, int]:
+    return str(error), getattr(error, "exit_code", 1)
+
+
+def _describe_interrupt(error: BaseException) -> tuple[str, int]:
+    return "interrupted; no half-written file is left", Cancelled.exit_code
+
+
+def _describe_missing_package(error: BaseException) -> tuple[str, int]:
+    package = getattr(error, "name", None) or "needed"
+    if package.startswith(f"{_OWN_PACKAGE}."):
+        return _describe_unexpected(error)
+    return f"the Python package {package} cannot be loaded ({error}); see README.md on how to install HRSI", 1
+
+
+def _describe_system(error: BaseException) -> tuple[str, int]:
+    return f"{error}; check the path, the permissions and the free space", 1
+
+
+def _describe_memory(error: BaseException) -> tuple[str, int]:
+    return "out of memory; use fewer --threads or smaller images", 1
+
+
+def _describe_unexpected(error: BaseException) -> tuple[str, int]:
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" in {os.path.basename(frames[-1].filename)}:{frames[-1].lineno}" if frames else ""
+    return (
+        f"unexpected {type(error).__name__}{place}: {error}; this is a fault of HRSI, please report it "
+        f"with the command and what it prints under {_DEBUG}=1",
+        1,
+    )
+
+
+#: How errors are told, by class; the first that fits counts.
+DESCRIPTIONS: dict[type[BaseException], Callable[[BaseException], tuple[str, int]]] = {
+    HrsiError: _describe_own,
+    KeyboardInterrupt: _describe_interrupt,
+    ImportError: _describe_missing_package,
+    MemoryError: _describe_memory,
+    OSError: _describe_system,
+    Exception: _describe_unexpected,
+}
+HELP = {"--help", "-h"}
+#: What is printed instead of running an algorithm.
+PAGES: dict[str, Callable[[Mapping[str, Algorithm]], str]] = {
+    **dict.fromkeys(HELP, registry_help),
+    "--version": lambda registry: f"hrsi {VERSION}",
+}
+
+
+def _silence_stdout() -> None:
+    """Point stdout nowhere, so that Python does not complain about the broken pipe at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

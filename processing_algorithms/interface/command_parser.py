@@ -1,0 +1,194 @@
+"""From a declaration to an argument parser and its help page.
+
+The parser only sorts words into options; what their values may be is checked by `options.checked_options`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NoReturn
+
+from ...hrsi_engine.foundation.errors import InputError
+from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Kind, Param
+from .options import suggestion
+
+_NEGATIVE_VALUE = re.compile(r"-[.\d]")
+COMMON = "common options"  #: heading of the options that every algorithm has
+_LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
+
+#: How options of a kind are spelt; every other kind takes one word.
+SPELLING: dict[Kind, dict[str, Any]] = {
+    Kind.IMAGES: {"nargs": "*"},
+    Kind.FLAG: {"action": argparse.BooleanOptionalAction},
+}
+#: What stands for a value in the help, where the declaration names nothing.
+METAVARS: dict[Kind, str] = {
+    Kind.IMAGES: "IMAGE",
+    Kind.RASTER: "FILE",
+    Kind.POINTS: "FILE[|layername=L]",
+    Kind.FILE: "FILE",
+    Kind.CRS: "CRS",
+    Kind.TEXT: "TEXT",
+    Kind.IDS: "A,B,...",
+    Kind.CHOICE: "NAME",
+    Kind.INTEGER: "N",
+    Kind.NUMBER: "X",
+    Kind.OUTPUT_DIR: "DIR",
+}
+#: How the default of a kind is written; every other kind as it is.
+DEFAULT_TEXT: dict[Kind, Callable[[Any], str]] = {
+    Kind.IDS: ",".join,
+    Kind.NUMBER: "{:g}".format,
+    Kind.FLAG: lambda default: "yes" if default else "no",
+}
+
+
+class CommandParser(argparse.ArgumentParser):
+    """An argument parser whose errors are `InputError` and whose options may stand between the images."""
+
+    def __init__(self, prog: str, **settings: Any) -> None:
+        super().__init__(prog=prog, allow_abbrev=False, add_help=False, formatter_class=_HelpFormatter, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message.replace('argument ', '', 1)}; see {self.prog} --help")
+
+    def parse_words(self, words: Sequence[str]) -> dict[str, Any]:
+        """Return the options that were given, as text; raise InputError for unknown ones."""
+        namespace, unknown = self.parse_known_intermixed_args(_join_negative_values(words))
+        if unknown:
+            word = unknown[0].partition("=")[0]
+            near = suggestion(word, self._option_string_actions)
+            raise InputError(f"unknown option {word}{near}; see {self.prog} --help")
+        return vars(namespace)
+
+
+class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
+    """Help as wide as the terminal, up to 100 columns."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30, width=_help_width())
+
+
+def algorithm_parser(algorithm: Algorithm) -> CommandParser:
+    """Return the parser of one algorithm's command line."""
+    prog = f"hrsi {algorithm.name}"
+    images = "".join(f" {value_name(param)}..." for param in algorithm.params if param.kind is Kind.IMAGES)
+    parser = CommandParser(
+        prog,
+        usage=f"{prog} [options]{images}",
+        description=_description(algorithm),
+        argument_default=argparse.SUPPRESS,
+    )
+    for title, params in sections(algorithm.params).items():
+        section = parser.add_argument_group(title)
+        for param in params:
+            add_option(section, param)
+    add_common_options(section)
+    return parser
+
+
+def add_option(section: argparse._ArgumentGroup, param: Param) -> None:
+    """Add a declared option; it stays away from the result unless it is given."""
+    positional = param.kind is Kind.IMAGES
+    settings = {"help": option_help(param), **SPELLING.get(param.kind, {})}
+    if param.kind is not Kind.FLAG:
+        settings["metavar"] = value_name(param)
+    if not positional:
+        settings["dest"] = param.key
+    section.add_argument(param.key if positional else f"--{param.name}", default=argparse.SUPPRESS, **settings)
+
+
+def add_common_options(section: argparse._ArgumentGroup) -> None:
+    """Add the options that belong to the command line and not to an algorithm."""
+    section.add_argument("--quiet", action="store_true", help="no progress and no messages, only errors")
+    section.add_argument("--json", action="store_true", help="print the report as one JSON document")
+    section.add_argument("-h", "--help", action="help", help="show this page and leave")
+
+
+def option_help(param: Param) -> str:
+    """Return the help of an option with its choices, unit, range and default."""
+    stated = "; ".join(value_facts(param))
+    return (param.help + (f" [{stated}]" if stated else "")).replace("%", "%%")
+
+
+def value_facts(param: Param) -> list[str]:
+    """Return what the declaration says of an option's value: choices, unit, range, and default or ``required``."""
+    facts = [
+        f"one of {', '.join(param.choices)}" if param.choices else "",
+        f"unit {param.unit}" if param.unit else "",
+        f"at least {param.minimum:g}" if param.minimum is not None else "",
+        f"at most {param.maximum:g}" if param.maximum is not None else "",
+        "required" if param.required else _default_text(param),
+    ]
+    return [fact for fact in facts if fact]
+
+
+def registry_help(registry: Mapping[str, Algorithm]) -> str:
+    """Return the page of ``hrsi --help``: the algorithms by group, each with its summary."""
+    width = max(map(len, registry), default=0)
+    groups: dict[str, list[str]] = {}
+    for name, algorithm in registry.items():
+        first = f"  {name:{width}}  "
+        text = textwrap.fill(algorithm.summary, _help_width(), initial_indent=first, subsequent_indent=" " * len(first))
+        groups.setdefault(algorithm.group, []).append(text)
+    listing = "\n\n".join("\n".join([f"{group}:", *texts]) for group, texts in groups.items())
+    return (
+        "usage: hrsi ALGORITHM [options] IMAGE...\n\n"
+        "Block triangulation of high-resolution satellite images with RPC camera models.\n\n"
+        f"{listing}\n\n"
+        "hrsi ALGORITHM --help shows an algorithm's options; hrsi --version shows the version."
+    )
+
+
+def value_name(param: Param) -> str:
+    """Return what stands for an option's value: ``PX``."""
+    return param.metavar or METAVARS[param.kind]
+
+
+def _description(algorithm: Algorithm) -> str:
+    paragraphs = [algorithm.summary, *algorithm.help.split("\n\n")]
+    return "\n\n".join(textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip())
+
+
+def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
+    """Return the options under the headings of the help page, in this order; empty headings are left out."""
+    sections: dict[str, list[Param]] = {"images": [], "options": [], "output": [], "advanced options": [], COMMON: []}
+    for param in params:
+        sections[_section(param)].append(param)
+    return {title: members for title, members in sections.items() if members or title == COMMON}
+
+
+def _section(param: Param) -> str:
+    """Return the heading that an option stands under: the first that fits."""
+    fitting = {
+        "images": param.kind is Kind.IMAGES,
+        "output": param.name in {output.name for output in OUTPUT_PARAMS},  # some algorithms can do without a folder
+        COMMON: param in COMMON_PARAMS,
+        "advanced options": param.advanced,
+    }
+    return next((heading for heading, fits in fitting.items() if fits), "options")
+
+
+def _default_text(param: Param) -> str:
+    if param.default is None or param.default in ("", (), []):
+        return ""
+    return f"default {DEFAULT_TEXT.get(param.kind, str)(param.default)}"
+
+
+def _join_negative_values(words: Sequence[str]) -> list[str]:
+    """Return ``--height -3e1`` as ``--height=-3e1``: the parser takes some negative values for options."""
+    joined: list[str] = []
+    for word in words:
+        if joined and _NEGATIVE_VALUE.match(word) and _LONG_OPTION.match(joined[-1]):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _help_width() -> int:
+    return min(shutil.get_terminal_size().columns, 100)

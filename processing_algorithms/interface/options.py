@@ -1,0 +1,163 @@
+"""Options as given by a person or a script, checked against their declaration; the command line and `run` both use it.
+
+`VALUE_OF` has one entry for each `Kind`: how a given value, text or Python object, becomes what the algorithm takes.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+import os
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from ...hrsi_engine.foundation.errors import InputError
+from .declare import Algorithm, Kind, Param
+
+
+def checked_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return every option of an algorithm by keyword: the given ones checked, the others at their default.
+
+    Raises
+    ------
+    InputError
+        An option is unknown or missing, or its value is not of its kind, choices or range.
+    """
+    known = algorithm.defaults()
+    for key in given:
+        if key not in known:
+            raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
+    values = {param.key: _checked(param, given.get(param.key)) for param in algorithm.params}
+    missing = [label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
+    if missing:
+        raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see hrsi {algorithm.name} --help")
+    return values
+
+
+def find_algorithm(registry: Mapping[str, Algorithm], name: str) -> Algorithm:
+    """Return the algorithm of a name; raise InputError with the nearest names where there is none."""
+    if name not in registry:
+        raise InputError(f"there is no algorithm {name!r}{suggestion(name, registry)}; hrsi --help lists them")
+    return registry[name]
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """Return what may have been meant by a misspelt word: ``; did you mean gcps?``, or nothing."""
+    near = difflib.get_close_matches(word, list(known), n=2)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def label(param: Param) -> str:
+    """Return how messages name an option: ``--sigma-image``, ``IMAGE``."""
+    return (param.metavar or "IMAGE") if param.kind is Kind.IMAGES else f"--{param.name}"
+
+
+def _is_empty(value: Any) -> bool:
+    return value is None or value == "" or value == []
+
+
+def _checked(param: Param, value: Any) -> Any:
+    """Return the value of one option; its default where none is given."""
+    if value is None:
+        return param.default
+    try:
+        converted = VALUE_OF[param.kind](value)
+    except (TypeError, ValueError):
+        raise InputError(f"{label(param)} {value!r} is not {EXPECTED[param.kind]}") from None
+    _check_choice(param, converted)
+    _check_range(param, converted)
+    return converted
+
+
+def _check_choice(param: Param, value: Any) -> None:
+    if param.kind is Kind.CHOICE and param.choices and value not in param.choices:
+        near = suggestion(value, param.choices)
+        raise InputError(f"{label(param)} {value!r} is not one of {', '.join(param.choices)}{near}")
+
+
+def _check_range(param: Param, value: Any) -> None:
+    if param.kind not in (Kind.INTEGER, Kind.NUMBER):
+        return
+    unit = f" {param.unit}" if param.unit else ""
+    if param.minimum is not None and value < param.minimum:
+        raise InputError(f"{label(param)} {value:g} is below its minimum {param.minimum:g}{unit}")
+    if param.maximum is not None and value > param.maximum:
+        raise InputError(f"{label(param)} {value:g} is above its maximum {param.maximum:g}{unit}")
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    if not value:  # most likely an empty variable of a script
+        raise ValueError
+    return value
+
+
+def _path(value: Any) -> str:
+    """Accept text and path objects."""
+    return _text(os.fspath(value))
+
+
+def _paths(value: Any) -> list[str]:
+    single = isinstance(value, (str, os.PathLike))
+    return [_path(item) for item in ([value] if single else value)]
+
+
+def _ids(value: Any) -> list[str]:
+    """Accept ``"A,B"`` or a sequence of ids; numbers are ids too."""
+    items = value.split(",") if isinstance(value, str) else value
+    return [text for item in items if (text := str(item).strip())]
+
+
+def _integer(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, (str, numbers.Integral)):
+        raise TypeError
+    return int(value)
+
+
+def _number(value: Any) -> float:
+    """Accept finite numbers."""
+    if isinstance(value, bool):
+        raise TypeError
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError
+    return number
+
+
+def _flag(value: Any) -> bool:
+    if value not in (True, False):
+        raise ValueError
+    return bool(value)
+
+
+VALUE_OF: dict[Kind, Callable[[Any], Any]] = {
+    Kind.IMAGES: _paths,
+    Kind.RASTER: _path,
+    Kind.POINTS: _path,
+    Kind.FILE: _path,
+    Kind.CRS: _text,
+    Kind.TEXT: _text,
+    Kind.IDS: _ids,
+    Kind.CHOICE: _text,
+    Kind.INTEGER: _integer,
+    Kind.NUMBER: _number,
+    Kind.FLAG: _flag,
+    Kind.OUTPUT_DIR: _path,
+}
+#: What a message says of a value of the wrong kind: ``--threads 'x' is not a whole number``.
+EXPECTED: dict[Kind, str] = {
+    Kind.IMAGES: "a list of file names",
+    Kind.RASTER: "a file name",
+    Kind.POINTS: "a file name",
+    Kind.FILE: "a file name",
+    Kind.CRS: "the name of a CRS",
+    Kind.TEXT: "a text",
+    Kind.IDS: "a list of ids separated by commas",
+    Kind.CHOICE: "a text",
+    Kind.INTEGER: "a whole number",
+    Kind.NUMBER: "a number",
+    Kind.FLAG: "true or false",
+    Kind.OUTPUT_DIR: "the name of a directory",
+}

@@ -1,0 +1,1 @@
+"""Steps of the orthoimage algorithms: reading, pairs, writing."""

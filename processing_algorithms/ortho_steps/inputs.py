@@ -1,0 +1,180 @@
+"""From options to a plan of orthoimages: the terrain, the common grid, each image's part of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyproj
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.block.imaging_geometry import View
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.filled_dems import fill_gaps
+from ...hrsi_engine.io.orthoimages import file_state
+from ...hrsi_engine.ortho.footprint import covered_share, footprint_bounds, mean_gsd_m, terrain_below, utm_of
+from ...hrsi_engine.ortho.grid import MapGrid, rounded_resolution
+from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurface
+from ..files.terrain import dem_datum, open_terrain
+
+METRES_PER_DEGREE = 111_320.0
+SOURCES = ("dem", "height", "terrain_points")
+NOTABLE_HEIGHT_M = 10.0  # an error of the constant height that the warning speaks of
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """The surface, what identifies it in fingerprints, and what the user should know."""
+
+    surface: HeightSurface
+    identity: list[Any]
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPlan:
+    """The block's orthoimages: grids by image id on one lattice."""
+
+    images: Sequence[Image]
+    terrain: Terrain
+    crs: str
+    resolution: float
+    grids: Mapping[str, MapGrid]
+    gsd_m: Mapping[str, float]
+    warnings: list[str]
+
+
+def open_ortho_terrain(options: Mapping[str, Any]) -> Terrain:
+    """Return the terrain that the options name; exactly one source must be there."""
+    given = [name for name in SOURCES if options[name] is not None]
+    if not given:
+        raise InputError(
+            "orthoimages need the height of the ground: give --dem FILE, --terrain-points FILE (ground_points of a "
+            "triangulation) or, for flat land, --height M"
+        )
+    if len(given) > 1:
+        named = " and ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise InputError(f"{named} all say how high the ground is: give one of them")
+    if options["terrain_points"] is not None:
+        return _terrain_of_points(options)
+    surface = open_terrain(options)
+    assert surface is not None
+    if isinstance(surface, GridSurface):
+        cells = options["fill_gaps"]
+        identity = [*file_state(options["dem"]), dem_datum(options), cells]
+        if not cells:
+            return Terrain(surface, identity)
+        return Terrain(fill_gaps(surface, cells), identity, [f"gaps of the DEM up to {cells} cells were interpolated"])
+    return Terrain(surface, ["height", options["height"]])
+
+
+def _terrain_of_points(options: Mapping[str, Any]) -> Terrain:
+    from ...hrsi_engine.io.point_files import read_points
+    from ...hrsi_engine.io.point_files.find import split_spec
+    from ...hrsi_engine.ortho.point_surface import surface_of_points
+
+    spec = options["terrain_points"]
+    tables = read_points(spec, ground_crs=options["ground_crs"], height_datum=options["height_datum"], adjusted=True)
+    if tables.ground is None:
+        raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
+    surface, left_out = surface_of_points(tables.ground.ground, tables.ground.sigma_m[:, 1])
+    warnings = ["the terrain was interpolated between points: what stands between them has no height of its own"]
+    if left_out:
+        warnings.append(f"{spec}: {left_out} points stand far above or below their neighbours and were left out")
+    return Terrain(surface, [*file_state(split_spec(spec)[0]), spec, options["height_datum"]], warnings)
+
+
+def plan_block(images: Sequence[Image], terrain: Terrain, options: Mapping[str, Any]) -> BlockPlan:
+    """Return the grids of all images, and what the user should know."""
+    _check_images(images)
+    below = {image.id: terrain_below(image, terrain.surface) for image in images}
+    for name, ground in below.items():
+        if not len(ground):
+            raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
+    gsd = {image.id: mean_gsd_m(image, below[image.id]) for image in images}
+    crs = _crs(options["crs"], np.concatenate(list(below.values())))
+    resolution = options["resolution"] or rounded_resolution(min(gsd.values()) / _metres_per_unit(crs))
+    warnings = [*terrain.warnings, *_terrain_warnings(images, terrain)]
+    grids = _grids(images, terrain.surface, crs, resolution, options["extent"])
+    return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings)
+
+
+def _check_images(images: Sequence[Image]) -> None:
+    seen: dict[str, str] = {}
+    for image in images:
+        if image.raster is None:
+            raise InputError(f"{image.path}: an RPC file without pixels: name the image itself")
+        if image.id in seen:
+            raise InputError(f"{seen[image.id]} and {image.path} would both become {image.id}_ortho.tif: rename one")
+        seen[image.id] = image.path
+
+
+def _crs(given: str | None, ground: np.ndarray) -> str:
+    """Return the WKT of the orthoimages' CRS, without a height part."""
+    if given is None:
+        return utm_of(ground)
+    try:
+        crs = pyproj.CRS.from_user_input(given)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"--crs {given!r} is no coordinate reference system: give EPSG:code or WKT") from None
+    crs = crs.sub_crs_list[0] if crs.sub_crs_list else crs
+    if not (crs.is_projected or crs.is_geographic):
+        raise InputError(f"--crs {given!r} is neither projected nor geographic: choose another")
+    return str(crs.to_wkt())
+
+
+def _metres_per_unit(wkt: str) -> float:
+    crs = pyproj.CRS.from_wkt(wkt)
+    return METRES_PER_DEGREE if crs.is_geographic else float(crs.axis_info[0].unit_conversion_factor)
+
+
+def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
+    if isinstance(terrain.surface, ConstantHeight):
+        tangents = {im.id: math.tan(math.radians(View(im, terrain.surface).geometry().incidence_deg)) for im in images}
+        worst = max(tangents, key=lambda name: tangents[name])
+        return [
+            f"the ground is taken as flat: where it is {NOTABLE_HEIGHT_M:g} m higher or lower, {worst} is off by "
+            f"{NOTABLE_HEIGHT_M * tangents[worst]:.1f} m; a DEM removes that"
+        ]
+    shares = {image.id: covered_share(image, terrain.surface) for image in images}
+    return [
+        f"{name}: only {share:.0%} of the image lies on known terrain; the rest becomes nodata"
+        for name, share in shares.items()
+        if share < 1.0
+    ]
+
+
+def _grids(
+    images: Sequence[Image], surface: HeightSurface, crs: str, resolution: float, extent: str
+) -> dict[str, MapGrid]:
+    """Return each image's grid for an extent as the option says it."""
+    bounds = {image.id: footprint_bounds(image, surface, crs, resolution) for image in images}
+    every = np.array(list(bounds.values()))
+    if extent == "each":
+        return {name: MapGrid.around(crs, resolution, box) for name, box in bounds.items()}
+    if extent == "union":
+        box = (*every[:, :2].min(axis=0), *every[:, 2:].max(axis=0))
+    elif extent == "overlap":
+        box = (*every[:, :2].max(axis=0), *every[:, 2:].min(axis=0))
+        if box[0] >= box[2] or box[1] >= box[3]:
+            raise InputError("--extent overlap: there is no ground that all images show; use union or each")
+    else:
+        box = _box(extent)
+    grid = MapGrid.around(crs, resolution, box)
+    missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
+    if missed:
+        raise InputError(f"--extent {extent} holds nothing of {', '.join(missed)}: leave them out or widen the extent")
+    return dict.fromkeys(bounds, grid)
+
+
+def _box(extent: str) -> tuple[float, ...]:
+    try:
+        box = tuple(float(value) for value in extent.replace(",", " ").split())
+    except ValueError:
+        box = ()
+    if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
+        raise InputError(f"--extent {extent!r}: give each, union, overlap, or west,south,east,north in the CRS")
+    return box

@@ -1,0 +1,37 @@
+"""An adjustment of a session, as the panel shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...hrsi_engine.adjustment import Adjustment
+    from ...hrsi_engine.refinement import RefinementModel
+    from ...hrsi_engine.results.residuals import Residuals
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """An adjustment as the panel shows it.
+
+    corrections : parameters of the model by image id
+    residual_px : by (point, image), observed - computed at the surveyed position; residual_m : by point, survey -
+    computed; image_suspicions, point_suspicions : why, by the same keys; summary : one line; check : figures of the
+    check points as in the report
+    """
+
+    model: RefinementModel
+    corrections: Mapping[str, np.ndarray]
+    residual_px: Mapping[tuple[str, str], tuple[float, float]]
+    residual_m: Mapping[str, tuple[float, float, float]]
+    image_suspicions: Mapping[tuple[str, str], str]
+    point_suspicions: Mapping[str, str]
+    summary: str
+    check: Mapping[str, Any]
+    warnings: tuple[str, ...]
+    result: Adjustment
+    left: Residuals

@@ -1,0 +1,1 @@
+"""Steps of the simulator: what a block consists of, and its files."""

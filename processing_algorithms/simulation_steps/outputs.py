@@ -1,0 +1,111 @@
+"""From a simulated block to its files and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...hrsi_engine.block.block import Role
+from ...hrsi_engine.foundation.progress import Progress, stage
+from ...hrsi_engine.foundation.version import VERSION
+from ...hrsi_engine.io.layers import Layer, write_geopackage
+from ...hrsi_engine.io.report import write_report_json
+from ...hrsi_engine.io.rpc_files import write_rpc_text
+from ...hrsi_engine.io.simulated_block import (  # fmt: skip
+    WGS84_3D,
+    write_dem,
+    write_ground_points,
+    write_image,
+    write_image_points,
+)
+from ...hrsi_engine.simulation import (  # fmt: skip
+    SimulatedBlock,
+    multispectral_renderers,
+    multispectral_rpc,
+    orthophoto,
+    renderer,
+    truth_document,
+    truth_tables,
+)
+from ..interface.declare import Report
+from ..interface.threads import requested_threads
+
+
+def block_report(simulated: SimulatedBlock, options: Mapping[str, Any]) -> Report:
+    """Return what the report says of the block: images with their RPC fits, and how many points there are."""
+    truth, roles = simulated.truth, simulated.truth.role
+    return {
+        "schema": 1,
+        "algorithm": "simulate",
+        "version": VERSION,
+        "images": {
+            view.id: {
+                "size": list(view.size),
+                "gsd_m": list(camera.gsd_m()),
+                "rpc_fit_max_px": fit.max_px,
+                "rpc_fit_rms_px": fit.rms_px,
+            }
+            for view, camera, fit in zip(simulated.views, truth.cameras, truth.vendor_rpcs, strict=True)
+        },
+        "points": {role.label: int(np.sum(roles == role)) for role in Role},
+        "observations": len(truth.image_points.point),
+        "blunders": int(truth.blunder.sum()),
+        "wrong_heights": int(truth.wrong_height.sum()),
+        "settings": {key: value for key, value in options.items() if value is not None},
+    }
+
+
+def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]:
+    """Write terrain, points and truth; return the names of the files."""
+    terrain = simulated.scene.terrain
+    write_dem(str(folder / "dem.tif"), terrain.posts, terrain.geotransform)
+    write_ground_points(str(folder / "ground_points.csv"), simulated.block.points)
+    write_image_points(str(folder / "image_points.csv"), simulated.block)
+    write_report_json(str(folder / "truth.json"), truth_document(simulated))
+    layers = [
+        Layer(name, "PointZ", WGS84_3D, table.positions, table.columns)
+        for name, table in truth_tables(simulated).items()
+    ]
+    write_geopackage(str(folder / "truth.gpkg"), layers)
+    return ["dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg"]
+
+
+def write_cameras(folder: Path, simulated: SimulatedBlock, options: Mapping[str, Any], progress: Progress) -> list[str]:
+    """Write images, or RPC files in their place, and the orthophoto; return the names of the files."""
+    threads = requested_threads(options)
+    count = len(simulated.views) + bool(options["ortho"])
+    names: list[str] = []
+    for index, image in enumerate(simulated.block.images):
+        part = stage(progress, index / count, (index + 1) / count)
+        if options["pixels"]:
+            names += _write_images(folder, simulated, index, bool(options["ms"]), threads, part)
+        else:
+            names.append(f"{image.id}_RPC.TXT")
+            write_rpc_text(str(folder / names[-1]), image.rpc)
+    if options["ortho"]:
+        ortho = orthophoto(simulated.scene, simulated.scene.finest_gsd_m)
+        names.append("orthophoto.tif")
+        write_image(
+            str(folder / names[-1]), [ortho], None, ortho.geotransform, threads, stage(progress, 1 - 1 / count, 1.0)
+        )
+    return names
+
+
+def _write_images(
+    folder: Path, simulated: SimulatedBlock, index: int, ms: bool, threads: int, progress: Progress
+) -> list[str]:
+    """Write the panchromatic and, where wanted, the multispectral image of a view."""
+    image, ratio = simulated.block.images[index], simulated.views[index].sensor.ms_ratio
+    names = [f"{image.id}.tif"]
+    write_image(
+        str(folder / names[0]), [renderer(simulated, image.id)], image.rpc, None, threads, stage(progress, 0.0, 0.8)
+    )
+    if ms:
+        names.append(f"{image.id}_ms.tif")
+        rpc = multispectral_rpc(image.rpc, ratio)
+        bands = multispectral_renderers(simulated, image.id)
+        write_image(str(folder / names[1]), bands, rpc, None, threads, stage(progress, 0.8, 1.0))
+    return names
