@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
-from hrsi.hrsi_engine.adjustment import Verdict
+from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.outcome import outcome
 from hrsi.hrsi_engine.adjustment.precision import precision
 from hrsi.hrsi_engine.adjustment.problem import prepare
@@ -221,8 +221,8 @@ def print_blunders(folder: str) -> None:
                 f"({change.round(1)} %), {result.solves} systems, {seconds:.1f} s"
             )
             if options.reject_sigma:
-                out = result.verdict != int(Verdict.KEPT)
-                named = result.verdict == int(Verdict.BLUNDER)
+                out = result.decision != int(Decision.KEPT)
+                named = result.decision == int(Decision.BLUNDER)
                 print(
                     f"    left out: {out[rows].mean():.2%} of all blunders, {out[rows][shown > 10].mean():.2%} of "
                     f"those that show more than 10 sigma; false alarms: {out[untouched].mean():.3%} of the "

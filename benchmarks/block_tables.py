@@ -313,7 +313,7 @@ def tie_blocks() -> Section:
             result = adjust(block, AdjustOptions(model=model, reject_sigma=4.0))
             seconds = time.perf_counter() - began
             every = tie_rmse(adjust(block, AdjustOptions(model=model)), rays)
-            out = int((result.verdict > 0).sum())
+            out = int((result.decision > 0).sum())
             gross = int((np.nan_to_num(result.statistic) > 10.0).sum())
             rows.append([
                 text, model, f"{before:.3f}", f"{every:.3f}", f"{tie_rmse(result, rays):.3f}",

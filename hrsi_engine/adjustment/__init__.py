@@ -24,8 +24,8 @@
 """
 
 from .options import AdjustOptions
-from .result import Adjustment, Verdict
+from .result import Adjustment, Decision
 from .solver import adjust
 from .weights import WEIGHTS
 
-__all__ = ["WEIGHTS", "AdjustOptions", "Adjustment", "Verdict", "adjust"]
+__all__ = ["WEIGHTS", "AdjustOptions", "Adjustment", "Decision", "adjust"]

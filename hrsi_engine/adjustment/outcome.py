@@ -12,7 +12,7 @@ from .delivery import Delivered, delivered
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests
 from .problem import Problem
-from .result import Adjustment, CrossValidation, DatumPart, DemAgreement, Finding, VarianceComponent, Verdict
+from .result import Adjustment, CrossValidation, DatumPart, Decision, DemAgreement, Finding, VarianceComponent
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 MANY_LEFT_OUT = 0.02  # share of the DEM's heights
@@ -26,7 +26,7 @@ class Found:
     Verdicts (n,), values of the tests that failed (n,), the tie points' variance factor, findings and more.
     """
 
-    verdict: np.ndarray
+    decision: np.ndarray
     failed: np.ndarray | None = None
     tie_variance: float = 1.0
     findings: list[Finding] = field(default_factory=list)
@@ -84,7 +84,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         weight=_spread(measurements, rows, np.where(kept, solution.factor, 0.0), 0.0),
         redundancy_numbers=_spread(measurements, rows, redundancy_numbers),
         statistic=_spread(measurements, rows, statistic),
-        verdict=_spread(measurements, rows, found.verdict, int(Verdict.KEPT)),
+        decision=_spread(measurements, rows, found.decision, int(Decision.KEPT)),
         prior_share=prior_share[camera],
         sigma0=sums.sigma0,
         observations=sums.observations,

@@ -20,7 +20,7 @@ class Iteration:
     damping: float
 
 
-class Verdict(IntEnum):
+class Decision(IntEnum):
     """What data snooping says of a measurement."""
 
     KEPT = 0
@@ -105,7 +105,7 @@ class Adjustment:
     redundancy_numbers : (measurements, 2) share of an error in sample and in line that shows in its own residual
     statistic : (measurements,) test value, in standard deviations, of "this measurement is a blunder"; of
         those left out by data snooping the value that did it; NaN: untested
-    verdict : (measurements,) a `Verdict`
+    decision : (measurements,) a `Decision`
     prior_share : (images, p) how much of each parameter comes from its prior (0 … 1)
     solves : linear systems solved in all; ``history`` has the passes of all rounds
     """
@@ -121,7 +121,7 @@ class Adjustment:
     weight: np.ndarray
     redundancy_numbers: np.ndarray
     statistic: np.ndarray
-    verdict: np.ndarray
+    decision: np.ndarray
     prior_share: np.ndarray
     sigma0: float
     observations: int

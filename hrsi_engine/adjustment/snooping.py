@@ -1,7 +1,7 @@
 """Data snooping: which measurements and GCPs are blunders (Baarda 1968; Pope 1976).
 
 The test value of an observation is by how much the weighted sum of squares falls when it is left out, divided by the
-variance factor. Tie points are judged one by one with the cameras as they are (`tie_verdicts`): thousands of them
+variance factor. Tie points are judged one by one with the cameras as they are (`tie_decisions`): thousands of them
 determine the cameras, so one more or less does not matter, and each point is a small adjustment of its own in which
 the worst measurement goes until the rest agree. Where several measurements could be the wrong one the point cannot
 tell; all of those are *doubtful* and left out, none is called a blunder.
@@ -22,7 +22,7 @@ from .equations import Equations, PointPriors
 from .gauss_newton import Solution, Weighting
 from .observations import Observations
 from .precision import Precision, deletion_tests, survey_tests
-from .result import Verdict
+from .result import Decision
 
 EQUALLY_LIKELY = 0.98  # a second candidate that explains this share of the worst one's misfit cannot be told apart
 MOST_LOG = 5e3  # of a probability; caps what cannot be represented
@@ -58,7 +58,7 @@ def point_squares(
     return np.add.reduceat(lengths, observations.first[:-1]) - gain
 
 
-def tie_verdicts(
+def tie_decisions(
     equations: Equations,
     observations: Observations,
     solution: Solution,
@@ -67,12 +67,12 @@ def tie_verdicts(
     sigmas: float,
     variance: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a `Verdict` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
+    """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
 
     Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out when the
     cameras were worse may come back. ``ties (m,)`` are the points to judge.
     """
-    verdict = np.full(observations.count, int(Verdict.KEPT), dtype=np.int8)
+    decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
     squares = point_squares(equations, solution, all_in, observations)
     suspicious = np.flatnonzero(ties & (squares > critical_value(sigmas, 2) * variance))
@@ -85,8 +85,8 @@ def tie_verdicts(
             local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3),
             all_in.image[rows] / variance, all_in.points, points,
         )  # fmt: skip
-        verdict[rows], failed[rows] = group.judge(sigmas)
-    return verdict, failed
+        decision[rows], failed[rows] = group.judge(sigmas)
+    return decision, failed
 
 
 class _Group:
@@ -97,11 +97,11 @@ class _Group:
     ) -> None:
         self.residual, self.by_ground, self.weight = residual, by_ground, weight.copy()
         self.own = priors.weight[points]
-        self.verdict = np.full(weight.shape, int(Verdict.KEPT), dtype=np.int8)
+        self.decision = np.full(weight.shape, int(Decision.KEPT), dtype=np.int8)
         self.failed = np.full(weight.shape, np.nan)
 
     def judge(self, sigmas: float) -> tuple[np.ndarray, np.ndarray]:
-        """Leave out the worst measurement of each point until the rest agree; return verdicts and tests ``(m, k)``."""
+        """Leave out the worst measurement of each point until the rest agree; return decisions and tests ``(m, k)``."""
         limits = np.array([critical_value(sigmas, 2, max(k, 1)) for k in range(self.weight.shape[1] + 1)])
         pending = np.arange(len(self.weight))
         while len(pending):
@@ -110,7 +110,7 @@ class _Group:
             bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
             pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
             self._leave_out(pending, tests, squares, rays, sigmas)
-        return self.verdict, self.failed
+        return self.decision, self.failed
 
     def _leave_out(
         self, points: np.ndarray, tests: np.ndarray, squares: np.ndarray, rays: np.ndarray, sigmas: float
@@ -128,14 +128,14 @@ class _Group:
         # Fewer than two left: whatever remains cannot be checked.
         lonely = unclear & ((alive & ~out).sum(axis=1) < 2)
         out[lonely] = alive[lonely]
-        kind = np.where(unclear, int(Verdict.DOUBTFUL), int(Verdict.BLUNDER)).astype(np.int8)
-        self.verdict[points] = np.where(out, kind[:, None], self.verdict[points])
+        kind = np.where(unclear, int(Decision.DOUBTFUL), int(Decision.BLUNDER)).astype(np.int8)
+        self.decision[points] = np.where(out, kind[:, None], self.decision[points])
         self.failed[points] = np.where(out, np.sqrt(tests.max(axis=1))[:, None], self.failed[points])
         self.weight[points] = np.where(out, 0.0, self.weight[points])
         # Whatever was called a blunder before was judged by measurements that agree with none.
         collapsed = points[lonely]
-        guessed = self.verdict[collapsed] == int(Verdict.BLUNDER)
-        self.verdict[collapsed] = np.where(guessed, int(Verdict.DOUBTFUL), self.verdict[collapsed])
+        guessed = self.decision[collapsed] == int(Decision.BLUNDER)
+        self.decision[collapsed] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[collapsed])
 
     def _tests(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the test values ``(m, k)`` and sums of squares ``(m,)`` of least-squares points."""

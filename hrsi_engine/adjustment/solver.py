@@ -17,12 +17,12 @@ from .options import AdjustOptions
 from .outcome import Found, outcome
 from .precision import Precision, precision
 from .problem import Problem, prepare
-from .result import Adjustment, Finding, Verdict
-from .snooping import Suspect, control_suspect, point_squares, tie_variance, tie_verdicts
+from .result import Adjustment, Decision, Finding
+from .snooping import Suspect, control_suspect, point_squares, tie_decisions, tie_variance
 from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary, wrong_sigmas
 
 SNOOPING_ROUNDS = 6
-RARE = 2e-4  # share of the measurements whose change of verdict is not worth another round
+RARE = 2e-4  # share of the measurements whose change of decision is not worth another round
 
 
 def adjust(
@@ -52,7 +52,7 @@ class Adjuster:
         self.image_weight = problem.weighting.image
         self.survey_weight = observations.survey_weight.copy()
         self.ties = observations.contributing_points & ~observations.surveyed
-        self.found = Found(np.full(observations.count, int(Verdict.KEPT), dtype=np.int8))
+        self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
 
     def run(self, progress: Progress) -> Adjustment:
         """Return the result of all rounds."""
@@ -76,7 +76,7 @@ class Adjuster:
 
     def weighting(self) -> Weighting:
         """Return the weights without what was left out."""
-        image = np.where(self.found.verdict == int(Verdict.KEPT), self.image_weight, 0.0)
+        image = np.where(self.found.decision == int(Decision.KEPT), self.image_weight, 0.0)
         return self.problem.survey_weighting(image, self.survey_weight)
 
     def solve(self, last: Solution | None, progress: Progress, loosely: bool = False) -> Solution:
@@ -89,21 +89,21 @@ class Adjuster:
         return self.loop.run(state, self.weighting(), robust, tolerance, progress)
 
     def without_blunders(self, solution: Solution, progress: Progress) -> Solution:
-        """Leave out the measurements that do not fit their points; the rounds end when the verdicts settle."""
+        """Leave out the measurements that do not fit their points; the rounds end when the decisions settle."""
         if not self.ties.any():
             return self.solve(solution, progress)
         for number in range(SNOOPING_ROUNDS):
-            verdict, self.found.failed = self._judge(solution)
-            changed = int((verdict != self.found.verdict).sum())
-            self.found.verdict = verdict
-            settled = changed <= RARE * len(verdict)
+            decision, self.found.failed = self._judge(solution)
+            changed = int((decision != self.found.decision).sum())
+            self.found.decision = decision
+            settled = changed <= RARE * len(decision)
             solution = self.solve(solution, progress, loosely=not settled and number < SNOOPING_ROUNDS - 1)
             if settled:
                 break
         return solution
 
     def _judge(self, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-        """Return the verdicts for the cameras of a solution, and the values of the tests that failed."""
+        """Return the decisions for the cameras of a solution, and the values of the tests that failed."""
         observations, equations = self.problem.observations, self.problem.equations
         present = self.weighting()
         if self.problem.dem_heights is not None:  # rays are judged by rays, not by a DEM that may be wrong here
@@ -113,7 +113,7 @@ class Adjuster:
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
         self.found.tie_variance = tie_variance(observations, squares, rays, self.ties)
         everything = replace(present, image=self.image_weight)
-        return tie_verdicts(
+        return tie_decisions(
             equations, observations, solution, everything, self.ties, self.problem.options.reject_sigma,
             self.found.tie_variance,
         )  # fmt: skip
@@ -129,8 +129,8 @@ class Adjuster:
             if suspect is None or not self._accuse(suspect):
                 break
             if self.ties.any():
-                verdict, self.found.failed = self._judge(solution)
-                self.found.verdict = np.where(self._control_rows(), self.found.verdict, verdict)
+                decision, self.found.failed = self._judge(solution)
+                self.found.decision = np.where(self._control_rows(), self.found.decision, decision)
             solution = self.solve(solution, progress)
             precise = precision(self.problem.equations, self.loop, solution)
         return solution, precise
@@ -150,7 +150,7 @@ class Adjuster:
         if clear and suspect.row is None:
             self.survey_weight[suspect.point] = 0.0
         elif clear:
-            self.found.verdict[suspect.row] = int(Verdict.BLUNDER)
+            self.found.decision[suspect.row] = int(Decision.BLUNDER)
         rivals = named(points.ids[observations.points[list(suspect.rivals)]])
         consequence = "it is left out" if clear else f"but {rivals} may be the wrong one instead: all are kept"
         message = f"GCP {name}: {what} disagrees with the rest by {suspect.statistic:.1f} sigma; {consequence}"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment import Adjustment, Verdict
+from ..adjustment import Adjustment, Decision
 from ..adjustment.precision import CIRCLE_90, LINE_90, predicted_accuracy
 from ..adjustment.result import DatumPart
 from ..block.block import GroundPoints, Role
@@ -55,16 +55,16 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
 def _rejected(result: Adjustment) -> dict[str, Any]:
     """Return how many measurements were left out, as blunders or as doubtful, and the worst of them."""
     rows = result.block.measurements
-    out = np.flatnonzero(result.verdict != int(Verdict.KEPT))
+    out = np.flatnonzero(result.decision != int(Decision.KEPT))
     out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
     return {
-        "blunders": int((result.verdict == int(Verdict.BLUNDER)).sum()),
-        "doubtful": int((result.verdict == int(Verdict.DOUBTFUL)).sum()),
+        "blunders": int((result.decision == int(Decision.BLUNDER)).sum()),
+        "doubtful": int((result.decision == int(Decision.DOUBTFUL)).sum()),
         "measurements": [
             {
                 "id": str(result.block.points.ids[rows.point[row]]),
                 "image": result.block.images[rows.image[row]].id,
-                "verdict": Verdict(result.verdict[row]).name.lower(),
+                "verdict": Decision(result.decision[row]).name.lower(),
                 "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
             }
             for row in out[:MOST_OUTLIERS].tolist()
@@ -202,7 +202,7 @@ def _expected_px(result: Adjustment) -> np.ndarray:
 def outliers(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
     """Return the measurements beyond 4 sigma, worst first; of those left out, by the test that they failed."""
     statistic = outlier_statistic(result, left)
-    left_out = np.isnan(statistic) & (result.verdict != int(Verdict.KEPT))
+    left_out = np.isnan(statistic) & (result.decision != int(Decision.KEPT))
     statistic = np.where(left_out, result.statistic, statistic)
     rows = result.block.measurements
     worst = np.argsort(-np.nan_to_num(statistic))[:MOST_OUTLIERS]
@@ -220,7 +220,7 @@ def outliers(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
 
 def rejection_warnings(result: Adjustment) -> list[str]:
     """Name the gross errors that data snooping left out, the worst first."""
-    out = result.verdict != int(Verdict.KEPT)
+    out = result.decision != int(Decision.KEPT)
     gross = int((out & (np.nan_to_num(result.statistic) > GROSS_SIGMAS)).sum())
     if not gross:
         return []

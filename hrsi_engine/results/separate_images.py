@@ -13,7 +13,7 @@ import numpy as np
 from ..adjustment import Adjustment
 from ..adjustment.intersection import intersect
 from ..adjustment.observations import subset
-from ..adjustment.result import Verdict
+from ..adjustment.result import Decision
 from ..block.block import Block, Image
 from ..refinement import Priors, RefinedRPC, RefinementModel
 from ..refinement.model import Equations, Linearise
@@ -87,7 +87,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         residual_px=residual, weight=weight,
         redundancy_numbers=np.full((rows, 2), np.nan),
         statistic=np.full(rows, np.nan),
-        verdict=np.full(rows, int(Verdict.KEPT), dtype=np.int8),
+        decision=np.full(rows, int(Decision.KEPT), dtype=np.int8),
         prior_share=np.zeros_like(values),
         sigma0=float(np.sqrt(squares / redundancy)) if redundancy > 0.5 else 1.0,
         observations=2 * sum(len(found.control) for found in refinements),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.adjustment import AdjustOptions, Verdict, adjust
+from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
 from hrsi.hrsi_engine.block.block import Defaults, GroundPoints, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 
@@ -39,9 +39,9 @@ def test_snooping_finds_the_blunders(share):
     wrong[rows] = True
     touched = np.zeros(len(bad.points), dtype=bool)
     touched[bad.measurements.point[rows]] = True
-    found = np.mean(result.verdict[wrong] != Verdict.KEPT)
-    false_alarms = np.mean(result.verdict[~touched[bad.measurements.point]] != Verdict.KEPT)
-    misnamed = np.mean(result.verdict[~wrong] == Verdict.BLUNDER)
+    found = np.mean(result.decision[wrong] != Decision.KEPT)
+    false_alarms = np.mean(result.decision[~touched[bad.measurements.point]] != Decision.KEPT)
+    misnamed = np.mean(result.decision[~wrong] == Decision.BLUNDER)
     change = check_rmse(bad, truth, result) / check_rmse(block, truth, clean) - 1.0
     print(
         f"{share:.0%} blunders: {found:.2%} found, {false_alarms:.3%} false alarms, {misnamed:.3%} of the good ones "
@@ -74,9 +74,9 @@ def test_two_rays_cannot_tell_which_is_wrong():
     xy[worst] += [30.0, 30.0]
     result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine", reject_sigma=4.0))
     of_point = rows.point == rows.point[worst]
-    assert np.all(result.verdict[of_point] == Verdict.DOUBTFUL)
+    assert np.all(result.decision[of_point] == Decision.DOUBTFUL)
     assert np.isnan(result.ground[rows.point[worst]]).all()
-    assert (result.verdict[~of_point] == Verdict.KEPT).all()
+    assert (result.decision[~of_point] == Decision.KEPT).all()
 
 
 def with_gcp_error(block, index, metres):
@@ -103,7 +103,7 @@ def test_wrong_gcp_measurement_is_told_from_a_wrong_position():
     xy[row] += [20.0, 15.0]
     result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine", reject_sigma=4.0))
     assert [(finding.id, finding.what) for finding in result.findings] == [("P0003", "image1")]
-    assert result.verdict[row] == Verdict.BLUNDER
+    assert result.decision[row] == Decision.BLUNDER
 
 
 def test_clean_control_is_not_accused():

@@ -9,7 +9,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, dem_heights
-from hrsi.hrsi_engine.adjustment.result import Verdict
+from hrsi.hrsi_engine.adjustment.result import Decision
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from hrsi.hrsi_engine.surface.dem import GridSurface
@@ -102,10 +102,10 @@ def test_blunders_of_image_points_are_found_although_a_dem_holds_them():
         replace(block, measurements=replace(rows, xy=moved)),
         AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M, reject_sigma=4.0),
     )
-    assert np.mean(result.verdict[wrong] != int(Verdict.KEPT)) > 0.95
+    assert np.mean(result.decision[wrong] != int(Decision.KEPT)) > 0.95
     good = np.setdiff1d(np.arange(len(rows)), wrong)
     beside = np.isin(rows.point[good], rows.point[wrong])
-    assert np.mean(result.verdict[good[~beside]] != int(Verdict.KEPT)) < 0.005  # wrong DEM heights accuse no ray
+    assert np.mean(result.decision[good[~beside]] != int(Decision.KEPT)) < 0.005  # wrong DEM heights accuse no ray
     error = ground_difference_m(result.ground, truth)[:, 2]
     assert abs(np.nanmean(error)) < 1.0
 

@@ -92,7 +92,7 @@ def test_triplet_with_independent_tracks():
     print(f"ties {real_blocks.tie_rmse(result):.3f} px, {seconds:.1f} s with tracks")
     assert real_blocks.tie_rmse(adjust(block, AdjustOptions(model="none")), 3) > 0.5
     assert real_blocks.tie_rmse(result) < 0.154
-    assert np.mean(result.verdict > 0) < 0.05
+    assert np.mean(result.decision > 0) < 0.05
 
 
 @pytest.mark.parametrize(("model", "px"), [("shift", 0.235), ("affine", 0.215)])
@@ -104,12 +104,12 @@ def test_spot7_pair(model, px):
     """
     result = adjust(real_blocks.spot7(), AdjustOptions(model=model, reject_sigma=4.0))
     gross = np.nan_to_num(result.statistic) > 10.0
-    out = np.mean(result.verdict > 0)
+    out = np.mean(result.decision > 0)
     print(f"{model}: ties {real_blocks.tie_rmse(result):.3f} px, {out:.2%} left out, {gross.sum()} gross")
     assert len(result.block.points) == 115_109
     assert real_blocks.tie_rmse(result) < px
     constant = [name.endswith("_0") for name in result.model.parameters]
     assert np.abs(result.values[:, constant]).max() < 5.0  # the prior, one sigma
     assert out < 0.03
-    assert np.all(result.verdict[gross] > 0)
+    assert np.all(result.decision[gross] > 0)
     assert gross.sum() > 50
