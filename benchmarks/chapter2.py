@@ -26,7 +26,7 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.measurement.registration import compare_kinds
-from hrsi.hrsi_engine.measurement.targets.measuring.ellipse import FITS, fit_ellipse
+from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data" / "thesis"

@@ -49,7 +49,7 @@ def folder(block: SimulatedBlock, tmp_path_factory: pytest.TempPathFactory) -> P
     write_image(str(path / "image_1_ms.tif"), multispectral_renderers(block, "image_1"), rpc)
     terrain = block.scene.terrain
     write_dem(str(path / "dem.tif"), terrain.posts, terrain.geotransform)
-    write_ground_points(str(path / "ground_points.csv"), block.points)
+    write_ground_points(str(path / "ground_points.csv"), block.block.points)
     write_image_points(str(path / "image_points.csv"), block.block)
     return path
 
@@ -166,9 +166,9 @@ def test_points_read_back(block: SimulatedBlock, folder: Path):
     assert ground is not None
     assert images is not None
     known = block.block.known
-    np.testing.assert_array_equal(ground.ids, block.points.ids[known])
-    np.testing.assert_array_equal(ground.ground, block.points.ground[known])
-    np.testing.assert_array_equal(ground.role, block.points.role[known])
+    np.testing.assert_array_equal(ground.ids, block.block.points.ids[known])
+    np.testing.assert_array_equal(ground.ground, block.block.points.ground[known])
+    np.testing.assert_array_equal(ground.role, block.block.points.role[known])
     np.testing.assert_array_equal(images.xy, block.block.measurements.xy)
 
 

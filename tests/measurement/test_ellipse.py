@@ -7,7 +7,7 @@ import pytest
 
 from hrsi.benchmarks.chapter2 import ellipse_agreement
 from hrsi.hrsi_engine.foundation.errors import SolveError
-from hrsi.hrsi_engine.measurement.targets.measuring.ellipse import FITS, fit_ellipse, fit_ellipse_robust
+from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse, fit_ellipse_robust
 
 METHODS = pytest.mark.parametrize("method", FITS)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import SolveError
-from hrsi.hrsi_engine.measurement.targets.measuring.line_corner import fit_line, intersect_lines, split_into_lines
+from hrsi.hrsi_engine.measurement.targets.line_corner import fit_line, intersect_lines, split_into_lines
 
 CORNER = np.array([131.2, 3881.8])
 
