@@ -4,12 +4,7 @@
 |---------------------|-----------------------------------------------------------------------------|
 | options, result     | how to adjust; what an adjustment delivers                                  |
 | observations        | which measurements and points take part, in solver order                    |
-| pattern             | which cameras share points                                                  |
-| equations           | normal equations with the points eliminated: what the solver asks of them   |
-| array_equations     | … with NumPy, for every model                                               |
-| compiled_equations  | … compiled (kernels, camera_kernels), for image-space models                |
-| nested_dissection   | sparse Cholesky factors and inverse on the pattern                          |
-| camera_system       | solution of the reduced system, direct or iterative                         |
+| equations           | normal equations with the points eliminated, and their solution (a folder)  |
 | gauss_newton        | the damped, reweighted loop                                                 |
 | problem             | a block made ready: priors, parts, weak geometry                            |
 | intersection        | points from fixed cameras                                                   |

@@ -14,10 +14,8 @@ import numpy as np
 
 from ..foundation.progress import Progress, advance
 from ..ground.geodesy import moved_ground
-from .camera_system import CameraSystem, camera_system
 from .dem_heights import DemHeights
-from .equations import Equations, Normals, PointPriors, State
-from .pattern import Pattern
+from .equations import CameraSystem, Equations, Normals, Pattern, PointPriors, State, camera_system
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 

@@ -12,10 +12,8 @@ import numpy as np
 from ..block.block import Image
 from ..ground.geodesy import moved_ground
 from ..refinement import RefinementModel
-from .compiled import equations_of
-from .equations import Equations, PointPriors, State
+from .equations import Equations, PointPriors, State, equations_of, trivial_pattern
 from .observations import Observations
-from .pattern import trivial_pattern
 
 CENTRE_STEPS = 6
 CENTRE_CLOSURE_M = 10.0  # a start needs no more

@@ -19,14 +19,12 @@ from ..block.block import Block
 from ..foundation.errors import NAMED, InputError, SolveError, named
 from ..refinement import MODELS, RefinementModel
 from ..refinement.image_space import ImagePolynomial, with_drift
-from .compiled import equations_of
 from .dem_heights import DemHeights
-from .equations import Equations, PointPriors, State
+from .equations import Equations, Pattern, PointPriors, State, equations_of, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .intersection import fixed_cameras, start_positions
 from .observations import Observations, select
 from .options import AdjustOptions
-from .pattern import Pattern, find_pattern
 from .variance_components import GROUPINGS
 from .weak_geometry import point_priors
 from .weights import WEIGHTS

@@ -9,12 +9,12 @@ import pytest
 import simulated_blocks as blocks
 from scipy import sparse
 
-from hrsi.hrsi_engine.adjustment.array_equations import ArrayEquations
-from hrsi.hrsi_engine.adjustment.camera_system import Factored, Iterative
 from hrsi.hrsi_engine.adjustment.equations import PointPriors, State
-from hrsi.hrsi_engine.adjustment.nested_dissection import SparseFactor
+from hrsi.hrsi_engine.adjustment.equations.array_equations import ArrayEquations
+from hrsi.hrsi_engine.adjustment.equations.camera_system import Factored, Iterative
+from hrsi.hrsi_engine.adjustment.equations.nested_dissection import SparseFactor
+from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.adjustment.observations import select
-from hrsi.hrsi_engine.adjustment.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial
 
@@ -101,7 +101,7 @@ def blocks_priors():
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
 @pytest.mark.parametrize("name", COMPILED)
 def test_compiled_equations_equal_numpys(name):
-    from hrsi.hrsi_engine.adjustment.compiled_equations import CompiledEquations
+    from hrsi.hrsi_engine.adjustment.equations.compiled_equations import CompiledEquations
 
     observations, model, pattern, state, weight = linearised(name)
     priors, contributes = PointPriors.of(observations, state.ground), observations.contributing_points

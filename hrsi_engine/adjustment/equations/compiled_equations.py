@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..block.block import Image
-from ..refinement.image_space import ImagePolynomial
+from ...block.block import Image
+from ...refinement.image_space import ImagePolynomial
+from ..observations import Observations
 from . import kernels
-from .equations import Cofactors, Normals, PointJacobians, PointPriors, State
-from .observations import Observations
 from .pattern import Pattern
+from .states import Cofactors, Normals, PointJacobians, PointPriors, State
 
 RANGES_PER_THREAD = 4  # parts of unequal work even out
 

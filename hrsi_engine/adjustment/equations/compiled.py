@@ -8,13 +8,13 @@ environment variable HRSI_COMPILED=0 turns compiled code off, 1 asks for it what
 
 from __future__ import annotations
 
-from ..foundation.compiled_code import wanted
-from ..refinement import RefinementModel
-from ..refinement.image_space import ImagePolynomial
+from ...foundation.compiled_code import wanted
+from ...refinement import RefinementModel
+from ...refinement.image_space import ImagePolynomial
+from ..observations import Observations
 from .array_equations import ArrayEquations
-from .equations import Equations
-from .observations import Observations
 from .pattern import Pattern
+from .states import Equations
 
 WORTH_COMPILING = 20_000  # image points
 

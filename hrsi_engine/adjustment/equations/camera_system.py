@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
-from ..foundation.errors import SolveError
+from ...foundation.errors import SolveError
 from .nested_dissection import SparseFactor
 from .pattern import Pattern
 

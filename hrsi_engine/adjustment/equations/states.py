@@ -19,8 +19,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..ground.geodesy import metres_per_degree, wrap_degrees
-from .observations import COORDINATE_PAIRS, Observations
+from ...ground.geodesy import metres_per_degree, wrap_degrees
+from ..observations import COORDINATE_PAIRS, Observations
 
 FREE_POINT_SIGMA_M = 1e4  # prior of a point without survey about its start (C_G): only keeps V regular
 

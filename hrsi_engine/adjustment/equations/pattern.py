@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ..ground.geodesy import wrap_degrees
-from .observations import Observations
+from ...ground.geodesy import wrap_degrees
+from ..observations import Observations
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..foundation.compiled_code import OPTIONS, Arrays
+from ...foundation.compiled_code import OPTIONS, Arrays
 from .camera_kernels import invert, load, metres
 
 INTERSECT_STEPS = 15

@@ -23,7 +23,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..foundation.errors import SolveError
+from ...foundation.errors import SolveError
 
 SMALL_TRIANGLE = 48  # unknowns
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..ground.geodesy import moved_ground
-from ..refinement import RefinementModel
-from .equations import Cofactors, Normals, PointJacobians, PointPriors, State
-from .observations import Observations
+from ...ground.geodesy import moved_ground
+from ...refinement import RefinementModel
+from ..observations import Observations
 from .pattern import Pattern
+from .states import Cofactors, Normals, PointJacobians, PointPriors, State
 
 ROWS_PER_CHUNK = 60_000  # image points whose products are in memory at once
 SMALL_GROUP = 6  # points; fewer are not worth a matrix product of their own

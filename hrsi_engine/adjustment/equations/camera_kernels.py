@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..foundation.compiled_code import OPTIONS, Arrays
+from ...foundation.compiled_code import OPTIONS, Arrays
 
 SEMI_MAJOR_M = 6378137.0
 ECCENTRICITY_SQUARED = (2.0 - 1.0 / 298.257223563) / 298.257223563
