@@ -84,6 +84,10 @@ fuzz: set-up-test  ## the property-based tests with many more examples; takes lo
 benchmarks: set-up-test  ## accuracy and speed figures
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
 
+.PHONY: structure
+structure:  ## how the code is laid out, now and before: rooms, arrows, lines; written into docs/structure.md
+	@/usr/bin/python3 scripts/measure_structure.py --write
+
 .PHONY: clean
 clean:  ## remove the environment and everything made here
 	rm -rf .venv $(BUILD) dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .qgis-settings

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from measure_structure import Import, Product
 
 ROOT = Path(__file__).resolve().parents[1]
-PARTS = ("hrsi_engine", "plugin", "processing_algorithms")
 
 #: What a room may import besides itself, by the longest fitting prefix of a module's name: the floors of the house,
 #: from the ground up.
@@ -47,46 +46,29 @@ BARRED = {"rasterio", "fiona", "pyogrio", "shapely", "geopandas", "pytest"}
 #: Calls that open a path; only the readers and writers may.
 OPENERS = {"open", "read_text", "read_bytes", "write_text", "write_bytes"}
 
+#: Public names that several modules still define. The list only shrinks.
+SEVERAL_MEANINGS = {
+    "AXES", "Accuracy", "BANDS", "BORDER", "BORDER_PX", "CANDIDATES", "CELLS", "CHECK_GRID", "CLOSURE_M",
+    "CLOSURE_PX", "COARSER", "COLORS", "CONTRAST", "COPY_BYTES", "Candidates", "Columns", "Comparison", "Cover",
+    "DATUMS", "DETECTOR_SETS", "ECCENTRICITY_SQUARED", "Entry", "Equations", "FEW", "FEWEST", "FEWEST_POINTS",
+    "FINE_REACH", "FLOOR_PX", "Fit", "Found", "GRID", "GROWTH", "Geotransform", "HALF_PX", "INTERSECT_STEPS",
+    "Job", "KINDS", "LABELS", "LARGEST_PX", "LAYERS_FILE", "LEAST_CORRELATION", "LEAST_FREEDOM", "LEAST_POINTS",
+    "LEAST_REDUNDANCY", "LIMIT", "LINE", "MARGIN_PX", "MAX_ITERATIONS", "MIN_STRETCH", "MODELS", "MOST_CELLS",
+    "MOST_CHIPS", "MOST_OUTLIERS", "MatchOptions", "Matches", "NAMED", "NAMES", "NEIGHBOURS", "NODES",
+    "NODE_PX", "Outcome", "PART", "POINT_PARAMS", "PairGeometry", "Part", "RATIO", "REACH", "REACH_PX",
+    "READER", "READERS", "RIVAL_PX", "RIVAL_SHARE", "ROLE_LABELS", "ROUNDS", "ROWS_PER_BATCH", "Reader",
+    "Reading", "SAFETY", "SCALES", "SEMI_MAJOR_M", "SETTLED_PX", "SIDE_PX", "SLOPE_TO_NOISE",
+    "SMALLEST_ANGLE_DEG", "SMOOTH_PX", "STEP_LIMIT_M", "STRETCH_PERCENT", "STRIP_LINES", "Suspect", "TILE",
+    "TOLERANCE", "Table", "Terrain", "View", "WEAKEST_SHARE", "WGS84", "WGS84_3D", "WRITTEN_BY", "Window",
+    "block_report", "check_folder", "choose", "collect", "covered_share", "datum_warning", "ground_sample_m",
+    "halo_px", "intersect", "joined", "label", "match_windows", "number", "read_block", "read_window",
+    "reader_of", "residuals", "shown", "spread", "tolerance", "view_of", "virtual_grid", "write_results",
+}  # fmt: skip
 
-class Import(NamedTuple):
-    """One import statement: where it stands and what it names; ``inside`` of this package or not."""
-
-    module: str
-    line: int
-    target: str
-    inside: bool
-
-
-def module_name(path: Path) -> str:
-    """Return ``hrsi_engine.io.rasters`` for that file."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-SOURCES = {path: module_name(path) for part in PARTS for path in sorted((ROOT / part).rglob("*.py"))}
-MODULES = set(SOURCES.values())
-
-
-def imports(path: Path) -> list[Import]:
-    """Return every import of a file, also those inside functions and under TYPE_CHECKING."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found += [Import(SOURCES[path], node.lineno, alias.name, False) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            found += from_imports(path, node)
-    return found
-
-
-def from_imports(path: Path, node: ast.ImportFrom) -> list[Import]:
-    """Return the modules that ``from … import …`` names: ``from . import x`` means x where that is a module."""
-    if not node.level:
-        return [Import(SOURCES[path], node.lineno, node.module or "", False)]
-    package = SOURCES[path].split(".") if path.name == "__init__.py" else SOURCES[path].split(".")[:-1]
-    base = package[: len(package) - node.level + 1] + (node.module.split(".") if node.module else [])
-    targets = {".".join([*base, alias.name]) for alias in node.names}
-    modules = {target if target in MODULES else ".".join(base) for target in targets}
-    return [Import(SOURCES[path], node.lineno, module, True) for module in sorted(modules)]
+PRODUCT = Product(ROOT)
+SOURCES = PRODUCT.sources
+MODULES = set(SOURCES) - {""}  # the root is a plugin folder's __init__, QGIS's affair
+ALL_IMPORTS = [found for found in PRODUCT.imports if found.module]
 
 
 def is_below(module: str, part: str) -> bool:
@@ -96,9 +78,6 @@ def is_below(module: str, part: str) -> bool:
 def rule_of(module: str) -> str:
     """Return the longest entry of `ALLOWED` that a module falls under."""
     return max((part for part in ALLOWED if is_below(module, part)), key=len)
-
-
-ALL_IMPORTS = [found for path in SOURCES for found in imports(path)]
 
 
 def test_the_rules_see_the_package():
@@ -144,10 +123,10 @@ def test_barred_packages():
 
 def test_only_io_opens_paths():
     opened = [
-        f"{SOURCES[path]}:{node.lineno}"
-        for path in SOURCES
-        if is_below(SOURCES[path], "hrsi_engine") and not is_below(SOURCES[path], "hrsi_engine.io")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        f"{module}:{node.lineno}"
+        for module, source in SOURCES.items()
+        if is_below(module, "hrsi_engine") and not is_below(module, "hrsi_engine.io")
+        for node in ast.walk(source.tree)
         if isinstance(node, ast.Call) and called_name(node) in OPENERS
     ]
     assert opened == []
@@ -160,3 +139,36 @@ def called_name(call: ast.Call) -> str:
 def test_no_vague_module_names():
     vague = {"utils", "util", "common", "helpers", "helper", "manager", "misc"}
     assert [module for module in MODULES if vague & set(module.split("."))] == []
+
+
+def test_few_rooms_and_arrows():
+    """A newcomer can hold the house in the head."""
+    assert len(PRODUCT.rooms()) <= 20
+    assert len(PRODUCT.arrows()) <= 75
+
+
+def test_no_circle_of_files():
+    """Nowhere, not inside a room, and not for types only."""
+    assert PRODUCT.circles() == []
+
+
+def test_a_circle_is_found(tmp_path: Path):
+    """… also through a package's face, an import inside a function, and one for types only."""
+    files = {
+        "__init__.py": "",
+        "hrsi_engine/__init__.py": "",
+        "hrsi_engine/room/__init__.py": "from .one import A",
+        "hrsi_engine/room/one.py": "def f():\n    from .two import B",
+        "hrsi_engine/room/two.py": "if TYPE_CHECKING:\n    from . import A",
+        "hrsi_engine/room/three.py": "from .one import f",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    room = "hrsi_engine.room"
+    assert Product(tmp_path).circles() == [[room, f"{room}.one", f"{room}.two"]]
+
+
+def test_public_names_mean_one_thing():
+    """No two modules define a public name; whoever takes one from `SEVERAL_MEANINGS` off does well, nobody adds one."""
+    assert set(PRODUCT.names_with_several_places()) <= SEVERAL_MEANINGS

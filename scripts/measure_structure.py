@@ -1,0 +1,368 @@
+"""Measure how the shipped code is laid out, and write the figures into ``docs/structure.md``.
+
+``python scripts/measure_structure.py [--write] [REVISION …]`` reads the sources, here and at revisions of the
+repository, and prints one column each; nothing of them is imported. ``--write`` puts the table and the rooms between
+the markers of the page. The figures:
+
+rooms
+    folders: plugin, processing_algorithms and the engine's own folders; a module that lies loose in the engine is a
+    room of its own, because a reader has to know it like one.
+arrows
+    pairs of rooms of which one imports the other, also inside functions and under ``TYPE_CHECKING``.
+circles
+    groups of files, in one room or across rooms, each of which imports the others in the end; what a package's
+    ``__init__`` exports counts as imported where it is asked for by the package's name.
+lines
+    lines with code; docstrings, comments and empty lines apart. The explanation ratio is docstring and comment lines
+    per line of code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import re
+import subprocess
+import sys
+import tarfile
+import tempfile
+import tokenize
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "structure.md"
+PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
+#: The state before the rooms, which the page compares with; its drawing was made by hand and eye, and counted a file
+#: or two otherwise than this script does.
+BEFORE = "54ff169"
+DRAWN_BEFORE: dict[str, float] = {"rooms": 34, "arrows between rooms": 124, "circles of files": 3}
+#: Names that a contract asks of every module of its kind: algorithms, and formats of files.
+CONTRACT_NAMES = {"ALGORITHM", "run", "summarise", "read", "text_of"}
+PARTICIPLE = re.compile(r"_*[a-z]+ed$")
+#: … which end so and are verbs.
+VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed"}
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+class Import(NamedTuple):
+    """One import statement: where it stands and what it names; ``inside`` of this package or not."""
+
+    module: str
+    line: int
+    target: str
+    inside: bool
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of the product: its module's name, ``hrsi_engine.io.rasters``, and its text."""
+
+    module: str
+    text: str
+    is_package: bool
+
+    @cached_property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.text)
+
+    @cached_property
+    def lines(self) -> Counter[str]:
+        """Return how many lines hold code, docstrings, and comments alone."""
+        docstrings = {
+            line for node in docstrings_of(self.tree) for line in range(node.lineno, (node.end_lineno or 0) + 1)
+        }
+        code: set[int] = set()
+        comments: set[int] = set()
+        for token in tokenize.generate_tokens(io.StringIO(self.text).readline):
+            if token.type == tokenize.COMMENT:
+                comments.add(token.start[0])
+            elif token.string.strip() and token.type != tokenize.ENDMARKER:
+                code.update(range(token.start[0], token.end[0] + 1))
+        filled = {number for number, line in enumerate(self.text.splitlines(), 1) if line.strip()}
+        code -= docstrings
+        return Counter(code=len(code & filled), docstrings=len(docstrings & filled), comments=len(comments - code))
+
+
+def docstrings_of(tree: ast.AST) -> Iterator[ast.Constant]:
+    """Yield the docstrings of a module, its classes and functions, and strings that describe an attribute."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.value
+
+
+class Product:
+    """The shipped sources below a folder, and what can be counted in them."""
+
+    def __init__(self, root: Path):
+        self.sources = {}
+        for path in [root / "__init__.py", *(path for part in PARTS for path in sorted((root / part).rglob("*.py")))]:
+            parts = path.relative_to(root).with_suffix("").parts
+            module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+            self.sources[module] = Source(module, path.read_text(encoding="utf-8"), path.name == "__init__.py")
+
+    def rooms(self) -> set[str]:
+        """Return the rooms' names."""
+        return {self.room_of(module) for module in self.sources if module and module != "hrsi_engine"}
+
+    def room_of(self, module: str) -> str:
+        """Return the room a module lies in."""
+        first, *others = module.split(".")
+        return ".".join([first, *others[:1]]) if first == "hrsi_engine" else first
+
+    @cached_property
+    def imports(self) -> list[Import]:
+        """Every import, also those inside functions and under ``TYPE_CHECKING``."""
+        found = []
+        for source in self.sources.values():
+            for node in ast.walk(source.tree):
+                if isinstance(node, ast.Import):
+                    found += [Import(source.module, node.lineno, alias.name, False) for alias in node.names]
+                elif isinstance(node, ast.ImportFrom):
+                    found += self._from_imports(source, node)
+        return found
+
+    def _from_imports(self, source: Source, node: ast.ImportFrom) -> list[Import]:
+        """Return the modules that ``from … import …`` names: ``from . import x`` means x where that is a module."""
+        if not node.level:
+            return [Import(source.module, node.lineno, node.module or "", False)]
+        package = source.module.split(".") if source.module else []
+        base = package[: len(package) - node.level + (1 if source.is_package else 0)]
+        base += node.module.split(".") if node.module else []
+        targets = {".".join([*base, alias.name]) for alias in node.names}
+        modules = {target if target in self.sources else ".".join(base) for target in targets}
+        return [Import(source.module, node.lineno, module, True) for module in sorted(modules)]
+
+    def arrows(self) -> set[tuple[str, str]]:
+        """Return the pairs of rooms of which the first imports the second."""
+        pairs = {(self.room_of(found.module), self.room_of(found.target)) for found in self.imports if found.inside}
+        return {
+            (one, other) for one, other in pairs if one != other and "" not in (one, other) and one != "hrsi_engine"
+        }
+
+    def circles(self) -> list[list[str]]:
+        """Return the groups of files that import one another in a circle (strongly connected; Tarjan 1972)."""
+        graph = defaultdict(set)
+        for found in self.imports:
+            if found.inside and found.target != found.module:
+                graph[found.module].add(found.target)
+        order: dict[str, int] = {}
+        low: dict[str, int] = {}
+        stack: list[str] = []
+        circles = []
+
+        def visit(module: str) -> None:
+            order[module] = low[module] = len(order)
+            stack.append(module)
+            for target in sorted(graph[module]):
+                if target not in order:
+                    visit(target)
+                if target in stack:
+                    low[module] = min(low[module], low[target])
+            if low[module] == order[module]:
+                circle = stack[stack.index(module) :]
+                del stack[stack.index(module) :]
+                if len(circle) > 1:
+                    circles.append(sorted(circle))
+
+        for module in sorted(self.sources):
+            if module not in order:
+                visit(module)
+        return circles
+
+    def names_with_several_places(self) -> dict[str, list[str]]:
+        """Return the public names that several modules define at their top level, and those modules."""
+        places = defaultdict(set)
+        for source in self.sources.values():
+            for name in defined_names(source.tree.body):
+                if not name.startswith("_") and name not in CONTRACT_NAMES:
+                    places[name].add(source.module)
+        return {name: sorted(modules) for name, modules in sorted(places.items()) if len(modules) > 1}
+
+    def functions(self) -> list[tuple[Source, ast.FunctionDef | ast.AsyncFunctionDef]]:
+        """Return every function and method."""
+        return [
+            (source, node)
+            for source in self.sources.values()
+            for node in ast.walk(source.tree)
+            if isinstance(node, FUNCTIONS)
+        ]
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures of the table."""
+        lines = sum((source.lines for source in self.sources.values()), Counter())
+        used = Counter(name for source in self.sources.values() for name in names_used(source.tree))
+        functions = self.functions()
+        several = self.names_with_several_places()
+        constants = sum(name.isupper() for name in several)
+        private = [node.name for _, node in functions if node.name.startswith("_") and not node.name.endswith("__")]
+        return {
+            "rooms": len(self.rooms()),
+            "arrows between rooms": len(self.arrows()),
+            "circles of files": len(self.circles()),
+            "files": len(self.sources),
+            "files above 400 lines": sum(source.text.count("\n") > 400 for source in self.sources.values()),
+            "lines of code": lines["code"],
+            "docstring lines": lines["docstrings"],
+            "comment lines": lines["comments"],
+            "explanation: docstring and comment lines per line of code": round(
+                (lines["docstrings"] + lines["comments"]) / lines["code"], 3
+            ),
+            "imports inside functions": sum(inner_imports(node) for _, node in functions),
+            "functions and classes of one name in several modules": len(several) - constants,
+            "constants of one name in several modules": constants,
+            "functions": len(functions),
+            "functions named by a bare participle: `matched`": sum(is_participle(node) for _, node in functions),
+            "private functions": len(private),
+            "private functions used once": sum(used[name] == 1 for name in private),
+            "options read from a dict by a string": sum(
+                string_options(source.tree) for source in self.sources.values()
+            ),
+            "functions with a Parameters section": sum(
+                "Parameters\n" in (ast.get_docstring(node) or "") for _, node in functions
+            ),
+        }
+
+
+def defined_names(body: list[ast.stmt]) -> Iterator[str]:
+    """Yield the functions, classes and constants that a module defines, not those it imports."""
+    for node in body:
+        if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
+            yield node.name
+        elif isinstance(node, ast.Assign):
+            yield from (target.id for target in node.targets if isinstance(target, ast.Name))
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            yield node.target.id
+
+
+def names_used(tree: ast.AST) -> Iterator[str]:
+    """Yield every name and attribute that is read."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+
+
+def inner_imports(function: ast.AST) -> int:
+    """Return how many import statements stand in a function itself, not in one inside it."""
+    count, nodes = 0, list(ast.iter_child_nodes(function))
+    while nodes:
+        node = nodes.pop()
+        count += isinstance(node, ast.Import | ast.ImportFrom)
+        if not isinstance(node, FUNCTIONS):
+            nodes += ast.iter_child_nodes(node)
+    return count
+
+
+def is_participle(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """Return whether a function is called ``matched``; a property may be."""
+    decorators = {getattr(node, "id", getattr(node, "attr", "")) for node in function.decorator_list}
+    plain = function.name.strip("_").split("_")[0] not in VERBS
+    return bool(plain and PARTICIPLE.match(function.name) and not decorators & {"property", "cached_property"})
+
+
+def string_options(tree: ast.AST) -> int:
+    """Return how often an option is fetched by its name as a string: ``options["sigma_image"]``."""
+    count = 0
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript):
+            owner, key = node.value, node.slice
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == "get"
+            and node.args
+        ):
+            owner, key = node.func.value, node.args[0]
+        else:
+            continue
+        name = getattr(owner, "id", getattr(owner, "attr", ""))
+        count += (
+            name in {"options", "values", "params"} and isinstance(key, ast.Constant) and isinstance(key.value, str)
+        )
+    return count
+
+
+def product_at(revision: str) -> Product:
+    """Return the product as it was at a revision of the repository."""
+    archive = subprocess.run(["git", "archive", revision], cwd=ROOT, check=True, capture_output=True).stdout
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(archive)) as tar:
+        tar.extractall(folder)  # our own archive
+        return Product(Path(folder))
+
+
+def table_of(columns: dict[str, dict[str, float]]) -> list[str]:
+    """Return the figures as a table in Markdown."""
+    names = list(dict.fromkeys(name for figures in columns.values() for name in figures))
+    rows = [["", *columns], ["---", *["---:"] * len(columns)]]
+    rows += [
+        [name, *(f"{figures[name]:g}" if name in figures else "" for figures in columns.values())] for name in names
+    ]
+    return [f"| {' | '.join(row)} |" for row in rows]
+
+
+def rooms_of(product: Product) -> list[str]:
+    """Return a table of the rooms, from the ground up: what each is and what it imports."""
+    arrows = product.arrows()
+    below = {room: sorted(other for one, other in arrows if one == room) for room in product.rooms()}
+    depth: dict[str, int] = {}
+    while len(depth) < len(below):  # a room stands one floor above the highest it imports
+        free = {room for room in below if room not in depth and all(other in depth for other in below[room])}
+        if not free:
+            raise SystemExit(f"rooms in a circle: {sorted(set(below) - set(depth))}")
+        depth |= {room: max((depth[other] + 1 for other in below[room]), default=0) for room in free}
+    rows = ["| floor | room | is | files | lines of code | imports |", "|---:|---|---|---:|---:|---|"]
+    for room in sorted(below, key=lambda room: (-depth[room], room)):
+        inside = [source for module, source in product.sources.items() if product.room_of(module) == room]
+        purpose = (ast.get_docstring(product.sources[room].tree) or "").split("\n\n")[0].replace("\n", " ")
+        imported = ", ".join(other.removeprefix("hrsi_engine.") for other in below[room])
+        lines = sum(source.lines["code"] for source in inside)
+        rows.append(
+            f"| {depth[room]} | `{room.replace('.', '/')}` | {purpose} | {len(inside)} | {lines} | {imported} |"
+        )
+    return rows
+
+
+def write_page(parts: dict[str, list[str]]) -> None:
+    """Put each part between its markers on the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, lines in parts.items():
+        begin, end = f"<!-- {name}: made by scripts/measure_structure.py -->", f"<!-- end of {name} -->"
+        head, _, rest = text.partition(begin)
+        text = "\n".join([f"{head}{begin}", "", *lines, "", f"{end}{rest.partition(end)[2]}"])
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def main(words: list[str]) -> int:
+    """Print the tables and, if wanted, write them into the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("revisions", nargs="*", default=[BEFORE], help="revisions to compare with")
+    parser.add_argument("--write", action="store_true", help="write the tables into docs/structure.md")
+    parser.add_argument("--names", action="store_true", help="list names with two places, participles and circles")
+    arguments = parser.parse_args(words)
+    now = Product(ROOT)
+    columns: dict[str, dict[str, float]] = {"drawn before": DRAWN_BEFORE} if arguments.revisions == [BEFORE] else {}
+    columns |= {f"at {revision}": product_at(revision).figures() for revision in arguments.revisions} | {
+        "now": now.figures()
+    }
+    parts = {"figures": table_of(columns), "rooms": rooms_of(now)}
+    print("\n\n".join("\n".join(lines) for lines in parts.values()))
+    if arguments.names:
+        print("\ncircles:", *now.circles(), sep="\n  ")
+        several = now.names_with_several_places().items()
+        print("\nseveral places:", *(f"{name}: {', '.join(places)}" for name, places in several), sep="\n  ")
+        bare = [f"{source.module}.{node.name}" for source, node in now.functions() if is_participle(node)]
+        print("\nparticiples:", *sorted(bare), sep="\n  ")
+    if arguments.write:
+        write_page(parts)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
