@@ -12,7 +12,16 @@ from .delivery import Delivered, delivered
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests
 from .problem import Problem
-from .result import Adjustment, CrossValidation, DatumPart, Decision, DemAgreement, Finding, VarianceComponent
+from .result import (
+    Adjustment,
+    CrossValidation,
+    DatumPart,
+    Decision,
+    DemAgreement,
+    EstimatedCameras,
+    Finding,
+    VarianceComponent,
+)
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 MANY_LEFT_OUT = 0.02  # share of the DEM's heights
@@ -77,6 +86,9 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         model=problem.model,
         values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own]),
+        cameras=EstimatedCameras(
+            problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
+        ),
         ground=_spread(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=ground_sigma,
         ground_covariance_m2=covariance,

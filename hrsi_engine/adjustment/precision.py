@@ -39,6 +39,12 @@ class Precision:
     residuals: np.ndarray
     cameras: np.ndarray | None
 
+    def own_cameras(self, loop: GaussNewton) -> np.ndarray:
+        """Return the cofactors of each camera's own parameters ``(cameras, p, p)``."""
+        if self.cameras is None:
+            return np.full((*self.parameters.shape, self.parameters.shape[1]), np.nan)
+        return self.cameras[loop.pattern.diagonal]
+
 
 def precision(equations: Equations, loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""

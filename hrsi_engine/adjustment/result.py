@@ -92,10 +92,27 @@ class CrossValidation:
 
 
 @dataclass(frozen=True, eq=False)
+class EstimatedCameras:
+    """The cameras as they were estimated, with the drift that the delivered model does not follow.
+
+    Parameters
+    ----------
+    model : the model asked for, with the drift's parameters behind its own where there is such a drift
+    values : (images, q) its parameters
+    covariance : (images, q, q) of each image's parameters, sigma0 included; NaN where it was not computed
+    """
+
+    model: RefinementModel
+    values: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """Result of `adjust`; arrays are in the order of the block's images, points and measurements.
 
     values, values_sigma : (images, p) parameters of the model and their standard deviations
+    cameras : what was estimated, with covariances; the delivered ``model`` with ``values`` unless there is a drift
     ground, ground_sigma_m : (points, 3) adjusted positions and sigmas (east, north, up); NaN where not adjusted
     ground_covariance_m2 : (points, 3, 3) covariance of each position, sigma0 included
     residual_px : (measurements, 2) observed - computed at the adjusted position; NaN where it took no part
@@ -114,6 +131,7 @@ class Adjustment:
     model: RefinementModel
     values: np.ndarray
     values_sigma: np.ndarray
+    cameras: EstimatedCameras
     ground: np.ndarray
     ground_sigma_m: np.ndarray
     ground_covariance_m2: np.ndarray

@@ -9,7 +9,7 @@ from ..block.block import Image
 from ..block.points import Role
 from ..drawing.block_figures import ImageVectors, OutlierChip, ReportFigures
 from ..drawing.target_chips import TargetChip
-from .figures import OUTLIER_SIGMAS, outlier_statistic
+from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
 from .statistics import normalised_residuals, tie_coverage
 
@@ -24,9 +24,7 @@ LABELS = np.array([role.label for role in Role])
 
 def report_figures(result: Adjustment, left: Residuals) -> ReportFigures:
     """Return the figures of an adjusted block."""
-    known = result.block.known[result.block.measurements.point]
-    residual = np.where(known[:, None], left.at_known_px, result.residual_px)
-    statistic = np.nan_to_num(outlier_statistic(result, left))
+    residual, statistic = left.measured_px, np.nan_to_num(measurement_statistic(left))
     coverage = tie_coverage(result)
     has_ties = any(counts.any() for counts in coverage.values())
     emptiest = sorted(coverage, key=lambda name: int((coverage[name] > 0).sum()))[:MOST_COVERAGES]
@@ -61,7 +59,7 @@ def _image_vectors(
 ) -> ImageVectors:
     rows, image = result.block.measurements, result.block.images[index]
     groups = LABELS[result.block.points.role[rows.point[part]]].astype("U8")
-    groups[statistic[part] > OUTLIER_SIGMAS] = "outlier"
+    groups[is_outlier(statistic[part])] = "outlier"
     ties = np.flatnonzero(groups == "tie")
     others = np.flatnonzero(groups != "tie")[:MOST_VECTORS]
     room = max(MOST_VECTORS - len(others), 0)
@@ -78,7 +76,7 @@ def _outlier_chips(result: Adjustment, residual: np.ndarray, statistic: np.ndarr
     rows = result.block.measurements
     worst = np.argsort(-statistic)[: 10 * MOST_CHIPS]
     chips = []
-    for row in worst[statistic[worst] > OUTLIER_SIGMAS].tolist():
+    for row in worst[is_outlier(statistic[worst])].tolist():
         image = result.block.images[rows.image[row]]
         if image.raster is None:
             continue

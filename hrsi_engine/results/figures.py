@@ -13,10 +13,9 @@ from ..adjustment.precision import CIRCLE_90, LINE_90, predicted_accuracy
 from ..adjustment.result import DatumPart
 from ..block.block import GroundPoints, Role
 from ..refinement import RefinedRPC
+from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
 from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, by_image, radial_rmse, rmse
 
-OUTLIER_SIGMAS = 4.0  # a residual beyond this many of its sigmas is listed
-MOST_OUTLIERS = 200
 NAMED = 6  # most measurements in a warning
 GROSS_SIGMAS = 10.0  # beyond, an error is worth a warning of its own
 NO_ROWS = np.zeros(0, dtype=np.int64)
@@ -41,7 +40,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
         },
         **control_and_check(result, left),
         "ties": _tie_entry(result, left),
-        "outliers": outliers(result, left),
+        **outlier_entries(result, left),
         "solves": result.solves,
         "rejected": _rejected(result),
         "findings": [asdict(finding) for finding in result.findings],
@@ -54,16 +53,14 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
 
 def _rejected(result: Adjustment) -> dict[str, Any]:
     """Return how many measurements were left out, as blunders or as doubtful, and the worst of them."""
-    rows = result.block.measurements
     out = np.flatnonzero(result.decision != int(Decision.KEPT))
     out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
     return {
         "blunders": int((result.decision == int(Decision.BLUNDER)).sum()),
         "doubtful": int((result.decision == int(Decision.DOUBTFUL)).sum()),
         "measurements": [
-            {
-                "id": str(result.block.points.ids[rows.point[row]]),
-                "image": result.block.images[rows.image[row]].id,
+            named_measurement(result, row)
+            | {
                 "verdict": Decision(result.decision[row]).name.lower(),
                 "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
             }
@@ -176,46 +173,6 @@ def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[
         "before_rmse_px": radial_rmse(left.tie_before_px[rows]),
         "rmse_px": radial_rmse(result.residual_px[rows]),
     }
-
-
-def outlier_statistic(result: Adjustment, left: Residuals) -> np.ndarray:
-    """Return each measurement's residual length over its sigma; of known points at their known position."""
-    known = result.block.known[result.block.measurements.point]
-    residual = np.where(known[:, None], left.at_known_px, result.judged_residual_px)
-    return np.linalg.norm(residual, axis=1) / (_expected_px(result) * max(result.sigma0, 1.0))
-
-
-def _expected_px(result: Adjustment) -> np.ndarray:
-    """Return the sigma of each measurement; of GCPs with that of their survey, seen in the image, ``(n,)``."""
-    block, rows = result.block, result.block.measurements
-    sigma = rows.sigma_px.copy()
-    surveyed = (block.points.role == Role.GCP)[rows.point] & np.isfinite(block.points.sigma_m).all(axis=1)[rows.point]
-    for index, here in by_image(block, surveyed):
-        rpc = block.images[index].rpc
-        _, by_ground = rpc.project_with_metric_jacobian(block.points.ground[rows.point[here[:1]]])
-        east, north, up = np.hypot(*by_ground[0])
-        along, height = block.points.sigma_m[rows.point[here]].T
-        sigma[here] = np.sqrt(sigma[here] ** 2 + 0.5 * (east**2 + north**2) * along**2 + 0.5 * (up * height) ** 2)
-    return sigma
-
-
-def outliers(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
-    """Return the measurements beyond 4 sigma, worst first; of those left out, by the test that they failed."""
-    statistic = outlier_statistic(result, left)
-    left_out = np.isnan(statistic) & (result.decision != int(Decision.KEPT))
-    statistic = np.where(left_out, result.statistic, statistic)
-    rows = result.block.measurements
-    worst = np.argsort(-np.nan_to_num(statistic))[:MOST_OUTLIERS]
-    return [
-        {
-            "id": str(result.block.points.ids[rows.point[row]]),
-            "image": result.block.images[rows.image[row]].id,
-            "role": Role(result.block.points.role[rows.point[row]]).label,
-            "statistic": float(statistic[row]),
-        }
-        for row in worst
-        if statistic[row] > OUTLIER_SIGMAS
-    ]
 
 
 def rejection_warnings(result: Adjustment) -> list[str]:

@@ -3,6 +3,12 @@
 Ground residuals are survey - computed in metres east, north and up; image residuals observed - computed in px.
 Where a known point was measured on two images, its computed position is the adjusted one; where on one only, it is the
 point on that image's ray at the known height, and the height residual does not exist.
+
+Every residual has the standard deviation by which it is judged (`results.outliers`). Of what took part in the estimate,
+tie points and GCPs, that is the sigma of the observation itself: their residuals are smaller still. Check points took
+no part, so the sigma of their residual is that of the prediction and of the survey together. All are enlarged by a
+sigma0 above 1. Residuals are those of the cameras that are delivered; where these are known not to follow a drift that
+was estimated, what it does to a residual is part of its sigma.
 """
 
 from __future__ import annotations
@@ -27,13 +33,20 @@ LE90_OF_RMSE = 1.6449  # 90 % of a normal distribution
 class Residuals:
     """Residual columns in the order of the block's points and measurements; NaN where they do not exist.
 
-    ground_m : (points, 3) survey - computed
+    Parameters
+    ----------
+    ground_m, ground_sigma_m : (points, 3) survey - computed, and what it is judged by
+    measured_px, measured_sigma_px : (measurements, 2) the residual that is shown and judged, and what it is judged by:
+        of known points ``at_known_px``, of all others at the adjusted position
     at_known_px : (measurements, 2) observed - refined camera at the known position
     before_px : (measurements, 2) the same with the vendor's cameras
     tie_before_px : (measurements, 2) of tie points, vendor's cameras, points intersected with them
     """
 
     ground_m: np.ndarray
+    ground_sigma_m: np.ndarray
+    measured_px: np.ndarray
+    measured_sigma_px: np.ndarray
     at_known_px: np.ndarray
     before_px: np.ndarray
     tie_before_px: np.ndarray
@@ -41,9 +54,36 @@ class Residuals:
 
 def residuals(result: Adjustment) -> Residuals:
     """Return all residuals of an adjustment."""
-    zero = np.zeros_like(result.values)
-    at_known, before = _known_residuals(result, result.values), _known_residuals(result, zero)
-    return Residuals(_ground_residuals(result), at_known, before, _tie_residuals_before(result))
+    block, rows = result.block, result.block.measurements
+    at_known = _known_residuals(result, result.values)
+    # Points whose survey has all coordinates are judged where they are known to be, others where they came out.
+    known = np.flatnonzero(block.known)
+    surveyed = np.zeros(len(block.points), dtype=bool)
+    surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
+    there = surveyed[rows.point] & np.isfinite(at_known).all(axis=1)
+    covariance_px, single_m2 = _known_covariances(result, at_known, there)
+    drift = result.residual_px - result.judged_residual_px
+    sigma_px = np.hypot(unit_sigma(result) * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
+    sigma_px[there] = np.sqrt(covariance_px[there].diagonal(axis1=1, axis2=2))
+    return Residuals(
+        ground_m=_ground_residuals(result),
+        ground_sigma_m=_ground_sigmas(result, single_m2),
+        measured_px=np.where(there[:, None], at_known, result.residual_px),
+        measured_sigma_px=sigma_px,
+        at_known_px=at_known,
+        before_px=_known_residuals(result, np.zeros_like(result.values)),
+        tie_before_px=_tie_residuals_before(result),
+    )
+
+
+def measurement_sigma_px(result: Adjustment) -> np.ndarray:
+    """Return the standard deviation of each image measurement, in sample as in line, ``(n,)`` px."""
+    return result.block.measurements.sigma_px
+
+
+def unit_sigma(result: Adjustment) -> float:
+    """Return by how much all given sigmas are too small: sigma0, but not below 1 where luck may have made it so."""
+    return max(result.sigma0, 1.0)
 
 
 def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
@@ -81,6 +121,51 @@ def _ground_residuals(result: Adjustment) -> np.ndarray:
     surveyed = np.isfinite(block.points.survey_covariance_m2(known).diagonal(axis1=1, axis2=2))
     residual[known] = np.where(surveyed, residual[known], np.nan)  # nothing to compare with
     return residual
+
+
+def _known_covariances(result: Adjustment, at_known: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return covariances of the ``chosen`` residuals at known positions.
+
+    They are (measurements, 2, 2) px² in the images and, of points measured once, (points, 3, 3) m² where the ray meets
+    the known height; NaN for all others. With the derivatives A by the image's parameters and B by the ground::
+
+        s0² (s² I + B S B')  +  A Q A' of check points  +  d d'
+
+    with the survey's covariance S, the parameters' Q, and the drift d that the delivered camera is known not to follow.
+    """
+    block, rows, cameras = result.block, result.block.measurements, result.cameras
+    in_image = np.full((len(rows), 2, 2), np.nan)
+    on_ground = np.full((len(block.points), 3, 3), np.nan)
+    own = (unit_sigma(result) * measurement_sigma_px(result)) ** 2
+    check, single = block.points.role == Role.CHECK, block.rays_per_point() == 1
+    for index, here in by_image(block, chosen):
+        image, points = block.images[index], rows.point[here]
+        ground, values = block.points.ground[points], cameras.values[index]
+        at = cameras.model.equations(image, rows.xy[here])(values, ground)
+        drift = rows.xy[here] - cameras.model.project(image, values, ground) - at_known[here]
+        covariance = own[here, None, None] * np.eye(2) + drift[:, :, None] * drift[:, None, :]
+        survey = unit_sigma(result) ** 2 * block.points.survey_covariance_m2(points)
+        covariance += at.by_ground @ survey @ at.by_ground.swapaxes(1, 2)
+        predicted = at.by_values @ cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
+        covariance += np.where(check[points, None, None], predicted, 0.0)
+        in_image[here] = covariance
+        outwards = np.linalg.inv(at.by_ground[:, :, :2])[single[points]]
+        on_ground[points[single[points]], :2, :2] = outwards @ covariance[single[points]] @ outwards.swapaxes(1, 2)
+    return in_image, on_ground
+
+
+def _ground_sigmas(result: Adjustment, single_m2: np.ndarray) -> np.ndarray:
+    """Return the sigmas of survey - computed ``(points, 3)``, NaN for what is not known or not surveyed."""
+    block = result.block
+    known = np.flatnonzero(block.known)
+    covariance = unit_sigma(result) ** 2 * block.points.survey_covariance_m2(known)
+    check = block.points.role[known] == Role.CHECK
+    covariance[check] += result.ground_covariance_m2[known[check]]
+    sigma = np.full((len(block.points), 3), np.nan)
+    sigma[known] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+    single = block.known & (block.rays_per_point() == 1)
+    sigma[single] = np.sqrt(single_m2[single].diagonal(axis1=1, axis2=2))
+    return np.where(np.isfinite(sigma), sigma, np.nan)
 
 
 def _on_single_rays(result: Adjustment, single: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from ..adjustment import Adjustment
 from ..adjustment.intersection import intersect
 from ..adjustment.observations import subset
-from ..adjustment.result import Decision
+from ..adjustment.result import Decision, EstimatedCameras
 from ..block.block import Block, Image
 from ..refinement import Priors, RefinedRPC, RefinementModel
 from ..refinement.model import Equations, Linearise
@@ -81,6 +81,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     converged = all(found.estimate.converged for found in refinements)
     return Adjustment(
         block=block, model=model, values=values, values_sigma=sigmas,
+        cameras=EstimatedCameras(model, values, _covariances(refinements, values.shape[1])),
         ground=_intersected(block, model, values),
         ground_sigma_m=np.full((points, 3), np.nan),
         ground_covariance_m2=np.full((points, 3, 3), np.nan),
@@ -108,6 +109,15 @@ def _common_model(refinements: Sequence[Refinement]) -> RefinementModel:
 
 def _padded(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
     return np.array([np.pad(row, (0, width - len(row))) for row in rows]).reshape(len(rows), width)
+
+
+def _covariances(refinements: Sequence[Refinement], width: int) -> np.ndarray:
+    """Return the covariance of each image's parameters ``(images, p, p)``, 0 for what its model does not have."""
+    covariance = np.zeros((len(refinements), width, width))
+    for place, found in zip(covariance, refinements, strict=True):
+        own = len(found.estimate.values)
+        place[:own, :own] = found.estimate.covariance
+    return covariance
 
 
 def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple[np.ndarray, np.ndarray]:

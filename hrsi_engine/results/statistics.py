@@ -12,7 +12,7 @@ import numpy as np
 
 from ..adjustment import Adjustment
 from ..block.block import Role
-from .residuals import Residuals, by_image
+from .residuals import Residuals, by_image, measurement_sigma_px
 
 LEAST_REDUNDANCY = 0.02  # an observation that nothing controls has no residual to speak of
 COVERAGE_CELLS = 5  # along each side of an image
@@ -28,7 +28,7 @@ def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     """
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = result.judged_residual_px / (result.block.measurements.sigma_px[:, None] * np.sqrt(redundancy))
+        normalised = result.judged_residual_px / (measurement_sigma_px(result)[:, None] * np.sqrt(redundancy))
     took_part = result.block.points.role[result.block.measurements.point] != Role.CHECK
     usable = np.isfinite(normalised) & (redundancy > LEAST_REDUNDANCY) & took_part[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(AXES)}
@@ -70,14 +70,12 @@ def check_point_rows(result: Adjustment, left: Residuals) -> list[dict[str, Any]
     points = result.block.points
     here = np.flatnonzero((points.role == Role.CHECK) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
     worst = here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_CHECK_POINTS]
-    variance = points.survey_covariance_m2(worst).diagonal(axis1=1, axis2=2)
-    predicted = np.sqrt(result.ground_sigma_m[worst] ** 2 + variance)
     names = ("east_m", "north_m", "height_m")
     return [
         {"id": str(points.ids[row])}
         | {name: _number(left.ground_m[row, axis]) for axis, name in enumerate(names)}
-        | {f"sigma_{name}": _number(predicted[place, axis]) for axis, name in enumerate(names)}
-        for place, row in enumerate(worst.tolist())
+        | {f"sigma_{name}": _number(left.ground_sigma_m[row, axis]) for axis, name in enumerate(names)}
+        for row in worst.tolist()
     ]
 
 

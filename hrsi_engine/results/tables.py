@@ -13,7 +13,7 @@ import numpy as np
 
 from ..adjustment import Adjustment
 from ..block.block import Block, Image, Role
-from .figures import OUTLIER_SIGMAS, outlier_statistic
+from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
 MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, and each costs a hundred bytes twice
@@ -85,7 +85,6 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     rows = result.block.measurements
     place = positions(result)[rows.point]
     here = np.isfinite(place).all(axis=1)
-    residual = _image_residual(result, left)
     columns = {
         **_identity(result.block, rows.point, rows.image),
         "sample": rows.xy[:, 0],
@@ -93,10 +92,12 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
         "sigma_px": rows.sigma_px,
         "kind": rows.kind,
         "quality": rows.quality,
-        "residual_sample_px": residual[:, 0],
-        "residual_line_px": residual[:, 1],
+        "residual_sample_px": left.measured_px[:, 0],
+        "residual_line_px": left.measured_px[:, 1],
+        "sigma_sample_px": left.measured_sigma_px[:, 0],
+        "sigma_line_px": left.measured_sigma_px[:, 1],
         "weight": result.weight,
-        "flag": _flags(result, left),
+        "flag": measurement_flags(result, left),
     }
     return Table(place[here], {name: column[here] for name, column in columns.items()})
 
@@ -129,30 +130,10 @@ def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, n
     }
 
 
-def _image_residual(result: Adjustment, left: Residuals) -> np.ndarray:
-    """Return the residual that a person wants to see: at the known position, else at the adjusted one."""
-    known = result.block.known[result.block.measurements.point]
-    return np.where(known[:, None], left.at_known_px, result.residual_px)
-
-
-def _flags(result: Adjustment, left: Residuals) -> np.ndarray:
-    rows = result.block.measurements
-    flags = np.full(len(rows), "ok", dtype="U8")
-    flags[outlier_statistic(result, left) > OUTLIER_SIGMAS] = "outlier"
-    unused = ~np.isfinite(result.residual_px).all(axis=1)
-    tie = result.block.points.role[rows.point] == Role.TIE
-    flags[unused & tie] = "rejected"
-    flags[unused & ~tie & (flags == "ok")] = "unused"
-    return flags
-
-
 def _ground_rows(result: Adjustment, left: Residuals) -> Table:
     points = result.block.points
     here = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
     nothing = np.full(len(here), np.nan)
-    sigma = result.ground_sigma_m[here]
-    excess = np.abs(left.ground_m[here, :2]).max(axis=1, initial=0.0)
-    limit = OUTLIER_SIGMAS * np.hypot(np.nan_to_num(sigma[:, :2].max(axis=1)), points.sigma_m[here, 0])
     columns = {
         "id": points.ids[here],
         "role": ROLE_LABELS[points.role[here]],
@@ -165,20 +146,20 @@ def _ground_rows(result: Adjustment, left: Residuals) -> Table:
         "residual_height_m": left.ground_m[here, 2],
         "sigma_sample_px": nothing,
         "sigma_line_px": nothing,
-        "sigma_east_m": sigma[:, 0],
-        "sigma_north_m": sigma[:, 1],
-        "sigma_height_m": sigma[:, 2],
-        "flag": np.where((excess > limit) & (sigma[:, 0] > 0.0), "outlier", "ok"),
+        "sigma_east_m": left.ground_sigma_m[here, 0],
+        "sigma_north_m": left.ground_sigma_m[here, 1],
+        "sigma_height_m": left.ground_sigma_m[here, 2],
+        "flag": ground_flags(left)[here],
     }
     return Table(points.ground[here], columns)
 
 
 def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     rows = result.block.measurements
-    residual = _image_residual(result, left)
+    residual, sigma = left.measured_px, left.measured_sigma_px
     place = positions(result)[rows.point]
     here = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1))
-    flags = _flags(result, left)
+    flags = measurement_flags(result, left)
     if len(here) > most:
         shown = (flags[here] != "ok") | result.block.known[rows.point[here]]
         shown[:: -(-len(here) // most)] = True
@@ -192,8 +173,8 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
         "residual_east_m": nothing,
         "residual_north_m": nothing,
         "residual_height_m": nothing,
-        "sigma_sample_px": rows.sigma_px[here],
-        "sigma_line_px": rows.sigma_px[here],
+        "sigma_sample_px": sigma[here, 0],
+        "sigma_line_px": sigma[here, 1],
         "sigma_east_m": nothing,
         "sigma_north_m": nothing,
         "sigma_height_m": nothing,

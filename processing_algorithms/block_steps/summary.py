@@ -35,8 +35,8 @@ def summarise(report: Report) -> str:
     lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:MOST_OUTLIERS]
     ]
-    if len(outliers) > MOST_OUTLIERS:
-        lines.append(f"outliers: {len(outliers)} in all, see the report")
+    if report["outlier_count"] > MOST_OUTLIERS:
+        lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
     return "\n".join([*lines, "", *(f"{what:<8}{path}" for what, path in report["outputs"].items())])
 

@@ -68,7 +68,7 @@ def shown(
 def _image_residuals(result: Adjustment, left: Residuals) -> dict[tuple[str, str], tuple[float, float]]:
     rows = result.block.measurements
     known = result.block.known[rows.point].nonzero()[0]
-    return {_key(result, row): (float(left.at_known_px[row, 0]), float(left.at_known_px[row, 1])) for row in known}
+    return {_key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in known}
 
 
 def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[float, float, float]]:
@@ -80,13 +80,13 @@ def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[fl
 
 def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[str, str], str]:
     """Return the measurements of known points that stand out, by the test that the report uses."""
-    from ...hrsi_engine.results.figures import OUTLIER_SIGMAS, outlier_statistic
+    from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
 
-    statistic = outlier_statistic(result, left)
+    statistic = measurement_statistic(left)
     known = result.block.known[result.block.measurements.point]
     return {
         _key(result, row): f"{_key(result, row)[1]}: {statistic[row]:.1f} sigma off"
-        for row in (known & (statistic > OUTLIER_SIGMAS)).nonzero()[0]
+        for row in (known & is_outlier(statistic)).nonzero()[0]
     }
 
 

@@ -1,0 +1,84 @@
+"""Which residuals stand out. One rule for the report, the layers, the drawings and the panel.
+
+The statistic of a residual is its length with every coordinate in units of its own sigma; beyond `OUTLIER_SIGMAS` it is
+an outlier. Residuals and sigmas are those of `results.residuals`, and stand side by side in the layers, so that
+dividing one by the other gives the statistic.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..adjustment import Adjustment
+from ..adjustment.result import Decision
+from ..block.block import Role
+from .residuals import Residuals
+
+OUTLIER_SIGMAS = 4.0  # of a normal error in an image 1 in 3000 is larger
+MOST_OUTLIERS = 200  # of a list in the report
+
+
+def statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return the length of residuals in sigmas ``(n,)``, over the coordinates that exist; NaN without any.
+
+    Parameters
+    ----------
+    residual, sigma : (n, k) in the same unit; NaN where a coordinate was not measured, or has no sigma
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squares = (residual / sigma) ** 2
+    return np.where(np.isfinite(squares).any(axis=1), np.sqrt(np.nansum(squares, axis=1)), np.nan)
+
+
+def measurement_statistic(left: Residuals) -> np.ndarray:
+    """Return the statistic of each image measurement ``(n,)``."""
+    return statistic(left.measured_px, left.measured_sigma_px)
+
+
+def is_outlier(statistics: np.ndarray) -> np.ndarray:
+    """Return which statistics are those of outliers; what could not be judged is none."""
+    return np.nan_to_num(statistics) > OUTLIER_SIGMAS
+
+
+def measurement_flags(result: Adjustment, left: Residuals) -> np.ndarray:
+    """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie left out) or ``unused``."""
+    role = result.block.points.role[result.block.measurements.point]
+    unused = ~np.isfinite(result.residual_px).all(axis=1)
+    outlier = is_outlier(measurement_statistic(left))
+    return np.select(
+        [unused & (role == Role.TIE), outlier, unused], ["rejected", "outlier", "unused"], "ok"
+    )  # fmt: skip
+
+
+def ground_flags(left: Residuals) -> np.ndarray:
+    """Return ``ok`` or ``outlier`` for the ground residual of each point."""
+    return np.where(is_outlier(statistic(left.ground_m, left.ground_sigma_m)), "outlier", "ok")
+
+
+def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
+    """Return the report's list of outliers, the worst first, and how many there are in all.
+
+    Measurements that data snooping left out are there too, with the test that they failed.
+    """
+    found = measurement_statistic(left)
+    left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
+    found = np.where(left_out, result.statistic, found)
+    worst = np.argsort(-np.nan_to_num(found), kind="stable")[: int(is_outlier(found).sum())]
+    return {
+        "outliers": [
+            named_measurement(result, row) | {"statistic": float(found[row])} for row in worst[:MOST_OUTLIERS].tolist()
+        ],
+        "outlier_count": len(worst),
+    }
+
+
+def named_measurement(result: Adjustment, row: int) -> dict[str, str]:
+    """Return id, image and role of a measurement, as reports name it."""
+    points, rows = result.block.points, result.block.measurements
+    return {
+        "id": str(points.ids[rows.point[row]]),
+        "image": result.block.images[rows.image[row]].id,
+        "role": Role(points.role[rows.point[row]]).label,
+    }
