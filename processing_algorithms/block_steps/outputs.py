@@ -11,6 +11,7 @@ from typing import Any
 from ...hrsi_engine.adjustment import Adjustment
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.layer_styles import default_styles
 from ...hrsi_engine.io.layers import write_geopackage
@@ -24,10 +25,12 @@ from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, block_map
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
+from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
 from ..interface.declare import Context, Report
-from .rpc_outputs import IN_PLACE, clear_the_way, write_into_images, write_new_files
+from .rpc_outputs import IN_PLACE, NOTHING, clear_the_way, write_into_images, write_new_files
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
+WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or --force-write"
 LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
 
 
@@ -57,30 +60,43 @@ def write_results(
     clock: Clock,
     context: Context,
     more: Mapping[str, Any] | None = None,
+    reasons: Sequence[Reason] = (),
 ) -> Report:
-    """Write everything that the options ask for; return the report. ``more`` are entries that it has besides."""
+    """Write everything that the options ask for and the verdict allows; return the report.
+
+    ``more`` are entries that the report has besides; ``reasons`` are what was found before the adjustment.
+    """
     images = result.block.images
     left = residuals(result)
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     clock.lap("residuals")
+    evidence = Evidence(result, left, refined)
     report = {
-        "schema": 1, "algorithm": algorithm, "version": VERSION, "seconds": {}, **block_report(result, left, refined),
+        "schema": 1, "algorithm": algorithm, "version": VERSION, "verdict": {}, "seconds": {},
+        **block_report(result, left, refined),
         **residual_statistics.entries(result, left),
         "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
-                     *_fit_warnings(images, refined)],
+                     *_fit_warnings(images, refined), *field_notes(evidence)],
         "versions": versions(),
         "settings": {key: value for key, value in options.items() if value is not None},
         **(more or {}),
     }  # fmt: skip
+    verdict = Verdict.of(reached(report), [*reasons, *find_reasons(evidence)])
+    report["verdict"] = verdict.entry()
+    how = options["write"]
+    if verdict.level is Level.UNUSABLE and how != NOTHING and not options["force_write"]:
+        how = NOTHING
+        report["warnings"].append(WITHHELD)
+    clock.lap("judge")
     with staged(options["output_dir"], [image.path for image in images]) as folder:
-        names = write_new_files(folder, images, refined, options["write"], stage(context.progress, 0.0, 0.5))
-        _name_outputs(report, options, images, names)
+        names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
+        _name_outputs(report, options, how, images, names)
         advance(context.progress, 0.5, "writing layers")
         layers = block_layers(result, left, options["residual_crs"])
         styles = default_styles({layer.name: layer.fields for layer in layers})
         write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
         report["warnings"] += clear_the_way(options["output_dir"], names, images, refined)
-        if options["write"] == IN_PLACE:
+        if how == IN_PLACE:
             report["warnings"] += write_into_images(images, refined, stage(context.progress, 0.7, 0.95))
         clock.lap("write")
         report["seconds"] = clock.total()
@@ -90,13 +106,13 @@ def write_results(
 
 
 def _name_outputs(
-    report: Report, options: Mapping[str, Any], images: Sequence[Image], names: Mapping[str, str]
+    report: Report, options: Mapping[str, Any], how: str, images: Sequence[Image], names: Mapping[str, str]
 ) -> None:
-    """Enter where the results will lie."""
+    """Enter where the results will lie; ``how`` refined RPCs are written."""
     folder = options["output_dir"]
     for image in images:
         output = os.path.join(folder, names[image.id]) if image.id in names else None
-        if options["write"] == IN_PLACE and image.raster is not None:
+        if how == IN_PLACE and image.raster is not None:
             output = image.path
         report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
     files = {"report": REPORT_FILE, "layers": LAYERS_FILE} | ({"html": PAGE_FILE} if options["report"] else {})

@@ -120,6 +120,10 @@ BLOCK_OUTPUT_PARAMS = (
         default="copy", choices=WRITE_CHOICES,
     ),
     Param(
+        "force-write", Kind.FLAG, "Write the refined RPCs although the verdict on the result is unusable",
+        default=False, advanced=True,
+    ),
+    Param(
         "residual-crs", Kind.CHOICE, "Coordinate systems of the residual layers", default="both",
         choices=RESIDUAL_CRS_CHOICES,
     ),

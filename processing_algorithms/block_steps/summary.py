@@ -1,6 +1,9 @@
-"""What a person reads on the terminal after a block was adjusted."""
+"""What a person reads on the terminal after a block was adjusted; the last line says what was reached."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from ..interface.declare import Report
 
@@ -38,7 +41,16 @@ def summarise(report: Report) -> str:
     if report["outlier_count"] > MOST_OUTLIERS:
         lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
-    return "\n".join([*lines, "", *(f"{what:<8}{path}" for what, path in report["outputs"].items())])
+    lines += ["", *(f"{what:<8}{path}" for what, path in report["outputs"].items()), ""]
+    return "\n".join([*lines, *verdict_lines(report["verdict"])])
+
+
+def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
+    """Return the reasons with what to do about each, the worst last, and below them the verdict in one sentence."""
+    lines = []
+    for reason in reversed(verdict["reasons"]):
+        lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
+    return [*lines, f"{verdict['sentence']}. Verdict: {verdict['level']}"]
 
 
 def _known_points(role: str, entry: Report) -> str:

@@ -14,22 +14,26 @@ from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import algorithm_parser, registry_help
-from .declare import Algorithm, Context, Report
+from .declare import Algorithm, Context, Report, is_unusable
 from .options import checked_options, find_algorithm
 from .terminal import SilentTerminal, TerminalProgress
 
+UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
 _DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
 
 
 def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] = REGISTRY) -> int:
-    """Run the command line and return its exit code: 0 done, 1 not solved, 2 wrong input, 130 interrupted."""
+    """Run the command line and return its exit code.
+
+    0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted.
+    """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
     try:
-        _dispatch(list(sys.argv[1:] if words is None else words), registry)
+        code = _dispatch(list(sys.argv[1:] if words is None else words), registry)
         sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
-        return 0
+        return code
     except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
         _silence_stdout()
         return 1
@@ -50,7 +54,7 @@ def describe(error: BaseException) -> tuple[str, int]:
     raise error
 
 
-def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> None:
+def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> int:
     if not words:
         raise InputError("no algorithm given; hrsi --help lists them")
     first, *rest = words
@@ -61,10 +65,12 @@ def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> None:
     elif HELP & set(rest):
         print(algorithm_parser(find_algorithm(registry, first)).format_help(), end="")
     else:
-        _run_algorithm(find_algorithm(registry, first), rest)
+        return _run_algorithm(find_algorithm(registry, first), rest)
+    return 0
 
 
-def _run_algorithm(algorithm: Algorithm, words: list[str]) -> None:
+def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
+    """Run an algorithm and print what came out; return 3 where its verdict is that it cannot be used."""
     given = algorithm_parser(algorithm).parse_words(words)
     quiet, as_json = given.pop("quiet", False), given.pop("json", False)
     options = checked_options(algorithm, given)
@@ -76,6 +82,7 @@ def _run_algorithm(algorithm: Algorithm, words: list[str]) -> None:
     finally:
         terminal.break_line()
     print(_json_text(report) if as_json else algorithm.summarise(report))
+    return UNUSABLE if is_unusable(report) else 0
 
 
 def _json_text(report: Report) -> str:

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Any
 
 from ...hrsi_engine.foundation.progress import Progress
+from ...hrsi_engine.foundation.reasons import Level
 
 Report = dict[str, Any]
 Log = Callable[[str], None]
@@ -57,6 +58,11 @@ class Param:
     def key(self) -> str:
         """Name as a Python keyword: ``sigma_image``."""
         return self.name.replace("-", "_")
+
+
+def is_unusable(report: Report) -> bool:
+    """Return whether a report has the verdict that its result cannot be used; algorithms without one never do."""
+    return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,129 @@
+"""What holds each image: its ties, those that were left out, its links to others, and the control of its part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...block.block import Role
+from ...foundation.errors import named
+from ...foundation.reasons import Level, Reason
+from .evidence import Evidence
+
+MANY_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
+LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
+LINK_TIES = 8  # points of a pair from which their share left out says something
+BROKEN_LINK = 0.5
+
+
+def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
+    """Tie measurements that do not fit: in the block, on an image, or between two images."""
+    block = evidence.result.block
+    ties = evidence.is_role(Role.TIE)
+    total, out = int(ties.sum()), int((ties & evidence.left_out).sum())
+    if not total:
+        return
+    share = out / total
+    count = np.bincount(block.measurements.image[ties], minlength=len(block.images))
+    lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
+    bad = np.flatnonzero((count >= LINK_TIES) & (lost > MOST_LEFT_OUT * count))
+    images = tuple(block.images[index].id for index in bad.tolist())
+    if share > MANY_LEFT_OUT or images:
+        where = f"; more than half of those on image {named(images)}" if images else ""
+        yield Reason(
+            "ties-left-out",
+            Level.UNUSABLE if share > MOST_LEFT_OUT else Level.DOUBTFUL,
+            f"{out} of {total} tie measurements ({100.0 * share:.0f} %) do not fit and are left out{where}",
+            "look where they lie (flags in the layer image_points): clouds, water and repeated texture give wrong "
+            "matches; a whole image or link may have a wrong RPC or wrong ids",
+            images=images,
+        )
+        return
+    links = broken_links(evidence)
+    if links:
+        listed = named(f"{one} and {other} ({kept} of {points} points kept)" for one, other, points, kept in links)
+        yield Reason(
+            "link-left-out", Level.DOUBTFUL,
+            f"most ties between images do not fit: {listed}",
+            "look at the ties between these images; without them they are held by others only",
+            images=tuple(dict.fromkeys(name for first, second, _, _ in links for name in (first, second))),
+        )  # fmt: skip
+
+
+def broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
+    """Return the pairs of images most of whose common tie points are left out, with points and points kept."""
+    block = evidence.result.block
+    if not (evidence.left_out & evidence.is_role(Role.TIE)).any():
+        return []
+    images = len(block.images)
+    points, kept = (_common_points(evidence, chosen) for chosen in (None, ~evidence.left_out))
+    pairs = np.flatnonzero((points >= LINK_TIES) & (kept < BROKEN_LINK * points))
+    return [
+        (block.images[pair // images].id, block.images[pair % images].id, int(points[pair]), int(kept[pair]))
+        for pair in pairs.tolist()
+    ]
+
+
+def _common_points(evidence: Evidence, chosen: np.ndarray | None) -> np.ndarray:
+    """Return how many tie points each pair of images has in common, ``(images²,)``, the lower number first."""
+    rows, images = evidence.result.block.measurements, len(evidence.result.block.images)
+    ties = evidence.is_role(Role.TIE) if chosen is None else evidence.is_role(Role.TIE) & chosen
+    here = np.flatnonzero(ties)  # sorted by point, then by image
+    point, image = rows.point[here], rows.image[here].astype(np.int64)
+    counts = np.zeros(images * images, dtype=np.int64)
+    step = 1
+    while step < len(here):
+        same = point[step:] == point[:-step]
+        if not same.any():
+            break
+        pair = image[:-step][same] * images + image[step:][same]
+        counts += np.bincount(pair, minlength=images * images)
+        step += 1
+    return counts
+
+
+def images_not_held(evidence: Evidence) -> Iterator[Reason]:
+    """Images without any point, images by few points, and parts of a block without control beside others with it."""
+    result, block = evidence.result, evidence.result.block
+    used = evidence.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    count = np.bincount(block.measurements.image[used], minlength=len(block.images))
+    control = np.bincount(block.measurements.image[used & evidence.is_role(Role.GCP)], minlength=len(block.images))
+    free = result.model.parameters and len(block.images) > 1
+    alone = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]
+    if alone:
+        yield Reason(
+            "image-not-held", Level.DOUBTFUL,
+            f"no GCP and no tie point that fits is on image {named(alone)}: its RPC stays as it was",
+            "find tie points to its neighbours, measure GCPs on it, or take it out of the block",
+            images=tuple(alone),
+        )  # fmt: skip
+    weak = np.flatnonzero((count > 0) & (count < LEAST_TIES) & (control == 0))
+    if free and len(weak):
+        ids = tuple(block.images[index].id for index in weak.tolist())
+        yield Reason(
+            "few-ties", Level.DOUBTFUL,
+            f"image {named(ids)} is held by fewer than {LEAST_TIES} tie points and no GCP: an error in one of them "
+            "would not show",
+            "find more tie points on it, or measure GCPs",
+            images=ids,
+        )  # fmt: skip
+
+
+def parts_without_control(evidence: Evidence) -> Iterator[Reason]:
+    """Parts of a block that share no points: they do not fit each other."""
+    parts = [part for part in evidence.result.parts if part.gcps or part.ties]
+    if len(parts) < 2 or all(part.gcps for part in parts):
+        return
+    free = tuple(name for part in parts if not part.gcps for name in part.images)
+    held = sum(1 for part in parts if part.gcps)
+    yield Reason(
+        "part-without-control", Level.DOUBTFUL,
+        f"the block falls into {len(parts)} parts without common points, {held} of them with GCPs; image {named(free)} "
+        "lies only as well as its RPC, and does not fit the others",
+        "find tie points between the parts, or measure GCPs in each",
+        images=free,
+    )  # fmt: skip
+
+
+ON_CONNECTIONS = (ties_left_out, images_not_held, parts_without_control)

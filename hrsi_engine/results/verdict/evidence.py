@@ -1,0 +1,49 @@
+"""What is judged: the adjustment with all that is known of it, its residuals and the RPCs that would be written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...adjustment import Adjustment, Decision
+from ...block.block import Role
+from ...refinement import RefinedRPC
+from ..residuals import Residuals
+from .fields import ResidualField, residual_fields
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """An adjustment, what it left over, and the RPCs that would be written, one an image."""
+
+    result: Adjustment
+    left: Residuals
+    refined: Sequence[RefinedRPC]
+
+    @cached_property
+    def row_role(self) -> np.ndarray:
+        """Role of the point of each measurement, ``(n,)``."""
+        block = self.result.block
+        return block.points.role[block.measurements.point]
+
+    @cached_property
+    def took_part(self) -> np.ndarray:
+        """Which measurements have residuals, ``(n,)``."""
+        return np.isfinite(self.result.residual_px).all(axis=1)
+
+    @cached_property
+    def left_out(self) -> np.ndarray:
+        """Which measurements data snooping left out, ``(n,)``."""
+        return self.result.decision != int(Decision.KEPT)
+
+    @cached_property
+    def fields(self) -> list[ResidualField]:
+        """The significant fields in the residuals of images, the largest first."""
+        return residual_fields(self.result, self.took_part & ~self.left_out)
+
+    def is_role(self, role: Role) -> np.ndarray:
+        """Return which measurements are of points of a role, ``(n,)``."""
+        return self.row_role == role

@@ -1,0 +1,155 @@
+"""What is known of the ground against the block: GCPs against each other and the ties, check points against prediction.
+
+Sigmas of surveys are often the user's guess, and one sigma0 over thousands of tie points hides a dozen GCPs. So control
+has a test of its own: its residuals at the surveyed positions, in the sigmas that survey and measurement give them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import special
+
+from ...block.block import Role
+from ...foundation.errors import named
+from ...foundation.reasons import Level, Reason
+from ..residuals import unit_sigma
+from .evidence import Evidence
+from .significance import RISK, chi_square_limit, is_significant
+
+LARGE_MISFIT, RUINED_MISFIT = 4.0, 12.0  # times the standard deviation that is expected
+LARGE_ERROR, RUINED_ERROR = 3.0, 10.0  # the same of check points against prediction
+LONE_ERROR = 3.0  # of one check point, times what the others show
+CLEARLY_OTHER = 0.3  # share of the GCPs that were found wrong from which the others cannot be trusted either
+AMBIGUOUS_SIGMAS = 10.0  # of a GCP that disagrees while nobody can tell which one is wrong
+
+
+def control_misfit(evidence: Evidence) -> Iterator[Reason]:
+    """GCPs that lie farther from where the refined RPCs put them than their sigmas allow."""
+    yield from _misfit(evidence, Role.GCP, LARGE_MISFIT, RUINED_MISFIT)
+
+
+def check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
+    """The same of check points in images that were refined one by one: nothing predicts them on the ground."""
+    if not np.isfinite(evidence.result.ground_covariance_m2).any():
+        yield from _misfit(evidence, Role.CHECK, LARGE_MISFIT, RUINED_MISFIT)
+
+
+def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
+    block, left = evidence.result.block, evidence.left
+    in_sigmas = (
+        left.measured_px / left.measured_sigma_px * unit_sigma(evidence.result)
+    )  # of the sigmas as they are stated
+    rows = np.flatnonzero(evidence.is_role(role) & ~evidence.left_out & np.isfinite(in_sigmas).all(axis=1))
+    if not len(rows):
+        return
+    squares = np.sum(in_sigmas[rows] ** 2, axis=1)
+    factor = float(np.sqrt(squares.sum() / (2.0 * len(rows))))
+    if factor < large or not is_significant(float(squares.sum()), 2.0 * len(rows)):
+        return
+    wrong = np.unique(block.measurements.point[rows[squares > chi_square_limit(2.0)]])
+    ids = tuple(str(name) for name in block.points.ids[wrong])
+    length = float(np.sqrt(np.mean(np.sum(left.measured_px[rows] ** 2, axis=1))))
+    what = {Role.GCP: "the GCPs do", Role.CHECK: "the check points do"}[role]
+    yield Reason(
+        {Role.GCP: "control-misfit", Role.CHECK: "check-misfit"}[role],
+        Level.UNUSABLE if factor >= ruined else Level.DOUBTFUL,
+        f"{what} not fit the refined RPCs: {length:.2g} px in the mean, {factor:.2g} times what their sigmas allow; "
+        f"beyond chance are {named(ids)}",
+        "compare coordinates, heights, datum and ids of these points with their source; state their sigmas as they are",
+        images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
+        points=ids,
+    )  # fmt: skip
+
+
+def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
+    """GCPs that data snooping named; a false alarm among that many tests counts for nothing."""
+    result = evidence.result
+    rows = evidence.is_role(Role.GCP)
+    surveyed = int((result.block.points.role == Role.GCP).sum())
+    candidates = surveyed + int(rows.sum())
+    limit = np.sqrt(-2.0 * np.log(RISK * 10.0 / max(candidates, 1)))  # equivalent sigmas in two dimensions
+    found = [finding for finding in result.findings if finding.statistic > limit]
+    out = tuple(dict.fromkeys(finding.id for finding in found if finding.left_out))
+    kept = [finding for finding in found if not finding.left_out]
+    if out:
+        many = len(out) > CLEARLY_OTHER * surveyed
+        yield Reason(
+            "control-left-out",
+            Level.DOUBTFUL,
+            f"{len(out)} of {surveyed} GCPs disagree with the rest and are left out: {named(out)}"
+            + ("; with so many of them, the others may be the wrong ones" if many else ""),
+            "compare these points with their source; correct them, or take them out of the file",
+            points=out,
+        )
+    if kept:
+        worst = max(finding.statistic for finding in kept)
+        yield Reason(
+            "control-ambiguous",
+            Level.UNUSABLE if worst > AMBIGUOUS_SIGMAS else Level.DOUBTFUL,
+            f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {named(f.id for f in kept)}; "
+            "all are kept",
+            "compare these points with their source, or measure more GCPs",
+            points=tuple(dict.fromkeys(finding.id for finding in kept)),
+        )
+
+
+def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
+    """Check points that lie farther off than covariances and surveys predict: all together, or a few alone."""
+    result, points = evidence.result, evidence.result.block.points
+    check = np.flatnonzero(points.role == Role.CHECK)
+    error = evidence.left.ground_m[check]
+    covariance = result.ground_covariance_m2[check] + points.survey_covariance_m2(check)
+    usable = np.isfinite(error[:, :2]).all(axis=1) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
+    check, error, covariance = check[usable], error[usable], covariance[usable]
+    if not len(check):
+        return
+    squares, freedom = _squares(error, covariance)
+    factor = float(np.sqrt(squares.sum() / freedom.sum()))
+    if factor >= LARGE_ERROR and is_significant(float(squares.sum()), float(freedom.sum())):
+        predicted = np.sqrt(np.nanmean(covariance.diagonal(axis1=1, axis2=2), axis=0))
+        found = np.sqrt(np.nanmean(error**2, axis=0))
+        yield Reason(
+            "check-misfit",
+            Level.UNUSABLE if factor >= RUINED_ERROR else Level.DOUBTFUL,
+            f"{len(check)} check points are {factor:.2g} times as far off as predicted: RMSE {_metres(found)} m, "
+            f"predicted {_metres(predicted)} m (east, north, height)",
+            "compare the datum and heights of check points and GCPs; look at the arrows of the report: one direction "
+            "is a datum, a fan is a missing model, single ones are wrong points",
+            points=tuple(str(name) for name in points.ids[check]),
+        )
+        return
+    # Single ones: against the others' own scatter, so that sigmas that are too small accuse nobody.
+    middle = np.median(squares / special.chdtri(freedom, 0.5))
+    limit = np.array([chi_square_limit(value, RISK / len(check)) for value in freedom])
+    alone = squares > limit * max(middle, 1.0) * (LONE_ERROR / 2.0) ** 2
+    if alone.any():
+        worst = int(np.argmax(squares))
+        ids = tuple(str(name) for name in points.ids[check[alone]])
+        yield Reason(
+            "check-point-off", Level.DOUBTFUL,
+            f"check point {named(ids)} lies far from where the block puts it while the others agree: "
+            f"{points.ids[check[worst]]} by {_metres(error[worst])} m (east, north, height)",
+            "compare these points with their source and their measurements in the images",
+            points=ids,
+        )  # fmt: skip
+
+
+def _squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return d' C^-1 d ``(k,)`` and its degrees of freedom: 3, or 2 where no height was compared."""
+    flat = ~np.isfinite(error[:, 2]) | ~np.isfinite(covariance[:, 2, 2])
+    squares = np.empty(len(error))
+    for chosen, axes in ((flat, slice(0, 2)), (~flat, slice(0, 3))):
+        if chosen.any():
+            difference = error[chosen, axes]
+            solved = np.linalg.solve(covariance[chosen, axes, axes], difference[:, :, None])[:, :, 0]
+            squares[chosen] = np.einsum("ki,ki->k", difference, solved)
+    return squares, np.where(flat, 2.0, 3.0)
+
+
+def _metres(values: np.ndarray) -> str:
+    return " / ".join("-" if np.isnan(value) else f"{value:.2f}" for value in values)
+
+
+ON_GROUND_TRUTH = (control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction)

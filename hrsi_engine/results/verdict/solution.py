@@ -1,0 +1,121 @@
+"""The solution itself: did it converge, do sigma0, corrections and refined RPCs lie where they should."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...foundation.errors import named
+from ...foundation.reasons import Level, Reason
+from ...refinement import priors_of
+from .evidence import Evidence
+from .significance import is_significant
+
+SETTLED_SIGMAS = 1.0  # movement of the unknowns in a further step that still leaves the result what it is
+LARGE_SIGMA0, RUINED_SIGMA0 = 3.0, 10.0
+FAR_SIGMAS, RUINED_SIGMAS = 5.0, 15.0  # of a correction from zero, in its prior's standard deviations
+COARSE_FIT_PX, RUINED_FIT_PX = 0.1, 1.0
+LEAST_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
+
+
+def not_converged(evidence: Evidence) -> Iterator[Reason]:
+    """The iterations stopped at their limit: how far a further step would still have moved the unknowns.
+
+    Half of what the weighted sum of squares would fall by is half the squared length of the step in sigmas.
+    """
+    result = evidence.result
+    if result.converged:
+        return
+    still = 2.0 * result.history[-1].predicted_decrease if result.history else np.inf
+    moving = np.sqrt(max(still, 0.0)) / max(result.sigma0, 1.0)
+    level = Level.UNUSABLE if not moving < SETTLED_SIGMAS else Level.DOUBTFUL
+    distance = f": another step would move the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
+    yield Reason(
+        "not-converged", level, f"the adjustment {result.status}{distance}",
+        "look for wrong points and wrong images first; then choose a model of fewer parameters",
+    )  # fmt: skip
+
+
+def sigma0_too_large(evidence: Evidence) -> Iterator[Reason]:
+    """Residuals that are much larger than the sigmas that were given for the observations."""
+    result = evidence.result
+    squares = result.sigma0**2 * result.redundancy
+    if result.sigma0 < LARGE_SIGMA0 or not is_significant(squares, result.redundancy):
+        return
+    stated = np.median(result.block.measurements.sigma_px) if len(result.block.measurements) else np.nan
+    yield Reason(
+        "residuals-too-large",
+        Level.UNUSABLE if result.sigma0 >= RUINED_SIGMA0 else Level.DOUBTFUL,
+        f"sigma0 is {result.sigma0:.2g}: residuals are that many times as large as the sigmas of the observations let "
+        f"expect; image points would need a sigma of {result.sigma0 * stated:.2g} px instead of {stated:.2g} px",
+        "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
+        "points are no better than that, state their sigmas as they are",
+    )  # fmt: skip
+
+
+def corrections_beyond_priors(evidence: Evidence) -> Iterator[Reason]:
+    """Corrections that no satellite's RPC needs: wrong points bend the images to them."""
+    result = evidence.result
+    sigma = prior_sigmas(evidence)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.where(sigma > 0.0, np.abs(result.values) / sigma, 0.0)
+    far = np.nan_to_num(far)
+    for level, low, high in ((Level.UNUSABLE, RUINED_SIGMAS, np.inf), (Level.DOUBTFUL, FAR_SIGMAS, RUINED_SIGMAS)):
+        largest = far.max(axis=1, initial=0.0)
+        images = np.flatnonzero((largest >= low) & (largest < high))
+        if not len(images):
+            continue
+        worst = int(images[np.argmax(largest[images])])
+        parameter = int(np.argmax(far[worst]))
+        ids = tuple(result.block.images[index].id for index in images.tolist())
+        yield Reason(
+            "correction-too-large", level,
+            f"the correction of image {named(ids)} is larger than any error of its RPC: "
+            f"{result.model.parameters[parameter]} of {result.block.images[worst].id} is "
+            f"{result.values[worst, parameter]:.3g}, {far[worst, parameter]:.0f} times what is expected "
+            f"({sigma[worst, parameter]:.2g})",
+            "check that the points belong to these images (coordinates, columns, ids, datum), and that the RPCs belong "
+            "to the pixels",
+            images=ids,
+        )  # fmt: skip
+
+
+def prior_sigmas(evidence: Evidence) -> np.ndarray:
+    """Return the prior standard deviation of each parameter, ``(images, p)``; 0 where it was not free.
+
+    An adjustment keeps how much of a parameter came from its prior, weight times variance: the prior follows from it.
+    Where it does not (images refined one by one) the model's own priors count.
+    """
+    result = evidence.result
+    part_of = {name: part for part in result.parts for name in part.images}
+    sigma = np.zeros_like(result.values)
+    for index, image in enumerate(result.block.images):
+        part = part_of.get(image.id)
+        factor = max(result.sigma0, 1.0) if part is not None and part.gcps else 1.0
+        share, own = result.prior_share[index], result.values_sigma[index] / factor
+        controlled = part is None or part.gcps > 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kept = np.where(share < 1.0, own / np.sqrt(share), 0.0)
+        given = result.model.prior_sigmas(image, priors_of(image, controlled))
+        sigma[index] = np.where(np.isfinite(kept) & (share > LEAST_SHARE), kept, given)
+    return sigma
+
+
+def rpc_unlike_model(evidence: Evidence) -> Iterator[Reason]:
+    """A refined RPC that does not do what its model does."""
+    block = evidence.result.block
+    fit = np.array([one.fit_max_px for one in evidence.refined])
+    for level, low, high in ((Level.UNUSABLE, RUINED_FIT_PX, np.inf), (Level.DOUBTFUL, COARSE_FIT_PX, RUINED_FIT_PX)):
+        images = np.flatnonzero(~(fit < low) & ~(fit >= high))
+        if len(images):
+            ids = tuple(block.images[index].id for index in images.tolist())
+            yield Reason(
+                "rpc-unlike-model", level,
+                f"the refined RPC of image {named(ids)} differs from its model by up to {fit[images].max():.2g} px",
+                "choose a model of fewer parameters: an RPC cannot follow this correction",
+                images=ids,
+            )  # fmt: skip
+
+
+ON_SOLUTION = (not_converged, sigma0_too_large, corrections_beyond_priors, rpc_unlike_model)

@@ -1,0 +1,115 @@
+"""The verdict: the worst level of all reasons, and one sentence of what was reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Any
+
+from ...foundation.reasons import Level, Reason
+from . import connections, ground_truth, solution, systematic
+from .evidence import Evidence
+
+#: Every check of a finished adjustment.
+CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
+    *solution.ON_SOLUTION,
+    *ground_truth.ON_GROUND_TRUTH,
+    *connections.ON_CONNECTIONS,
+    *systematic.ON_FIELDS,
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was reached, in one sentence, and what a careful operator has to look into, the worst first."""
+
+    sentence: str
+    reasons: tuple[Reason, ...] = ()
+
+    @classmethod
+    def of(cls, sentence: str, reasons: Iterable[Reason]) -> Verdict:
+        """Return the verdict with its reasons in order."""
+        return cls(sentence, tuple(sorted(reasons, key=lambda reason: -reason.level)))
+
+    @property
+    def level(self) -> Level:
+        """The worst of the reasons."""
+        return max((reason.level for reason in self.reasons), default=Level.OK)
+
+    def entry(self) -> dict[str, Any]:
+        """Return the verdict as reports have it."""
+        return {
+            "level": self.level.label,
+            "sentence": self.sentence,
+            "reasons": [
+                {
+                    "code": reason.code,
+                    "level": reason.level.label,
+                    "message": reason.message,
+                    "advice": reason.advice,
+                    "images": list(reason.images),
+                    "points": list(reason.points),
+                }
+                for reason in self.reasons
+            ],
+        }
+
+
+def find_reasons(evidence: Evidence) -> list[Reason]:
+    """Return everything that speaks against a finished adjustment."""
+    return [reason for check in CHECKS for reason in check(evidence)]
+
+
+def reached(report: Mapping[str, Any]) -> str:
+    """Return in one sentence what an adjustment reached, from the figures of its report.
+
+    ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
+    """
+    images, ties, check = len(report["images"]), report["ties"], report["check"]
+    count = f"{images} image{'s' if images > 1 else ''}"
+    text = f"{count} tied to {brief(ties['rmse_px'])} px" if ties["points"] else count
+    gcps = report["control"]["points"]
+    text += f"; {_counted(gcps, 'GCP')}, {_counted(check['points'], 'check point')}"
+    accuracy = _checked(check) if check["points"] else _predicted(report)
+    return f"{text}: {accuracy}" if accuracy else text
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+
+
+def _checked(check: Mapping[str, Any]) -> str:
+    """Return the accuracy that check points show; in the image where no ground position follows."""
+    predicted = check.get("predicted") or {}
+    if check["ce90_m"] is None:
+        if check["rmse_sample_px"] is None:
+            return ""
+        return f"RMSE {brief(check['rmse_sample_px'])} px in sample, {brief(check['rmse_line_px'])} px in line"
+    parts = [f"{name} {brief(check[key])} m" for name, key in ACCURACIES.items() if check[key] is not None]
+    if predicted.get("ce90_m") is not None:
+        parts[0] += f" (predicted {brief(predicted['ce90_m'])})"
+    return ", ".join(parts)
+
+
+def _predicted(report: Mapping[str, Any]) -> str:
+    """Return what the covariances promise where nothing was tested; of the largest part of the block."""
+    part = next(iter(report["parts"]), None)
+    if part is None or part["ce90_m"] is None:
+        return ""
+    return "predicted " + ", ".join(
+        f"{name} {brief(part[key])} m" for name, key in ACCURACIES.items() if part[key] is not None
+    )
+
+
+ACCURACIES = {"CE90": "ce90_m", "LE90": "le90_m"}  #: as people call them: key of the report
+
+
+def brief(value: float | None) -> str:
+    """Return a figure with two digits that count, at most two decimals."""
+    if value is None:
+        return "-"
+    if value == 0.0:
+        return "0"
+    decimals = min(max(1 - floor(log10(abs(value))), 0), 2)
+    return f"{value:.{decimals}f}"
