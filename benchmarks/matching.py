@@ -20,7 +20,7 @@ import numpy as np
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.measurement.control_network import MatchResult, match_windows
+from hrsi.hrsi_engine.measurement.control_network import ControlNetworkMatch, match_windows
 from hrsi.hrsi_engine.measurement.control_network.super_points import match_super_points
 from hrsi.hrsi_engine.measurement.control_network.thresholds import Tolerance
 from hrsi.tests.conftest import TEST_DATA
@@ -156,7 +156,7 @@ def judged(data: Path, pair: RealPair, turn: float, areas: tuple) -> tuple[str, 
     return str(len(found)), f"{1.4826 * np.median(across):.3f} px", f"{far} ({far / len(found):.2%})", f"{seconds:.1f}"
 
 
-def in_images(found: MatchResult, areas: tuple, back: Callable[[np.ndarray], np.ndarray]) -> tuple:
+def in_images(found: ControlNetworkMatch, areas: tuple, back: Callable[[np.ndarray], np.ndarray]) -> tuple:
     """Return the positions in the original images."""
     return found.positions.first + areas[0][:2], back(found.positions.second) + areas[1][:2]
 

@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.ortho_warp import OrthoSource, Warp, warp_chunk
 from hrsi.hrsi_engine.io.orthoimages import chunk_size
 from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.ortho.grid import MapGrid, Window
+from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _bilinear
 from hrsi.processing_algorithms import run
 
@@ -195,7 +195,7 @@ def in_process(image: str, dem: str, grid: MapGrid) -> None:
         )  # fmt: skip
 
     def ours() -> None:
-        for window in Window(column, row, 1024, 1024).parts(*chunk_size(1.0)):
+        for window in GridWindow(column, row, 1024, 1024).parts(*chunk_size(1.0)):
             chunk = mapping.chunk(window)
             assert chunk is not None
             warp_chunk(source, chunk.positions, chunk.step, window.columns, window.rows, Warp("cubic", 1.0, 0.0))

@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust  # noqa: E402
 from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90  # noqa: E402
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image  # noqa: E402
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference.checks import Accuracy, reference_shift  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, reference_shift  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.matching import (  # noqa: E402
     ReferenceControl,
     ReferenceOptions,
@@ -39,7 +39,7 @@ from hrsi.hrsi_engine.simulation import (  # noqa: E402
     along_track_views,
     simulate_block,
 )
-from hrsi.hrsi_engine.surface.dem import GridSurface, intersect  # noqa: E402
+from hrsi.hrsi_engine.surface.dem import GridSurface, intersect_surface  # noqa: E402
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "real"
 OPTIONS = ReferenceOptions(points=150)
@@ -154,14 +154,14 @@ def refined_images(scene: scenes.Scene, gcps: bool) -> list[Image]:
 def true_shift_m(scene: scenes.Scene, number: int, image: Image) -> np.ndarray:
     """Return by how much an image's RPC puts the ground of its middle beside the truth, at the true height."""
     middle = image.centre_px[None]
-    true, _ = intersect(scene.simulated.truth.rpcs[number].rpc, middle, scene.terrain)
+    true, _ = intersect_surface(scene.simulated.truth.rpcs[number].rpc, middle, scene.terrain)
     by_rpc, _ = image.rpc.localize(middle, true[:, 2])
     return ground_difference_m(by_rpc, true)[0, :2]
 
 
 def shifts_m(scene: scenes.Scene, images: list[Image], control: ReferenceControl) -> list[np.ndarray]:
     found = [
-        reference_shift(image, part, control.ground, Accuracy(0.1, 0.1))
+        reference_shift(image, part, control.ground, ReferenceAccuracy(0.1, 0.1))
         for image, part in zip(images, control.images, strict=True)
     ]
     return [np.array([np.nan, np.nan]) if s is None else np.array([s.east_m, s.north_m]) for s in found]

@@ -22,9 +22,14 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import ImageTile, MatchOptions, PairGeometry, match_tile
+from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
+    ImageTile,
+    TileMatchOptions,
+    TilePairGeometry,
+    match_tile,
+)
 from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
-from hrsi.hrsi_engine.measurement.window_matching.bands import BANDS
+from hrsi.hrsi_engine.measurement.window_matching.bands import MATCHING_BANDS
 from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
 from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, LsmOptions
 from hrsi.processing_algorithms import run
@@ -103,7 +108,7 @@ def across(images: Sequence[Image], xy1: np.ndarray, xy2: np.ndarray, height_m: 
 def coverage(images: Sequence[Image], tile: ImageTile, xy1: np.ndarray, height_m: float) -> tuple[int, int]:
     """Return how many of the 8 x 8 cells of the first image that overlap and have texture have matches, and those."""
     size = np.array(images[0].size)
-    points = tile_points(tile, MatchOptions()).astype(float)
+    points = tile_points(tile, TileMatchOptions()).astype(float)
     seen = transfer(images[0].rpc, images[1].rpc, points, height_m)
     inside = np.all((seen >= EDGE_PX) & (seen < np.array(images[1].size) - EDGE_PX), axis=1)
     textured = np.bincount(_cell(points[inside], size), minlength=CELLS**2) >= 5
@@ -129,7 +134,7 @@ def print_pairs() -> None:
             pair, height = (images[a], images[b]), sample.height_m
             theirs = sift_matches(pair)
             _, their_nmad = across(pair, *theirs, height)
-            geometry = PairGeometry(
+            geometry = TilePairGeometry(
                 pair[0].rpc, pair[1].rpc, height - RELIEF_M, height + RELIEF_M, margin_px=(MARGIN_PX, MARGIN_PX)
             )
             start = time.process_time()
@@ -184,7 +189,7 @@ def print_bands() -> None:
 
 
 def _cases() -> Iterator[tuple]:
-    for band in BANDS.items():
+    for band in MATCHING_BANDS.items():
         for window in (21, 31):
             for noise in (3.0, 15.0):
                 yield band, window, noise, (0.25, 0.5)

@@ -19,7 +19,7 @@ from .dependencies import missing_package_message
 from .help_text import short_help
 from .icons import icon_path
 from .parameters import Reading, definition, option
-from .results import collect, output_definitions, show_layers
+from .results import collect_results, output_definitions, show_layers
 
 
 class DeclaredAlgorithm(QgsProcessingAlgorithm):
@@ -85,7 +85,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
             return {}
         feedback.pushInfo(self.declaration.summarise(report))
         show_layers(self.declaration, self._options, context)
-        return collect(self.declaration, self._options, report)
+        return collect_results(self.declaration, self._options, report)
 
     def _run(self, feedback: QgsProcessingFeedback) -> Report:
         """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""

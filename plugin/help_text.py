@@ -6,7 +6,7 @@ from html import escape
 
 from ..processing_algorithms.interface.declare import Algorithm, Param
 from .dependencies import absence_note
-from .parameters import label
+from .parameters import label_of
 
 
 def short_help(declaration: Algorithm) -> str:
@@ -18,7 +18,7 @@ def short_help(declaration: Algorithm) -> str:
 
 
 def _parameter_help(param: Param) -> str:
-    return f"<p><b>{_text(label(param))}</b><br/>{_text(param.help)}.</p>"
+    return f"<p><b>{_text(label_of(param))}</b><br/>{_text(param.help)}.</p>"
 
 
 def _text(plain: str) -> str:

@@ -108,7 +108,7 @@ def qgis_name(param: Param) -> str:
     return param.key.upper()
 
 
-def label(param: Param) -> str:
+def label_of(param: Param) -> str:
     """Return what the dialog writes beside a parameter: ``Sigma image (px)``."""
     words = " ".join(_ABBREVIATIONS.get(word, word) for word in param.name.split("-"))
     unit = f" ({param.unit})" if param.unit else ""
@@ -135,7 +135,7 @@ def option(param: Param, reading: Reading) -> Any:
 def _common(param: Param) -> dict[str, Any]:
     return {
         "name": qgis_name(param),
-        "description": label(param),
+        "description": label_of(param),
         "defaultValue": param.default,
         "optional": not (param.required or param.piped) and param.default is None,
     }

@@ -33,7 +33,7 @@ def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefini
     return outputs
 
 
-def collect(declaration: Algorithm, options: dict[str, Any], report: Report) -> dict[str, Any]:
+def collect_results(declaration: Algorithm, options: dict[str, Any], report: Report) -> dict[str, Any]:
     """Return the result dictionary of a finished run.
 
     An algorithm that writes no report itself leaves it in QGIS's temporary folder.

@@ -34,7 +34,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.foundation.version import VERSION
     from ..hrsi_engine.measurement.interest_points import detect_interest_points
-    from ..hrsi_engine.measurement.interest_points.points import joined
+    from ..hrsi_engine.measurement.interest_points.points import join_points
 
     check_folder(options)
     images = [open_pixels(path, options["band"]) for path in options["images"]]
@@ -47,7 +47,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
             detect_interest_points(image.raster, name, settings, region, stage(context.progress, *share))
             for name, share in zip(names, _shares(number, len(images), len(names)), strict=True)
         ]
-        tables.append(joined(parts))
+        tables.append(join_points(parts))
     report: Report = {
         "schema": 1, "algorithm": "interest-points", "version": VERSION, "detector": options["detector"],
         "images": {image.id: _summary(image, points) for image, points in zip(images, tables, strict=True)},
@@ -99,9 +99,9 @@ def _layer(images: list[ImagePixels], tables: list[InterestPoints], surface: Hei
     import numpy as np
 
     from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.interest_points.points import joined
+    from ..hrsi_engine.measurement.interest_points.points import join_points
 
-    points = joined(tables)
+    points = join_points(tables)
     image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])
     ids = [table.to_image_points(image.id, f"{image.id}_").ids for image, table in zip(images, tables, strict=True)]
     ground = np.concatenate([ground_of(image, table.xy, surface) for image, table in zip(images, tables, strict=True)])

@@ -91,7 +91,7 @@ def _on_ground(
     import numpy as np
 
     from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.surface.dem import Status, intersect
+    from ..hrsi_engine.surface.dem import Status, intersect_surface
 
     ground, converged = image.rpc.localize(points.image[rows], points.height_m[rows])
     status = np.where(converged, int(Status.FOUND), int(Status.NO_RAY))
@@ -101,7 +101,7 @@ def _on_ground(
             row = rows[without][0]
             name = f" ({points.ids[row]})" if points.ids[row] else ""
             raise InputError(f"point {row + 1}{name} has no height: add it to the point, or give --dem or --height")
-        ground[without], status[without] = intersect(image.rpc, points.image[rows[without]], surface)
+        ground[without], status[without] = intersect_surface(image.rpc, points.image[rows[without]], surface)
     return ground, status
 
 

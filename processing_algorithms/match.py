@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..hrsi_engine.block.points import ImagePoints
     from ..hrsi_engine.drawing.pair_pictures import PictureSide
     from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.control_network import MatchOptions, MatchResult
+    from ..hrsi_engine.measurement.control_network import ControlNetworkMatch, ControlNetworkOptions
     from ..hrsi_engine.measurement.interest_points import Area
 
 LAYERS_FILE, LAYER, POINTS_LAYER = "match.gpkg", "correspondences", "matched_points"
@@ -68,10 +68,10 @@ def _two_images(options: Mapping[str, Any]) -> list[ImagePixels]:
     return images
 
 
-def _match_options(options: Mapping[str, Any]) -> MatchOptions:
-    from ..hrsi_engine.measurement.control_network import MatchOptions
+def _match_options(options: Mapping[str, Any]) -> ControlNetworkOptions:
+    from ..hrsi_engine.measurement.control_network import ControlNetworkOptions
 
-    return MatchOptions(
+    return ControlNetworkOptions(
         DETECTOR_SETS[options["detector"]], options["radius"], options["share"], options["incidence"],
         options["max_slope"], _scales(options["scale"]), options["reach"], options["correlation"],
         options["consistency"], options["least"], options["mask_saturated"], requested_threads(options),
@@ -93,7 +93,7 @@ def _scales(text: str) -> tuple[float, float]:
 
 
 def _report(
-    images: list[ImagePixels], areas: list[Area], found: MatchResult, options: Mapping[str, Any], seconds: float
+    images: list[ImagePixels], areas: list[Area], found: ControlNetworkMatch, options: Mapping[str, Any], seconds: float
 ) -> Report:
     import numpy as np
 
@@ -126,8 +126,8 @@ def _median(values: np.ndarray) -> float | None:
 
 
 def _write(
-    options: Mapping[str, Any], report: Report, images: list[ImagePixels], areas: list[Area], found: MatchResult,
-    context: Context,
+    options: Mapping[str, Any], report: Report, images: list[ImagePixels], areas: list[Area],
+    found: ControlNetworkMatch, context: Context,
 ) -> None:  # fmt: skip
     from ..hrsi_engine.drawing.pair_pictures import pair_svg
     from ..hrsi_engine.foundation.progress import advance
@@ -162,7 +162,7 @@ def _side(image: ImagePixels, area: Area, xy: np.ndarray) -> PictureSide:
     return PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy)
 
 
-def _layers(options: Mapping[str, Any], images: list[ImagePixels], found: MatchResult) -> list[Layer]:
+def _layers(options: Mapping[str, Any], images: list[ImagePixels], found: ControlNetworkMatch) -> list[Layer]:
     """Return the correspondences, and the same as image points, on the ground where the images have RPCs."""
     import numpy as np
 
@@ -192,7 +192,7 @@ def _layers(options: Mapping[str, Any], images: list[ImagePixels], found: MatchR
     ]  # fmt: skip
 
 
-def _image_points(images: list[ImagePixels], ids: np.ndarray, found: MatchResult) -> ImagePoints:
+def _image_points(images: list[ImagePixels], ids: np.ndarray, found: ControlNetworkMatch) -> ImagePoints:
     """Return the image points of both images; the sigma of a correspondence is shared between them."""
     import numpy as np
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from ..hrsi_engine.block.block import ImagePoints
     from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.registration import Comparison
+    from ..hrsi_engine.measurement.registration import MethodComparison
 
 LAYERS_FILE, LAYER, PAGE_FILE = "registration.gpkg", "residuals", "report.html"
 #: Choices of ``--model``: the transformation, and whether the RPCs carry the points first (a test compares them).
@@ -114,18 +114,18 @@ def _carried(options: Mapping[str, Any], first_px: np.ndarray) -> np.ndarray:
     """Return where the RPCs carry points of the first image to in the second."""
     from ..hrsi_engine.foundation.errors import InputError
     from ..hrsi_engine.io.rasters import open_image
-    from ..hrsi_engine.surface.dem import ConstantHeight, intersect
+    from ..hrsi_engine.surface.dem import ConstantHeight, intersect_surface
 
     if len(options["images"] or []) != 2:
         raise InputError(f"--model {options['model']} needs both images with their RPCs: name two images")
     first, second = (open_image(path) for path in options["images"])
     surface = open_terrain(options) or ConstantHeight(first.rpc.height_off)
-    ground, _ = intersect(first.rpc, first_px, surface)
+    ground, _ = intersect_surface(first.rpc, first_px, surface)
     return second.rpc.project(ground)
 
 
 def _write(
-    options: Mapping[str, Any], report: Report, points: Mapping[str, np.ndarray], result: Comparison, unit: float,
+    options: Mapping[str, Any], report: Report, points: Mapping[str, np.ndarray], result: MethodComparison, unit: float,
     context: Context,
 ) -> None:  # fmt: skip
     from ..hrsi_engine.foundation.progress import advance
@@ -144,7 +144,7 @@ def _write(
     advance(context.progress, 1.0, "done")
 
 
-def _layer(points: Mapping[str, np.ndarray], result: Comparison, unit: float) -> Layer:
+def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:
     from ..hrsi_engine.io.layers import Layer
 
     residual = result.registrations["all"].residual_px * unit
@@ -157,7 +157,9 @@ def _layer(points: Mapping[str, np.ndarray], result: Comparison, unit: float) ->
     return Layer(LAYER, "None", 4326, residual, fields)
 
 
-def _drawings(points: Mapping[str, np.ndarray], result: Comparison, unit: float, report: Report) -> dict[str, Any]:
+def _drawings(
+    points: Mapping[str, np.ndarray], result: MethodComparison, unit: float, report: Report
+) -> dict[str, Any]:
     """Return the plots: distance errors by kind, and the residuals of each registration."""
     import numpy as np
 

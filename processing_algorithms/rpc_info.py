@@ -12,7 +12,7 @@ from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, R
 
 if TYPE_CHECKING:
     from ..hrsi_engine.block.block import Image
-    from ..hrsi_engine.block.imaging_geometry import PairGeometry, View, ViewGeometry
+    from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry
     from ..hrsi_engine.io.layers import Layer
     from ..hrsi_engine.surface.dem import HeightSurface
 
@@ -21,14 +21,14 @@ LAYERS_FILE = "rpc_info.gpkg"
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Open the images, look at each and at every pair."""
-    from ..hrsi_engine.block.imaging_geometry import View, all_pairs, sanity_warnings
+    from ..hrsi_engine.block.imaging_geometry import ViewDirection, all_pairs, sanity_warnings
     from ..hrsi_engine.foundation.progress import advance
 
     check_folder(options)
     images = _open_images(options["images"], context)
     surface, warnings = _surface(options, images)
     tell(warnings, context)
-    views = [View(image, surface) for image in images]
+    views = [ViewDirection(image, surface) for image in images]
     geometries: list[ViewGeometry] = []
     for number, view in enumerate(views):
         advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")
@@ -79,7 +79,7 @@ def _surface(options: Mapping[str, Any], images: Sequence[Image]) -> tuple[Heigh
     return ConstantHeight(height), [warning]
 
 
-def _terrain_range(view: View, options: Mapping[str, Any]) -> tuple[float, float] | None:
+def _terrain_range(view: ViewDirection, options: Mapping[str, Any]) -> tuple[float, float] | None:
     """Return the lowest and highest ground of an image where the user says how high it is."""
     if options["dem"] is None and options["height"] is None:
         return None
@@ -87,7 +87,7 @@ def _terrain_range(view: View, options: Mapping[str, Any]) -> tuple[float, float
     return (float(heights.min()), float(heights.max())) if heights.size else None
 
 
-def _image_entry(view: View, geometry: ViewGeometry) -> dict[str, Any]:
+def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
     from ..hrsi_engine.io.rpc_files import read_rpc
 
     found, rpc = read_rpc(view.image.path), view.image.rpc

@@ -72,9 +72,9 @@ def _jobs(options: Mapping[str, Any]) -> list[Job]:
 def _job(path: str, options: Mapping[str, Any]) -> Job:
     """Return the job of one image; an RPC file alone has no pixels to copy and becomes a sidecar."""
     from ..hrsi_engine.io.rasters import image_id
-    from ..hrsi_engine.io.rpc_files import reader_of
+    from ..hrsi_engine.io.rpc_files import rpc_reader_of
 
-    how = "sidecar" if options["write"] in _NEEDS_FOLDER and reader_of(path) is not None else options["write"]
+    how = "sidecar" if options["write"] in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options["write"]
     suffix = SUFFIXES[how]
     folder = options["output_dir"] or os.path.dirname(path)
     return Job(

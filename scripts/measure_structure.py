@@ -43,7 +43,7 @@ PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
 BEFORE = "54ff169"
 DRAWN_BEFORE: dict[str, float] = {"rooms": 34, "arrows between rooms": 124, "circles of files": 3}
 #: Names that a contract asks of every module of its kind: algorithms, and formats of files.
-CONTRACT_NAMES = {"ALGORITHM", "run", "summarise", "read", "text_of"}
+CONTRACT_NAMES = {"ALGORITHM", "run", "summarise", "READER", "read", "text_of", "WRITTEN_BY"}
 PARTICIPLE = re.compile(r"_*[a-z]+ed$")
 #: … which end so and are verbs.
 VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed"}
@@ -235,7 +235,8 @@ def defined_names(body: list[ast.stmt]) -> Iterator[str]:
         if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             yield node.name
         elif isinstance(node, ast.Assign):
-            yield from (target.id for target in node.targets if isinstance(target, ast.Name))
+            names = (name for target in node.targets for name in ast.walk(target))
+            yield from (name.id for name in names if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store))
         elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             yield node.target.id
 

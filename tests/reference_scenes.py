@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.simulation import (
     orthophoto,
     simulate_block,
 )
-from hrsi.hrsi_engine.simulation.terrain import Terrain
+from hrsi.hrsi_engine.simulation.terrain import SimulatedTerrain
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
 
@@ -39,7 +39,7 @@ class Scene:
         return xy - self.simulated.truth.cameras[number].ground_to_image(ground)
 
 
-def surface_of(terrain: Terrain) -> GridSurface:
+def surface_of(terrain: SimulatedTerrain) -> GridSurface:
     """Return a simulated terrain as a height surface."""
     west, lon_step, _, north, _, lat_step = terrain.geotransform
     return GridSurface.from_array(

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.surface.dem import TILE, ConstantHeight, GridSurface, Status, intersect, surface_heights
+from hrsi.hrsi_engine.surface.dem import (
+    CACHE_TILE,
+    ConstantHeight,
+    GridSurface,
+    Status,
+    intersect_surface,
+    surface_heights,
+)
 from hrsi.tests.test_rpc import synthetic_rpc
 
-HEIGHT_M = 1e-3  # what `intersect` promises
+HEIGHT_M = 1e-3  # what `intersect_surface` promises
 CELL_DEG = 0.0005
 LON, LAT = 12.0, 48.0
 
@@ -36,7 +43,7 @@ def image_points(count: int = 400) -> np.ndarray:
 
 def test_a_constant_height_is_localize() -> None:
     rpc, image = synthetic_rpc(LON, LAT), image_points()
-    ground, status = intersect(rpc, image, ConstantHeight(123.0))
+    ground, status = intersect_surface(rpc, image, ConstantHeight(123.0))
     assert (status == Status.FOUND).all()
     expected = rpc.localize(image, 123.0).ground
     np.testing.assert_allclose(ground[:, 2], 123.0, atol=HEIGHT_M)
@@ -50,7 +57,7 @@ def test_a_tilted_plane_is_met_exactly() -> None:
     def plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
         return 300.0 + 2000.0 * (lon - LON) - 1500.0 * (lat - LAT)
 
-    ground, status = intersect(rpc, image, grid_surface(plane))
+    ground, status = intersect_surface(rpc, image, grid_surface(plane))
     assert (status == Status.FOUND).all()
     np.testing.assert_allclose(ground[:, 2], plane(ground[:, 0], ground[:, 1]), atol=HEIGHT_M)
     np.testing.assert_allclose(rpc.project(ground), image, atol=1e-8)
@@ -63,7 +70,7 @@ def test_the_first_hit_counts_behind_a_cliff() -> None:
     """
     rpc, image = oblique_rpc(), image_points(600)
     surface = grid_surface(lambda lon, lat: np.where(np.abs(lon - LON) < 0.004, 500.0, 200.0))
-    ground, status = intersect(rpc, image, surface)
+    ground, status = intersect_surface(rpc, image, surface)
     assert (status == Status.FOUND).all()
     low, high = 200.0, 500.0
     heights = np.linspace(high, low, 1501)
@@ -83,7 +90,7 @@ def test_gaps_and_edges_are_told_apart() -> None:
     surface = grid_surface(lambda lon, lat: np.where(lat > LAT + 0.01, np.nan, 300.0), half_deg=0.03)
     inside = rpc.project(np.array([[LON, LAT - 0.01, 300.0], [LON, LAT + 0.02, 300.0], [LON + 0.05, LAT, 300.0]]))
     image = np.vstack([inside, [[np.nan, 1.0]]])
-    ground, status = intersect(rpc, image, surface)
+    ground, status = intersect_surface(rpc, image, surface)
     assert [Status(code) for code in status] == [Status.FOUND, Status.NODATA, Status.OUTSIDE, Status.NO_RAY]
     np.testing.assert_allclose(ground[0], [LON, LAT - 0.01, 300.0], atol=HEIGHT_M)
     assert np.isnan(ground[1:]).all()
@@ -101,7 +108,7 @@ def test_a_ray_over_a_gap_meets_the_ground_behind_it() -> None:
         return heights
 
     clear = rpc.project(np.array([[LON, LAT, flat], [LON - 0.004, LAT, flat], [LON - 0.02, LAT, flat]]))
-    ground, status = intersect(rpc, clear, grid_surface(with_void, half_deg=0.04))
+    ground, status = intersect_surface(rpc, clear, grid_surface(with_void, half_deg=0.04))
     assert [Status(code) for code in status] == [Status.FOUND, Status.NODATA, Status.FOUND]
     np.testing.assert_allclose(ground[[0, 2], 2], flat, atol=HEIGHT_M)
 
@@ -111,14 +118,14 @@ def test_terrain_beyond_the_rpcs_height_range_is_found() -> None:
     image = image_points(50)
     for height in (-900.0, 4000.0):
         surface = grid_surface(lambda lon, lat, height=height: np.full(lon.shape, height))
-        ground, status = intersect(rpc, image, surface)
+        ground, status = intersect_surface(rpc, image, surface)
         assert (status == Status.FOUND).all()
         np.testing.assert_allclose(ground[:, 2], height, atol=HEIGHT_M)
 
 
 def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
     reads = []
-    shape = (40 * TILE, 40 * TILE)
+    shape = (40 * CACHE_TILE, 40 * CACHE_TILE)
 
     def read(row: int, column: int, rows: int, columns: int) -> np.ndarray:
         reads.append((row, column))
@@ -127,7 +134,9 @@ def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
     def to_grid(lonlat: np.ndarray) -> np.ndarray:
         return np.column_stack([(lonlat[:, 0] - LON) / 1e-5 + 5000.0, (LAT - lonlat[:, 1]) / 1e-5 + 5000.0])
 
-    ground, _ = intersect(synthetic_rpc(LON, LAT), np.array([[5000.0, 5000.0]]), GridSurface(shape, read, to_grid))
+    ground, _ = intersect_surface(
+        synthetic_rpc(LON, LAT), np.array([[5000.0, 5000.0]]), GridSurface(shape, read, to_grid)
+    )
     assert ground[0, 2] == pytest.approx(250.0, abs=HEIGHT_M)
     assert len(reads) <= 6
     assert len(set(reads)) == len(reads)
@@ -135,21 +144,21 @@ def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
 
 def test_heights_are_bilinear_across_tiles() -> None:
     rng = np.random.default_rng(12)
-    cells = rng.normal(size=(2 * TILE + 3, TILE + 1))
+    cells = rng.normal(size=(2 * CACHE_TILE + 3, CACHE_TILE + 1))
     surface = GridSurface.from_array(cells, (0.0, 0.0), (1.0, 1.0))
-    grid = rng.uniform((0, 0), (TILE, 2 * TILE + 2), (500, 2))
+    grid = rng.uniform((0, 0), (CACHE_TILE, 2 * CACHE_TILE + 2), (500, 2))
     column, row = grid.T
     i, j = row.astype(int), column.astype(int)
     y, x = row - i, column - j
     expected = (
         cells[i, j] * (1 - x) * (1 - y)
-        + cells[i, np.minimum(j + 1, TILE)] * x * (1 - y)
+        + cells[i, np.minimum(j + 1, CACHE_TILE)] * x * (1 - y)
         + cells[i + 1, j] * (1 - x) * y
-        + cells[i + 1, np.minimum(j + 1, TILE)] * x * y
+        + cells[i + 1, np.minimum(j + 1, CACHE_TILE)] * x * y
     )
     np.testing.assert_allclose(surface.heights(grid), expected, atol=1e-12)
-    edge = np.array([[-0.5, 0.0], [TILE + 0.5, 2.0], [-0.51, 0.0], [0.0, 2 * TILE + 2.51]])
-    np.testing.assert_allclose(surface.heights(edge), [cells[0, 0], cells[2, TILE], np.nan, np.nan])
+    edge = np.array([[-0.5, 0.0], [CACHE_TILE + 0.5, 2.0], [-0.51, 0.0], [0.0, 2 * CACHE_TILE + 2.51]])
+    np.testing.assert_allclose(surface.heights(edge), [cells[0, 0], cells[2, CACHE_TILE], np.nan, np.nan])
 
 
 def test_a_grid_across_the_180_degree_meridian() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry, View, all_pairs, rays_up, sanity_warnings
+from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, all_pairs, rays_up, sanity_warnings
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.surface.dem import ConstantHeight
@@ -42,8 +42,8 @@ PAIRS = {
 }  # fmt: skip
 
 
-def views(folder: Path, height_m: float, names: list[str]) -> list[View]:
-    return [View(open_image(str(folder / name)), ConstantHeight(height_m)) for name in names]
+def views(folder: Path, height_m: float, names: list[str]) -> list[ViewDirection]:
+    return [ViewDirection(open_image(str(folder / name)), ConstantHeight(height_m)) for name in names]
 
 
 @pytest.mark.parametrize("block", BLOCKS)
@@ -100,7 +100,8 @@ def test_base_to_height_of_two_rays() -> None:
         one = np.eye(20)[0]
         frames.append(replace(rpc, samp_num=samp_num, line_num=line_num, samp_den=one, line_den=one))
     opened = [
-        View(Image(name, rpc, (10800, 11000)), ConstantHeight(0.0)) for name, rpc in zip("ab", frames, strict=True)
+        ViewDirection(Image(name, rpc, (10800, 11000)), ConstantHeight(0.0))
+        for name, rpc in zip("ab", frames, strict=True)
     ]
     pair = all_pairs(opened)[0]
     assert pair.base_to_height == pytest.approx(0.5, rel=2e-3)
@@ -167,4 +168,4 @@ def test_terrain_beyond_the_rpcs_heights_is_said() -> None:
 def test_an_image_without_ground_is_an_error() -> None:
     broken = image_with(samp_num=np.zeros(20))
     with pytest.raises(SolveError, match="scene"):
-        View(broken, ConstantHeight(100.0)).geometry()
+        ViewDirection(broken, ConstantHeight(100.0)).geometry()

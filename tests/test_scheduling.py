@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.foundation.scheduling import Part, digest, open_scheduler, run_parts
+from hrsi.hrsi_engine.foundation.scheduling import WorkPart, digest, open_scheduler, run_parts
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
 
 
@@ -37,8 +37,8 @@ def failing(job: Job) -> dict[str, np.ndarray]:
     raise InputError(f"image {job.number} cannot be read")
 
 
-def squares(count: int, wait_s: float = 0.0) -> list[Part]:
-    return [Part(f"square-{k}", square, Job(k, wait_s), label=f"square {k}") for k in range(count)]
+def squares(count: int, wait_s: float = 0.0) -> list[WorkPart]:
+    return [WorkPart(f"square-{k}", square, Job(k, wait_s), label=f"square {k}") for k in range(count)]
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +48,7 @@ def nothing_ran():
 
 @pytest.mark.parametrize("threads", [1, 4])
 def test_results_of_what_is_wanted(threads: int):
-    parts = [*squares(6), Part("sum", total, Job(100), tuple(f"square-{k}" for k in range(4)))]
+    parts = [*squares(6), WorkPart("sum", total, Job(100), tuple(f"square-{k}" for k in range(4)))]
     found = run_parts(parts, ["sum", "square-5"], open_scheduler(threads=threads))
     assert {key: int(result["value"][0]) for key, result in found.items()} == {"sum": 114, "square-5": 25}
     assert sorted(RAN) == [0, 1, 2, 3, 5]  # what nobody needs does not run
@@ -60,7 +60,9 @@ def test_strings_of_a_job_are_never_taken_for_parts():
     def name(job: tuple[str, ...]) -> dict[str, np.ndarray]:
         return {"value": np.array(job)}
 
-    found = run_parts([Part("a", name, ("b", "a")), Part("b", name, ("a",))], ["a", "b"], open_scheduler(threads=1))
+    found = run_parts(
+        [WorkPart("a", name, ("b", "a")), WorkPart("b", name, ("a",))], ["a", "b"], open_scheduler(threads=1)
+    )
     assert found["a"]["value"].tolist() == ["b", "a"]
 
 
@@ -93,7 +95,7 @@ def test_cancelled_run_keeps_what_is_finished(tmp_path):
 
 def test_error_of_a_part_is_the_error_of_the_run():
     with pytest.raises(InputError, match="image 7 cannot be read"):
-        run_parts([*squares(2), Part("bad", failing, Job(7))], ["square-0", "bad"], open_scheduler(threads=2))
+        run_parts([*squares(2), WorkPart("bad", failing, Job(7))], ["square-0", "bad"], open_scheduler(threads=2))
 
 
 def test_scheduler_that_does_not_answer(monkeypatch):

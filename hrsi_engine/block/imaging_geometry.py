@@ -23,11 +23,11 @@ from ..camera.rpc import RPC
 from ..camera.rpc_fit import virtual_grid
 from ..foundation.errors import SolveError
 from ..ground.geodesy import ground_difference_m
-from ..surface.dem import HeightSurface, Status, intersect
+from ..surface.dem import HeightSurface, Status, intersect_surface
 from .block import Image
 
 LEVER_M = 100.0  # rays are taken between points so far above and below the terrain
-CELLS = 100  # per axis, of the grid of cells by which overlaps are measured
+OVERLAP_CELLS = 100  # per axis, of the grid of cells by which overlaps are measured
 OUTLINE_PER_SIDE = 8
 VOLUME_GRID = (11, 11, 7)
 SHALLOW_DENOMINATOR = 0.1  # of its value in the middle: below, the RPC is about to break
@@ -63,7 +63,7 @@ class PairGeometry:
     base_to_height: float | None
 
 
-class View:
+class ViewDirection:
     """An image with the terrain under it."""
 
     def __init__(self, image: Image, surface: HeightSurface) -> None:
@@ -73,11 +73,11 @@ class View:
     def cells(self) -> np.ndarray:
         """Ground points ``(n, 3)`` of the centres of a grid of equal parts of the image, those on known terrain."""
         first_sample, last_sample, first_line, last_line = self.image.domain_px
-        share = (np.arange(CELLS) + 0.5) / CELLS
+        share = (np.arange(OVERLAP_CELLS) + 0.5) / OVERLAP_CELLS
         samples = first_sample - 0.5 + (last_sample - first_sample + 1.0) * share
         lines = first_line - 0.5 + (last_line - first_line + 1.0) * share
         grid = np.stack(np.meshgrid(samples, lines), axis=-1).reshape(-1, 2)
-        ground, status = intersect(self.image.rpc, grid, self._surface)
+        ground, status = intersect_surface(self.image.rpc, grid, self._surface)
         return ground[status == Status.FOUND]
 
     def contains(self, ground: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ class View:
 
     def geometry(self) -> ViewGeometry:
         """Return the view's figures; raise `SolveError` where the image's middle has no position on the terrain."""
-        ground, status = intersect(self.image.rpc, self.image.centre_px[None], self._surface)
+        ground, status = intersect_surface(self.image.rpc, self.image.centre_px[None], self._surface)
         if status[0] != Status.FOUND:
             reason = Status(status[0]).label
             raise SolveError(
@@ -111,7 +111,7 @@ class View:
     def _footprint(self, centre_height_m: float) -> np.ndarray:
         """Return the outline as lon, lat; where the terrain is not known, at the height of the image's middle."""
         outline = self.image.outline_px(OUTLINE_PER_SIDE)
-        ground, status = intersect(self.image.rpc, outline, self._surface)
+        ground, status = intersect_surface(self.image.rpc, outline, self._surface)
         unknown = status != Status.FOUND
         ground[unknown] = self.image.rpc.localize(outline[unknown], centre_height_m).ground
         return ground[np.isfinite(ground).all(axis=1), :2]
@@ -126,7 +126,7 @@ def rays_up(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
 
 
-def pair_geometry(first: View, second: View) -> PairGeometry:
+def pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGeometry:
     """Return how two views share the ground."""
     shared = second.contains(first.cells)
     overlap = _share(shared), _share(first.contains(second.cells))
@@ -144,7 +144,7 @@ def _share(mask: np.ndarray) -> float:
     return float(np.mean(mask)) if mask.size else 0.0
 
 
-def all_pairs(views: list[View]) -> list[PairGeometry]:
+def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     """Return the geometry of every pair of images."""
     return [pair_geometry(first, second) for first, second in combinations(views, 2)]
 

@@ -28,6 +28,8 @@ class Role(IntEnum):
         return self.name.lower()
 
 
+#: The roles' words, to be indexed by an array of roles.
+ROLE_LABELS = np.array([role.label for role in Role])
 _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
     "tie": Role.TIE,

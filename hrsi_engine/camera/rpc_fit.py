@@ -30,11 +30,11 @@ RIDGE = 1e-16  # variance of the normalised image residuals over that of the den
 RIDGES = (RIDGE, 1e-12, 1e-9, 1e-6, 1e-3)  # tried in turn while the fit is not good
 GOOD_PX = 1e-3
 ALIKE = 1.05  # of fits that differ by less the most damped one is taken: it behaves best where nothing was checked
-MAX_ITERATIONS = 10
-SETTLED_PX = 1e-9  # iterations end when the RMS residual changes by less
-PART = 20_000  # observation equations held in memory at a time
+FIT_MAX_ITERATIONS = 10
+FIT_SETTLED_PX = 1e-9  # iterations end when the RMS residual changes by less
+EQUATIONS_AT_A_TIME = 20_000  # observation equations held in memory at a time
 FIT_GRID = (15, 15, 6)  # samples, lines, heights
-CHECK_GRID = (16, 16, 7)  # shares only the corners with the grid of the fit
+FIT_CHECK_GRID = (16, 16, 7)  # shares only the corners with the grid of the fit
 FLAT_HEIGHT_M = 1.0  # points within such a range say nothing of the camera's behaviour with height
 #: Smallest half extents that normalise: degrees (about 1 m), degrees, metres, pixels, pixels.
 SMALLEST_SCALE = np.array([1e-5, 1e-5, FLAT_HEIGHT_M, 1.0, 1.0])
@@ -123,7 +123,7 @@ def refit_rpc(
     Raises `SolveError` where ``rpc`` has no ground positions in the domain.
     """
     nodes = _virtual_points(rpc, correct, domain_px, heights, FIT_GRID)
-    staggered = _virtual_points(rpc, correct, domain_px, heights, CHECK_GRID)
+    staggered = _virtual_points(rpc, correct, domain_px, heights, FIT_CHECK_GRID)
     fit = best_fit(nodes, staggered)
     return replace(
         fit,
@@ -335,7 +335,7 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
     """Return numerator and denominator of each image axis; the axes given together share the denominator."""
     divisor, rms_before = np.ones(len(system.terms)), np.inf
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(FIT_MAX_ITERATIONS):
         solution = _solve_linear(system, axes, divisor)
         count = len(system.numerator)
         b = solution[count * len(axes) :]
@@ -347,7 +347,7 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
         computed = (system.terms @ np.array([a for a, _ in polynomials]).T) / divisor[:, None]
         residuals = (system.target[:, axes] - computed) * scale_px * system.root_weights[:, None]
         rms = float(np.sqrt(np.mean(residuals**2)))
-        if abs(rms_before - rms) < SETTLED_PX:
+        if abs(rms_before - rms) < FIT_SETTLED_PX:
             break
         rms_before = rms
     return polynomials
@@ -368,8 +368,8 @@ def _solve_linear(system: _System, axes: list[int], divisor: np.ndarray) -> np.n
 def _equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
     """Yield weighted observation equations with the right-hand side as last column."""
     count = len(system.numerator)
-    for start in range(0, len(system.terms), PART):
-        part = slice(start, start + PART)
+    for start in range(0, len(system.terms), EQUATIONS_AT_A_TIME):
+        part = slice(start, start + EQUATIONS_AT_A_TIME)
         terms, factor = system.terms[part], (system.root_weights[part] / divisor[part])[:, None]
         for place, axis in enumerate(axes):
             target = system.target[part, axis, None]

@@ -15,12 +15,12 @@ import numpy as np
 
 from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, Workspace, fill_monomials, monomials, multiply, slopes_of_ratios
 
-CLOSURE_PX = 1e-9  # the iteration ends when the image point is reproduced to this
+INVERSE_CLOSURE_PX = 1e-9  # the iteration ends when the image point is reproduced to this
 ACCEPTED_PX = 1e-8  # and has converged where rounding leaves it within this
-MAX_ITERATIONS = 25
+INVERSE_MAX_ITERATIONS = 25
 CHORD_EVALUATIONS = 4
-FEW = 0.05  # a share of open points so small is cheaper to finish apart from the others
-NODES = 9  # per axis, of the grid on which the inverse polynomial is fitted
+FEW_OPEN = 0.05  # a share of open points so small is cheaper to finish apart from the others
+INVERSE_NODES = 9  # per axis, of the grid on which the inverse polynomial is fitted
 DOMAIN_MARGIN = 1.5  # of the half extents: beyond, the cubic is worse than the affine start
 
 
@@ -44,7 +44,7 @@ def fit_inverse(polynomials: np.ndarray) -> Inverse:
     ``polynomials (4, 20)`` as in `Workspace.ratios`. Where too little of the cube can be used the inverse is NaN,
     and its users fall back.
     """
-    axis = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+    axis = np.cos(np.pi * (np.arange(INVERSE_NODES) + 0.5) / INVERSE_NODES)
     ground = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
     values = polynomials @ monomials(ground)
     ratios = values[:2] / values[2:]
@@ -84,13 +84,13 @@ class Solver:
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""
         lonlat, error = self._chord(target, height, work)
-        far = np.flatnonzero(~(error <= CLOSURE_PX))
+        far = np.flatnonzero(~(error <= INVERSE_CLOSURE_PX))
         error[far] = np.inf  # the iteration starts where the chord's ended, and measures again
-        self._finish(lonlat, error, far, target, height, limit=np.inf, iterations=MAX_ITERATIONS)
+        self._finish(lonlat, error, far, target, height, limit=np.inf, iterations=INVERSE_MAX_ITERATIONS)
         # a far start or a wild denominator: short steps from the middle of the RPC's domain
         failed = np.flatnonzero(~(error <= ACCEPTED_PX))
         lonlat[:, failed], error[failed] = 0.0, np.inf
-        self._finish(lonlat, error, failed, target, height, limit=0.5, iterations=8 * MAX_ITERATIONS)
+        self._finish(lonlat, error, failed, target, height, limit=0.5, iterations=8 * INVERSE_MAX_ITERATIONS)
         return lonlat, error <= ACCEPTED_PX
 
     def _start(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
@@ -117,8 +117,8 @@ class Solver:
             ratios, _ = work.ratios(self._polynomials, terms)
             miss = np.subtract(target, ratios, out=ratios)
             error = np.abs(miss * self._scale_px).max(axis=0)
-            still_open = height.size - np.count_nonzero(error <= CLOSURE_PX)
-            if evaluation == CHORD_EVALUATIONS or still_open <= FEW * height.size:
+            still_open = height.size - np.count_nonzero(error <= INVERSE_CLOSURE_PX)
+            if evaluation == CHORD_EVALUATIONS or still_open <= FEW_OPEN * height.size:
                 break
             terms[1:3] += slopes[:2] * miss[0]
             terms[1:3] += slopes[2:] * miss[1]
@@ -143,7 +143,7 @@ class Solver:
             lonlat[:, places[better]], error[places[better]] = current[:, better], reached[better]
             if np.isfinite(limit):
                 step *= np.minimum(1.0, limit / np.maximum(np.abs(step).max(axis=0), 1e-300))
-            keep = (reached > CLOSURE_PX) & (better | (reached > ACCEPTED_PX)) & np.isfinite(step).all(axis=0)
+            keep = (reached > INVERSE_CLOSURE_PX) & (better | (reached > ACCEPTED_PX)) & np.isfinite(step).all(axis=0)
             places, current = places[keep], current[:, keep] + step[:, keep]
 
     def _newton_step(self, lonlat: np.ndarray, target: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,20 +7,20 @@ from statistics import NormalDist
 
 import numpy as np
 
-WIDTH, HEIGHT = 360.0, 230.0
+HISTOGRAM_WIDTH, HISTOGRAM_HEIGHT = 360.0, 230.0
 LEFT, RIGHT, TOP, BOTTOM = 34.0, 10.0, 10.0, 26.0
-REACH = 5.0  # sigmas shown
+SIGMAS_SHOWN = 5.0  # sigmas shown
 BINS = 40
 QUANTILES = 160
-CELL, GAP = 14.0, 1.0
+CELL, HISTOGRAM_GAP = 14.0, 1.0
 
 
 def histogram_svg(values: np.ndarray, label: str) -> str:
     """Return the histogram of normalised values as density, with the standard normal curve over it."""
-    edges = np.linspace(-REACH, REACH, BINS + 1)
-    counts, _ = np.histogram(np.clip(values, -REACH, REACH), edges)
+    edges = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, BINS + 1)
+    counts, _ = np.histogram(np.clip(values, -SIGMAS_SHOWN, SIGMAS_SHOWN), edges)
     density = counts / max(len(values), 1) / (edges[1] - edges[0])
-    middle = np.linspace(-REACH, REACH, 101)
+    middle = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 101)
     curve = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
     top = 1.08 * max(float(density.max(initial=0.0)), float(curve.max()))
     parts = [_frame(label, [-4, -2, 0, 2, 4], [])]
@@ -36,13 +36,13 @@ def histogram_svg(values: np.ndarray, label: str) -> str:
 def qq_svg(values: np.ndarray, label: str) -> str:
     """Return the quantiles of normalised values against those of the normal distribution, with the line y = x."""
     parts = [_frame(label, [-4, -2, 0, 2, 4], [-4, -2, 0, 2, 4])]
-    ends = [_place(end, (end + REACH) / (2.0 * REACH)) for end in (-REACH, REACH)]
+    ends = [_place(end, (end + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN)) for end in (-SIGMAS_SHOWN, SIGMAS_SHOWN)]
     parts.append(f'<polyline class="normal" points="{_path(ends)}"/>')
     if len(values):
         probability = (np.arange(min(len(values), QUANTILES)) + 0.5) / min(len(values), QUANTILES)
         expected, found = np.array([NormalDist().inv_cdf(p) for p in probability]), np.quantile(values, probability)
-        for x, y in zip(expected, np.clip(found, -REACH, REACH), strict=True):
-            at = _place(x, (y + REACH) / (2.0 * REACH))
+        for x, y in zip(expected, np.clip(found, -SIGMAS_SHOWN, SIGMAS_SHOWN), strict=True):
+            at = _place(x, (y + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
             parts.append(f'<circle class="quantile" cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="2"/>')
     return "".join([*parts, "</svg>"])
 
@@ -50,7 +50,7 @@ def qq_svg(values: np.ndarray, label: str) -> str:
 def coverage_svg(counts: np.ndarray, label: str) -> str:
     """Return the cells of an image, darker where more points lie; red ones are empty."""
     lines, samples = counts.shape
-    width, height = samples * (CELL + GAP), lines * (CELL + GAP)
+    width, height = samples * (CELL + HISTOGRAM_GAP), lines * (CELL + HISTOGRAM_GAP)
     parts = [
         f'<svg class="coverage" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}" '
         f'role="img" aria-label="{html.escape(label)}">'
@@ -61,8 +61,8 @@ def coverage_svg(counts: np.ndarray, label: str) -> str:
             count = int(counts[line, sample])
             shade = "#e9b7b3" if not count else f"rgb({_shade(count / most)})"
             parts.append(
-                f'<rect x="{sample * (CELL + GAP):.0f}" y="{line * (CELL + GAP):.0f}" width="{CELL:.0f}" '
-                f'height="{CELL:.0f}" fill="{shade}"><title>{count}</title></rect>'
+                f'<rect x="{sample * (CELL + HISTOGRAM_GAP):.0f}" y="{line * (CELL + HISTOGRAM_GAP):.0f}" '
+                f'width="{CELL:.0f}" height="{CELL:.0f}" fill="{shade}"><title>{count}</title></rect>'
             )
     return "".join([*parts, "</svg>"])
 
@@ -74,16 +74,17 @@ def _shade(share: float) -> str:
 
 def _frame(label: str, x_ticks: list[int], y_ticks: list[int]) -> str:
     """Return the opening of a plot with its axes."""
-    (x0, y0), (x1, y1) = _place(-REACH, 0.0), _place(REACH, 1.0)
+    (x0, y0), (x1, y1) = _place(-SIGMAS_SHOWN, 0.0), _place(SIGMAS_SHOWN, 1.0)
     parts = [
-        f'<svg class="plot" viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img" aria-label="{html.escape(label)}">',
+        f'<svg class="plot" viewBox="0 0 {HISTOGRAM_WIDTH:.0f} {HISTOGRAM_HEIGHT:.0f}" role="img" '
+        f'aria-label="{html.escape(label)}">',
         f'<path class="axis" d="M{x0:.1f},{y1:.1f}V{y0:.1f}H{x1:.1f}"/>',
     ]
     for tick in x_ticks:
         x, y = _place(tick, 0.0)
         parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 15.0:.1f}" text-anchor="middle">{tick}</text>')
     for tick in y_ticks:
-        x, y = _place(-REACH, (tick + REACH) / (2.0 * REACH))
+        x, y = _place(-SIGMAS_SHOWN, (tick + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
         parts.append(f'<text class="tick" x="{x - 5.0:.1f}" y="{y + 4.0:.1f}" text-anchor="end">{tick}</text>')
     return "".join(parts)
 
@@ -91,8 +92,8 @@ def _frame(label: str, x_ticks: list[int], y_ticks: list[int]) -> str:
 def _place(x: float, share: float) -> tuple[float, float]:
     """Return the drawing place of a value in sigmas and a share of the height."""
     return (
-        LEFT + (x + REACH) / (2.0 * REACH) * (WIDTH - LEFT - RIGHT),
-        HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM),
+        LEFT + (x + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN) * (HISTOGRAM_WIDTH - LEFT - RIGHT),
+        HISTOGRAM_HEIGHT - BOTTOM - share * (HISTOGRAM_HEIGHT - TOP - BOTTOM),
     )
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from .target_chips import stretched_png
 
 LONGEST_PX = 900  # pixels of a picture along its longer side
-GAP = 12.0
-LABELS = 40  # numbered correspondences
+PICTURES_GAP = 12.0
+NUMBERED_PAIRS = 40  # numbered correspondences
 LABEL_CELLS = 7
 
 
@@ -33,10 +33,10 @@ def pair_svg(first: PictureSide, second: PictureSide) -> str:
     """
     scale = LONGEST_PX / float(max(*first.grey.shape, *second.grey.shape))
     sizes = [np.array(side.grey.shape[::-1]) * scale for side in (first, second)]
-    width, height = sizes[0][0] + GAP + sizes[1][0], max(size[1] for size in sizes)
+    width, height = sizes[0][0] + PICTURES_GAP + sizes[1][0], max(size[1] for size in sizes)
     colours, numbered = _colours(first), _numbered(first)
     parts = [f'<svg class="plot" viewBox="0 0 {width:.1f} {height:.1f}">']
-    for left, side, size in zip((0.0, sizes[0][0] + GAP), (first, second), sizes, strict=True):
+    for left, side, size in zip((0.0, sizes[0][0] + PICTURES_GAP), (first, second), sizes, strict=True):
         places = (side.points - side.origin + 0.5) * scale + (left, 0.0)
         parts += [_image(side, scale, left, size), *_marks(places, colours), *_numbers(places[numbered])]
     return "".join([*parts, "</svg>"])
@@ -71,7 +71,9 @@ def _marks(places: np.ndarray, colours: list[str]) -> list[str]:
 def _numbered(side: PictureSide) -> np.ndarray:
     """Return the rows of some correspondences spread over the window: the first one of every cell."""
     cell = np.floor((side.points - side.origin) / (max(side.grey.shape) / LABEL_CELLS)).astype(int)
-    return np.sort(np.unique(cell, axis=0, return_index=True)[1])[:LABELS] if len(cell) else np.empty(0, dtype=int)
+    return (
+        np.sort(np.unique(cell, axis=0, return_index=True)[1])[:NUMBERED_PAIRS] if len(cell) else np.empty(0, dtype=int)
+    )
 
 
 def _numbers(places: np.ndarray) -> list[str]:

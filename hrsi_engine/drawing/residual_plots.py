@@ -8,9 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-WIDTH, MARGIN = 560.0, 34.0
+RESIDUALS_WIDTH, MARGIN = 560.0, 34.0
 TYPICAL_ARROW = 32.0  # drawing units of the 90th percentile
-COLORS = {
+PLOT_COLORS = {
     "center": "#1a7f4b", "corner": "#1565a8", "check": "#1a7f4b", "gcp": "#1565a8", "tie": "#78828c",
     "outlier": "#d7191c",
 }  # fmt: skip
@@ -36,17 +36,17 @@ def residual_vectors_svg(
     ``extent`` (two corners), else the points' own; ``typical`` sets the scale of the arrows, else their own lengths.
     """
     low, high = (xy.min(axis=0), xy.max(axis=0)) if extent is None else extent
-    scale = (WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
+    scale = (RESIDUALS_WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
     height = float((high - low)[1]) * scale + 2.0 * MARGIN + 24.0
     typical = typical_length(residual) if typical is None else typical
     per_unit = TYPICAL_ARROW / typical if typical > 0.0 else 0.0
-    parts = [f'<svg class="map" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
+    parts = [f'<svg class="map" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
     if extent is not None:
         width, depth = (high - low) * scale
         frame = f'x="{MARGIN}" y="{MARGIN}" width="{width:.1f}" height="{depth:.1f}"'
         parts.append(f'<rect {frame} fill="none" stroke="#d9dee2"/>')
     for (x, y), (dx, dy), group in zip((xy - low) * scale + MARGIN, residual * per_unit, groups, strict=True):
-        parts.append(_arrow(x, y, dx, dy, COLORS.get(str(group), OTHER_COLOR)))
+        parts.append(_arrow(x, y, dx, dy, PLOT_COLORS.get(str(group), OTHER_COLOR)))
     if typical > 0.0:
         length = 10.0 ** math.floor(math.log10(1.5 * typical))
         length = next(step * length for step in (10.0, 5.0, 2.0, 1.0) if step * length <= 1.5 * typical)
@@ -72,11 +72,11 @@ def bars_svg(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
     rows = [(case, group, value) for case, groups in values.items() for group, value in groups.items()]
     largest = max((value for _, _, value in rows if math.isfinite(value)), default=1.0) or 1.0
     height = 26.0 * len(rows) + 10.0
-    parts = [f'<svg class="map" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" aria-label="Comparison">']
+    parts = [f'<svg class="map" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Comparison">']
     for number, (case, group, value) in enumerate(rows):
         y = 26.0 * number + 6.0
-        length = 0.0 if not math.isfinite(value) else (WIDTH - 320.0) * value / largest
-        color = COLORS.get(group, OTHER_COLOR)
+        length = 0.0 if not math.isfinite(value) else (RESIDUALS_WIDTH - 320.0) * value / largest
+        color = PLOT_COLORS.get(group, OTHER_COLOR)
         label = html.escape(f"{case}, {group}")
         parts.append(f'<text x="4" y="{y + 14.0:.1f}">{label}</text>')
         parts.append(f'<rect x="230" y="{y:.1f}" width="{length:.1f}" height="18" fill="{color}"/>')

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SIDE_PX = 220.0  # of a chip on the page
-STRETCH_PERCENT = (0.5, 99.5)
+CHIP_SIDE_PX = 220.0  # of a chip on the page
+CHIP_STRETCH_PERCENT = (0.5, 99.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class TargetChip:
 def chip_svg(chip: TargetChip) -> str:
     """Return the chip as an SVG element."""
     origin, size = _extent(chip)
-    scale = SIDE_PX / float(max(size))
+    scale = CHIP_SIDE_PX / float(max(size))
     width, height = size * scale
     parts = [f'<svg class="chip" width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}">']
     if chip.grey is not None:
@@ -67,7 +67,7 @@ def _extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
 def stretched_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
     """Return grey values as the base64 text of a PNG, stretched between percentiles of the valid ones."""
     known = grey if valid is None or not valid.any() else grey[valid]
-    low, high = np.percentile(known, STRETCH_PERCENT)
+    low, high = np.percentile(known, CHIP_STRETCH_PERCENT)
     stretched = np.clip((grey.astype(np.float64) - low) * (255.0 / max(float(high - low), 1e-9)), 0.0, 255.0)
     return base64.b64encode(png_bytes(stretched.astype(np.uint8))).decode("ascii")
 

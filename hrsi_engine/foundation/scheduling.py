@@ -24,7 +24,7 @@ CONNECT_S = 10  # that a scheduler has time to answer
 
 
 @dataclass(frozen=True)
-class Part:
+class WorkPart:
     """One part: ``function(job, *results of needs)``.
 
     key : unique among the parts, and the same again for the same work: results are kept under it
@@ -55,7 +55,7 @@ Scheduler = Callable[[Graph, Sequence[str], Done], None]
 
 
 def run_parts(
-    parts: Sequence[Part],
+    parts: Sequence[WorkPart],
     wanted: Sequence[str],
     scheduler: Scheduler,
     keeper: Keeper | None = None,
@@ -86,7 +86,7 @@ def run_parts(
     return {key: results[key] for key in wanted}
 
 
-def _graph(parts: Mapping[str, Part], wanted: Iterable[str]) -> Graph:
+def _graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
     """Return the tasks of the wanted parts and of all that they need, as Dask takes them."""
     graph: Graph = {}
     waiting = list(wanted)

@@ -24,6 +24,8 @@ import pyproj
 
 from ..foundation.errors import InputError
 
+#: EPSG codes of WGS84: longitude and latitude, … and ellipsoidal height.
+WGS84, WGS84_3D = 4326, 4979
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1.0 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..foundation.robust_scale import robust_sigma
 
-LEAST_POINTS = 3
-LIMIT = 4.0  # standard deviations of the median that a difference must exceed
+LEAST_DATUM_POINTS = 3
+DATUM_LIMIT = 4.0  # standard deviations of the median that a difference must exceed
 LEAST_DIFFERENCE_M = 5.0  # trees, buildings and a coarse DEM may do so much
 LIKE_GEOID = 0.25  # of N, within which a difference looks like N
 
@@ -34,8 +34,8 @@ class HeightDifference:
     @property
     def significant(self) -> bool:
         """Whether the two disagree by more than a DEM's usual errors."""
-        limit = max(LEAST_DIFFERENCE_M, LIMIT * 1.2533 * self.spread_m / np.sqrt(self.points))
-        return self.points >= LEAST_POINTS and abs(self.median_m) > limit
+        limit = max(LEAST_DIFFERENCE_M, DATUM_LIMIT * 1.2533 * self.spread_m / np.sqrt(self.points))
+        return self.points >= LEAST_DATUM_POINTS and abs(self.median_m) > limit
 
     @property
     def sign_of_geoid(self) -> int:
@@ -63,7 +63,7 @@ def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: n
     )
 
 
-def datum_warning(found: HeightDifference, points: str, dem: str) -> str:
+def height_difference_warning(found: HeightDifference, points: str, dem: str) -> str:
     """Return what to say of points and DEM (named as files) that disagree; nothing where they do not."""
     if not found.significant:
         return ""

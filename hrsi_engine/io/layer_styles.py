@@ -16,13 +16,13 @@ import jinja2
 import numpy as np
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
-FEW = 2000  #: points that are drawn at every scale
-SCALES = (10_000, 50_000, 250_000)  #: denominators from which one of 10, of 100, of 1000 is drawn
-COLORS = {
+DRAWN_AT_EVERY_SCALE = 2000  #: points that are drawn at every scale
+THINNING_SCALES = (10_000, 50_000, 250_000)  #: denominators from which one of 10, of 100, of 1000 is drawn
+LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
 }  # fmt: skip
 
-Columns = Mapping[str, np.ndarray]
+LayerColumns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Style:
     description: str = ""
 
 
-def default_styles(layers: Mapping[str, Columns]) -> dict[str, Style]:
+def default_styles(layers: Mapping[str, LayerColumns]) -> dict[str, Style]:
     """Return the styles of the layers, given by name with their fields, that HRSI has one for."""
     return {
         name: STYLES[name](columns)
@@ -53,12 +53,12 @@ class Share:
 
 def shares(count: int) -> list[Share]:
     """Return how ``count`` points are thinned by the map's scale, so that a map stays legible and quick."""
-    steps = [every for every in (1, 10, 100, 1000) if every == 1 or count > FEW * every / 10]
-    limits = [0, *SCALES[: len(steps) - 1], 0]  # 0: no limit
+    steps = [every for every in (1, 10, 100, 1000) if every == 1 or count > DRAWN_AT_EVERY_SCALE * every / 10]
+    limits = [0, *THINNING_SCALES[: len(steps) - 1], 0]  # 0: no limit
     return [Share(every, limits[number], limits[number + 1]) for number, every in enumerate(steps)]
 
 
-def _residuals(fields: Columns) -> Style:
+def _residuals(fields: LayerColumns) -> Style:
     level = np.asarray(fields["level"])
     good = np.asarray(fields["flag"]) != "outlier"
     ground = _typical(fields["residual_east_m"], fields["residual_north_m"], (level == "ground") & good)
@@ -72,7 +72,7 @@ def _residuals(fields: Columns) -> Style:
     )  # fmt: skip
 
 
-def _image_points(fields: Columns) -> Style:
+def _image_points(fields: LayerColumns) -> Style:
     good = ~np.isin(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _rendered(
@@ -81,7 +81,7 @@ def _image_points(fields: Columns) -> Style:
     )  # fmt: skip
 
 
-def _misregistration(fields: Columns) -> Style:
+def _misregistration(fields: LayerColumns) -> Style:
     before = np.asarray(fields["state"]) == "before"
     typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
     return _rendered(
@@ -91,17 +91,17 @@ def _misregistration(fields: Columns) -> Style:
     )  # fmt: skip
 
 
-def _ground_points(fields: Columns) -> Style:
+def _ground_points(fields: LayerColumns) -> Style:
     ties = int(np.sum(np.asarray(fields["role"]) == "tie"))
     return _rendered("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties))
 
 
-def _tie_points(fields: Columns) -> Style:
+def _tie_points(fields: LayerColumns) -> Style:
     pairs = int(np.sum(np.asarray(fields["views"]) == 2)) if "views" in fields else 0
     return _rendered("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs))
 
 
-def _interest_points(fields: Columns) -> Style:
+def _interest_points(fields: LayerColumns) -> Style:
     kind = np.asarray(fields.get("kind", np.empty(0, dtype=str)))
     corner, strong = kind == "corner", kind == "super"
     return _rendered(
@@ -110,13 +110,13 @@ def _interest_points(fields: Columns) -> Style:
     )  # fmt: skip
 
 
-def _thinned_points(color: str, size_mm: float) -> Callable[[Columns], Style]:
+def _thinned_points(color: str, size_mm: float) -> Callable[[LayerColumns], Style]:
     """Return a style of many points that are all alike."""
 
-    def style(fields: Columns) -> Style:
+    def style(fields: LayerColumns) -> Style:
         count = len(next(iter(fields.values()), ()))
         return _rendered(
-            "points.qml.j2", "Points", color=COLORS[color], size=size_mm, point_shares=shares(count),
+            "points.qml.j2", "Points", color=LAYER_COLORS[color], size=size_mm, point_shares=shares(count),
         )  # fmt: skip
 
     return style
@@ -127,7 +127,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "ground_points": frozenset({"role"}),
     "image_points": frozenset({"flag", "residual_sample_px", "residual_line_px"}),
 }
-STYLES: dict[str, Callable[[Columns], Style]] = {
+STYLES: dict[str, Callable[[LayerColumns], Style]] = {
     "images": lambda _fields: _rendered("images.qml.j2", "Footprints"),
     "ground_points": _ground_points,
     "image_points": _image_points,
@@ -160,7 +160,7 @@ def _key(typical: float, arrow_mm: float, unit: str) -> str:
 
 
 def _rendered(template: str, description: str, **values: Any) -> Style:
-    text = _environment().get_template(template).render(**COLORS, **values)
+    text = _environment().get_template(template).render(**LAYER_COLORS, **values)
     return Style("\n".join(line for line in text.splitlines() if line.strip()), description)
 
 

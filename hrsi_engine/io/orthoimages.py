@@ -29,7 +29,7 @@ from .replacing import replacing
 
 #: Metadata items; in the default domain, because GDAL's COG driver drops others.
 FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
-TILE = 512
+ORTHO_TILE = 512
 WIDE = 2  # columns of a chunk for each row: what GDAL does once for a chunk costs as much as some 50 rows
 LEAST_ROWS = 128  # of a chunk
 SAME_SIZE = 1.5  # share by which a chunk's part of the image may be longer than a tile
@@ -37,11 +37,14 @@ AHEAD = 2  # chunks in work per thread
 WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes into the finished format
 
 _PREDICTED = ("deflate", "lzw", "zstd")
-TILED = ("TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER")
+TILED = ("TILED=YES", f"BLOCKXSIZE={ORTHO_TILE}", f"BLOCKYSIZE={ORTHO_TILE}", "BIGTIFF=IF_SAFER")
 INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
 #: By the choice of ``--format``: GDAL driver, its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "cog": ("COG", (f"BLOCKSIZE={TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # copies overviews that are there
+    "cog": (
+        "COG",
+        (f"BLOCKSIZE={ORTHO_TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER"),
+    ),  # copies overviews that are there
     "gtiff": ("GTiff", TILED),
 }
 COMPRESSION = ("deflate", "lzw", "zstd", "none")
@@ -240,7 +243,9 @@ def _fill(
 
     columns, rows = chunk_size(warp.scale)
     total = -(-grid.columns // columns) * -(-grid.rows // rows)
-    chunks = (part for tiles in grid.chunks(WIDE * TILE, TILE) for part in tiles.parts(columns, rows))  # a tile at once
+    chunks = (
+        part for tiles in grid.chunks(WIDE * ORTHO_TILE, ORTHO_TILE) for part in tiles.parts(columns, rows)
+    )  # a tile at once
     with ThreadPoolExecutor(threads) as pool:
         try:
             for done, (window, mapping, pixels) in enumerate(_in_turn(pool, make, chunks, AHEAD * threads)):
@@ -256,8 +261,8 @@ def _fill(
 
 def chunk_size(scale: float) -> tuple[int, int]:
     """Return columns and rows of a chunk whose part of the image is hardly larger than for equal pixels."""
-    rows = TILE
-    while rows > LEAST_ROWS and rows * scale > TILE * SAME_SIZE:
+    rows = ORTHO_TILE
+    while rows > LEAST_ROWS and rows * scale > ORTHO_TILE * SAME_SIZE:
         rows //= 2
     return WIDE * rows, rows
 
@@ -297,7 +302,7 @@ def _add_overviews(plain: str, resampling: str) -> None:
     """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
     dataset = gdal.Open(plain, gdal.GA_Update)
     factors: list[int] = []
-    while max(dataset.RasterXSize, dataset.RasterYSize) > TILE << len(factors):
+    while max(dataset.RasterXSize, dataset.RasterYSize) > ORTHO_TILE << len(factors):
         factors.append(2 << len(factors))
     if not factors:
         return

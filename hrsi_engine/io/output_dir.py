@@ -17,10 +17,10 @@ from osgeo import gdal
 from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
 from .layers import remove_old_journal
+from .replacing import COPY_BYTES
 
 RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result
 VIRTUAL = "/vsi"
-COPY_BYTES = 16 * 2**20
 
 
 def check_output_dir(path: str, overwrite: bool) -> None:

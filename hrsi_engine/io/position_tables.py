@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.errors import InputError
-from .point_files.find import reader_of, split_spec
+from .point_files.find import point_reader_of, split_spec
 from .point_files.interpret import image_names
 from .point_files.positions import Reference, ground_positions, has_positions
-from .point_files.table import Table
+from .point_files.table import PointTable
 
 
 class ImagePositions(NamedTuple):
@@ -62,15 +62,15 @@ def read_correspondences(spec: str, *, ground_crs: str | None = None, height_dat
     return Correspondences(ground, image, (*table.notes, *warnings))
 
 
-def _read(spec: str) -> Table:
+def _read(spec: str) -> PointTable:
     path, layer = split_spec(spec)
-    table = reader_of(path).read(path, layer)
+    table = point_reader_of(path).read(path, layer)
     if not len(table):
         raise InputError(f"{table.source}: holds no points: add some, or name another layer")
     return table
 
 
-def _sample_line(table: Table) -> np.ndarray:
+def _sample_line(table: PointTable) -> np.ndarray:
     for field in ("sample", "line"):
         if field not in table.columns:
             fields = ", ".join(table.field_names) or "none"

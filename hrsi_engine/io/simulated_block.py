@@ -17,17 +17,17 @@ from ..block.block import Block, GroundPoints, ImagePoints, Raster, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
+from ..ground.geodesy import WGS84_3D
 from .csv_tables import write_csv, write_measurements
 from .datasets import gdal_messages
 from .replacing import replacing
+from .rpc_files.crop import Geotransform
 from .rpc_files.fields import gdal_metadata
 
-TILE = 256
+FILE_TILE = 256
 WINDOW_SAMPLES = 1024  # rendered at a time by one thread
-WGS84_3D = 4979
 
-Geotransform = tuple[float, float, float, float, float, float]
-Part = tuple[int, int, np.ndarray]  # band, first sample, pixels
+PixelStrip = tuple[int, int, np.ndarray]  # band, first sample, pixels
 
 
 def write_image(
@@ -60,7 +60,7 @@ def write_image(
     advance(progress, 1.0, f"wrote {os.path.basename(path)}")
 
 
-def _write_row(dataset: gdal.Dataset, line: int, parts: list[Part]) -> None:
+def _write_row(dataset: gdal.Dataset, line: int, parts: list[PixelStrip]) -> None:
     for band, sample, pixels in parts:
         dataset.GetRasterBand(band + 1).WriteArray(pixels, sample, line)
     dataset.FlushCache()  # GDAL would hold up to a twentieth of the machine's memory
@@ -70,7 +70,7 @@ def _create(
     path: str, temporary: str, shape: tuple[int, int, int], data_type: int, messages: list[str]
 ) -> gdal.Dataset:
     samples, lines, bands = shape
-    options = ["TILED=YES", f"BLOCKXSIZE={TILE}", f"BLOCKYSIZE={TILE}", "BIGTIFF=IF_SAFER", "INTERLEAVE=BAND"]
+    options = ["TILED=YES", f"BLOCKXSIZE={FILE_TILE}", f"BLOCKYSIZE={FILE_TILE}", "BIGTIFF=IF_SAFER", "INTERLEAVE=BAND"]
     dataset = gdal.GetDriverByName("GTiff").Create(temporary, samples, lines, bands, data_type, options)
     if dataset is None:
         raise OutputError(f"{path}: cannot be created ({messages[-1] if messages else 'unknown reason'})")
@@ -90,14 +90,14 @@ def _georeference(dataset: gdal.Dataset, geotransform: Geotransform) -> None:
     dataset.SetGeoTransform(geotransform)
 
 
-def _rows_of_tiles(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int, list[Part]]]:
+def _rows_of_tiles(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int, list[PixelStrip]]]:
     """Yield the first line and the parts of each row of tiles, while the next row is in work."""
     samples, lines = bands[0].size
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         waiting: deque[tuple[int, list[tuple[int, int, Future]]]] = deque()
         try:
-            for line in range(0, lines, TILE):
-                height = min(TILE, lines - line)
+            for line in range(0, lines, FILE_TILE):
+                height = min(FILE_TILE, lines - line)
                 jobs = []
                 for band, raster in enumerate(bands):
                     for sample in range(0, samples, WINDOW_SAMPLES):
@@ -114,7 +114,7 @@ def _rows_of_tiles(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int,
                     job.cancel()
 
 
-def _finished(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[Part]]:
+def _finished(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[PixelStrip]]:
     return line, [(band, sample, job.result()[0]) for band, sample, job in jobs]
 
 

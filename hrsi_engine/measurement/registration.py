@@ -218,7 +218,7 @@ def group_of(kind: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class MethodComparison:
     """Registrations with each kind alone and with all points together (thesis experiments 1 to 3).
 
     alone, together : summaries by group, in pixels of the second image times the unit
@@ -244,7 +244,7 @@ def compare_kinds(
     sigma_px: np.ndarray | float = 1.0,
     reject_sigma: float = 0.0,
     unit: float = 1.0,
-) -> Comparison:
+) -> MethodComparison:
     """Return how well each group of points registers two images, alone and together with the others.
 
     Groups with too few points are left out. Raises `SolveError` where even all points together are too few.
@@ -265,4 +265,4 @@ def compare_kinds(
         summary = summarise_residuals(own.residual_px[own.used], unit)
         if summary is not None:
             alone[group] = summary
-    return Comparison(alone, together, registrations)
+    return MethodComparison(alone, together, registrations)

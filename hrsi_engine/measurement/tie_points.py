@@ -17,16 +17,16 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import InputError
 from ..foundation.progress import Progress, silent, stage
-from ..foundation.scheduling import Keeper, Part, Result, Scheduler, digest, open_scheduler, run_parts
+from ..foundation.scheduling import Keeper, Result, Scheduler, WorkPart, digest, open_scheduler, run_parts
 from ..foundation.version import VERSION
 from ..surface.dem import HeightSurface
 from .block_matching import coarse, joining, overlaps, plan
 from .block_matching.overview import OverviewJob, overview_features, overview_step
 from .block_matching.star import Partner, StarJob, match_stars
 from .block_matching.windows import PyramidRaster
-from .tile_matching.types import MatchOptions
+from .tile_matching.types import TileMatchOptions
 
-AUTOMATIC = 0
+AUTOMATIC_CELLS = 0
 FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
 CELLS_PER_PART = 12  # of a star job: about a second of work
@@ -50,15 +50,15 @@ class TieOptions:
 
     margin_px: float = 128.0
     cells: int = 12
-    per_cell: int = AUTOMATIC
+    per_cell: int = AUTOMATIC_CELLS
     most_partners: int = 8
     smallest_overlap: float = 0.02
     dense: bool = False
-    match: MatchOptions = MatchOptions()
-    match_sampled: MatchOptions = MatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
-    match_dense: MatchOptions = MatchOptions(spacing_px=1.0, windows_px=(15, 21, 31, 41))
+    match: TileMatchOptions = TileMatchOptions()
+    match_sampled: TileMatchOptions = TileMatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
+    match_dense: TileMatchOptions = TileMatchOptions(spacing_px=1.0, windows_px=(15, 21, 31, 41))
 
-    def match_options(self, image: Image) -> MatchOptions:
+    def match_options(self, image: Image) -> TileMatchOptions:
         """Return how windows of a reference image are matched."""
         if self.dense:
             return self.match_dense
@@ -66,7 +66,7 @@ class TieOptions:
 
     def points_of_a_cell(self, image: Image) -> int:
         """Return how many points a cell of an image is to have."""
-        if self.per_cell != AUTOMATIC:
+        if self.per_cell != AUTOMATIC_CELLS:
             return self.per_cell
         if self.dense:
             return EVERY
@@ -149,14 +149,14 @@ class _Search:
         jobs = self._coarse_jobs()
         steps = {index: overview_step(self.images[index].size) for pair in jobs for index in pair}  # type: ignore[arg-type]
         overviews = {
-            index: Part(
+            index: WorkPart(
                 f"overview-{digest(self._marks[index], step)}", overview_features,
                 OverviewJob(self.images[index], step), keep=False,
             )
             for index, step in steps.items()
         }  # fmt: skip
         parts = {
-            (a, b): Part(
+            (a, b): WorkPart(
                 f"pair-{digest(VERSION, self._marks[a], self._marks[b], job.steps, tuple(job.heights), job.margin_px)}",
                 coarse.match_overviews, job, (overviews[a].key, overviews[b].key),
                 label=f"comparing {self.images[a].id} and {self.images[b].id}",
@@ -192,16 +192,16 @@ class _Search:
             jobs[self.usable[a], self.usable[b]] = job
         return jobs
 
-    def matches(self, pairs: Sequence[_EstimatedPair], progress: Progress) -> joining.Matches:
+    def matches(self, pairs: Sequence[_EstimatedPair], progress: Progress) -> joining.BlockMatches:
         """Return the matches of all windows of all references."""
         parts = self._star_parts(pairs)
         wanted = [part.key for part in parts]
         found: dict[str, Result] = {}
         if parts:
             found = run_parts(parts, wanted, self._scheduler, self._keeper, progress)
-        return joining.collect([(part.job.number, found[part.key]) for part in parts])
+        return joining.collect_matches([(part.job.number, found[part.key]) for part in parts])
 
-    def _star_parts(self, pairs: Sequence[_EstimatedPair]) -> list[Part]:
+    def _star_parts(self, pairs: Sequence[_EstimatedPair]) -> list[WorkPart]:
         partners: dict[int, list[Partner]] = {}
         for pair in pairs:
             if pair.estimate is not None:
@@ -210,7 +210,7 @@ class _Search:
                 partners.setdefault(pair.first, []).append(partner)
         return [part for number, own in partners.items() for part in self._parts_of(number, own)]
 
-    def _parts_of(self, number: int, partners: list[Partner]) -> list[Part]:
+    def _parts_of(self, number: int, partners: list[Partner]) -> list[WorkPart]:
         image = self.images[number]
         cells_of_image = EVERY if self.options.dense else self.options.cells
         rows = plan.cell_rows(image, cells_of_image, self.options.points_of_a_cell(image))
@@ -221,7 +221,7 @@ class _Search:
             chosen = tuple(cells[start : start + CELLS_PER_PART])
             job = StarJob(number, image, chosen, tuple(partners), self.options.match_options(image))
             key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
-            parts.append(Part(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
+            parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
         return parts
 
 
@@ -232,7 +232,7 @@ def _mark(image: Image) -> str:
 
 
 def _summaries(
-    pairs: Sequence[_EstimatedPair], good: joining.Matches, images: Sequence[Image]
+    pairs: Sequence[_EstimatedPair], good: joining.BlockMatches, images: Sequence[Image]
 ) -> tuple[PairSummary, ...]:
     count = {pair: len(rows) for pair, rows in joining.pair_rows(good).items()}
     return tuple(

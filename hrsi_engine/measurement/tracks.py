@@ -24,7 +24,7 @@ def consistent_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.n
     return number[label]
 
 
-def spread(
+def spread_over_image(
     track: np.ndarray, image: np.ndarray, xy: np.ndarray, quality: np.ndarray, cell_px: np.ndarray, per_cell: np.ndarray
 ) -> np.ndarray:
     """Return a mask of tracks to keep so that no image's grid cell gets more than it needs.

@@ -15,9 +15,9 @@ from .misregistration import Read
 
 FARTHEST_PX = 256  # shifts up to here are found
 REDUCTION = 2
-PROBE_PX = 256  # side of a probe; less in a small area
-PROBES = 4  # along each side of the area
-CONTRAST = 8.0  # robust standard deviations of the surface above which a peak counts; chance reaches 5
+SHIFT_PROBE_PX = 256  # side of a probe; less in a small area
+SHIFT_PROBES = 4  # along each side of the area
+SURFACE_CONTRAST = 8.0  # robust standard deviations of the surface above which a peak counts; chance reaches 5
 
 
 def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarray:
@@ -25,18 +25,18 @@ def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarr
 
     ``first(...)`` and ``second(...)`` read the common area of columns x rows pixels; the second beyond it, too.
     """
-    side = min(PROBE_PX, columns // 2, rows // 2) // REDUCTION * REDUCTION
+    side = min(SHIFT_PROBE_PX, columns // 2, rows // 2) // REDUCTION * REDUCTION
     if side < 16 * REDUCTION:
         return np.zeros(2, dtype=int)
     total = np.zeros((2 * FARTHEST_PX // REDUCTION + 1,) * 2)
     wide = side + 2 * FARTHEST_PX
-    for row in np.linspace(0, rows - side, PROBES).astype(int).tolist():
-        for column in np.linspace(0, columns - side, PROBES).astype(int).tolist():
+    for row in np.linspace(0, rows - side, SHIFT_PROBES).astype(int).tolist():
+        for column in np.linspace(0, columns - side, SHIFT_PROBES).astype(int).tolist():
             probe = _field(*first(column, row, side, side))
             if probe.any():
                 total += correlation_sums(probe, _field(*second(column - FARTHEST_PX, row - FARTHEST_PX, wide, wide)))
     peak = peak_of(total)
-    if peak.contrast < CONTRAST:
+    if peak.contrast < SURFACE_CONTRAST:
         return np.zeros(2, dtype=int)
     return np.rint(peak.shift * REDUCTION - FARTHEST_PX).astype(int)
 

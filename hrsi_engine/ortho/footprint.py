@@ -8,16 +8,16 @@ import pyproj
 from ..block.block import Image
 from ..foundation.errors import InputError
 from ..ground.geodesy import utm_epsg
-from ..surface.dem import HeightSurface, Status, intersect, surface_heights
+from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 
 PER_SIDE = 200  # outline points
-MARGIN_PX = 2.0
+FOOTPRINT_MARGIN_PX = 2.0
 DOMAIN_GRID = 15
 
 
 def terrain_below(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return ground points ``(n, 3)`` of an image, those of a coarse grid that meet the terrain."""
-    ground, status = intersect(image.rpc, image.grid_px(DOMAIN_GRID, DOMAIN_GRID), surface)
+    ground, status = intersect_surface(image.rpc, image.grid_px(DOMAIN_GRID, DOMAIN_GRID), surface)
     return ground[status == Status.FOUND]
 
 
@@ -41,7 +41,7 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
     `InputError` where the terrain is not known anywhere in the image.
     """
     outline = image.outline_px(PER_SIDE)
-    ground, status = intersect(image.rpc, outline, surface)
+    ground, status = intersect_surface(image.rpc, outline, surface)
     lost = status != Status.FOUND
     if lost.any():
         known = terrain_below(image, surface)
@@ -51,11 +51,11 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
             ground = np.vstack([ground, image.rpc.localize(outline[lost], height).ground])
     ground = ground[np.isfinite(ground).all(axis=1)]
     x, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(ground[:, 0], ground[:, 1])
-    margin = MARGIN_PX * resolution
+    margin = FOOTPRINT_MARGIN_PX * resolution
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
 
 
-def covered_share(image: Image, surface: HeightSurface) -> float:
+def share_of_ground(image: Image, surface: HeightSurface) -> float:
     """Return the share of an image whose ground has a height in the surface, 0 to 1."""
     grid = image.grid_px(DOMAIN_GRID, DOMAIN_GRID)
     height = sum(image.rpc.height_range) / 2.0

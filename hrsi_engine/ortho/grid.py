@@ -19,11 +19,11 @@ from ..foundation.errors import InputError
 
 #: Leading digits of a resolution that maps like.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
-COARSER = 1.05  # the rounded resolution may be so much coarser than the image's
+COARSER_BY_ROUNDING = 1.05  # the rounded resolution may be so much coarser than the image's
 WHOLE = 1e-6  # share of a pixel within which an edge counts as lying on the lattice
 
 
-class Window(NamedTuple):
+class GridWindow(NamedTuple):
     """A part of a grid: first column and row, columns and rows."""
 
     column: int
@@ -31,12 +31,12 @@ class Window(NamedTuple):
     columns: int
     rows: int
 
-    def parts(self, columns: int, rows: int) -> Iterator[Window]:
+    def parts(self, columns: int, rows: int) -> Iterator[GridWindow]:
         """Yield windows of so many columns and rows, or what is left, that cover this one, row by row."""
         for row in range(0, self.rows, rows):
             for column in range(0, self.columns, columns):
                 size = min(columns, self.columns - column), min(rows, self.rows - row)
-                yield Window(self.column + column, self.row + row, *size)
+                yield GridWindow(self.column + column, self.row + row, *size)
 
 
 def rounded_resolution(gsd: float) -> float:
@@ -45,7 +45,7 @@ def rounded_resolution(gsd: float) -> float:
         raise InputError(f"the images have a pixel size of {gsd} on the ground: give --resolution")
     power = 10.0 ** math.floor(math.log10(gsd))
     candidates = [step * scale for scale in (power / 10.0, power) for step in ROUND_STEPS]
-    return float(f"{max(value for value in candidates if value <= COARSER * gsd):.6g}")
+    return float(f"{max(value for value in candidates if value <= COARSER_BY_ROUNDING * gsd):.6g}")
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,9 @@ class MapGrid:
         y = (self.top - 0.5 - pixels[:, 1]) * self.resolution
         return np.column_stack(self._to_wgs84.transform(x, y))
 
-    def chunks(self, columns: int, rows: int | None = None) -> Iterator[Window]:
+    def chunks(self, columns: int, rows: int | None = None) -> Iterator[GridWindow]:
         """Yield windows of so many columns and rows (the same number) that cover the grid, row by row."""
-        return Window(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
+        return GridWindow(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
 
     def common(self, other: MapGrid) -> MapGrid | None:
         """Return the part that two grids on the same lattice share, None where they do not meet."""

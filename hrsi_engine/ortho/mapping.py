@@ -18,13 +18,13 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..surface.dem import GridSurface, HeightSurface, surface_heights
-from .grid import MapGrid, Window
+from .grid import GridWindow, MapGrid
 
 LATTICE = 32  # pixels between positions where the map projection is evaluated; also the largest step
 CHECKED_PIXELS = 400  # of each chunk, at random
 UNKNOWN_GRID = 65  # positions along each side of a chunk at which pixels without height are counted
-PART = 16384  # nodes whose intermediate results stay in the processor's cache
-MOST_CELLS = 4_000_000  # below a chunk that are held at once; of finer terrain, heights are taken one by one
+MAPPED_AT_A_TIME = 16384  # nodes whose intermediate results stay in the processor's cache
+MOST_TERRAIN_CELLS = 4_000_000  # below a chunk that are held at once; of finer terrain, heights are taken one by one
 STRAIGHT = 0.01  # share of the error asked for; where all curvature with the height is below, it is left out
 
 
@@ -88,7 +88,7 @@ class _Cells:
         return np.asarray(b)
 
 
-def _nodes_along(window: Window, step: int) -> tuple[int, int]:
+def _nodes_along(window: GridWindow, step: int) -> tuple[int, int]:
     """Return the numbers of nodes along a row and a column of a window."""
     return (window.columns - 1) // step + 2, (window.rows - 1) // step + 2
 
@@ -99,7 +99,7 @@ def _cells_below(surface: HeightSurface, grid: np.ndarray) -> tuple[np.ndarray |
     There are no cells, and the place is that of the coordinates, beside a grid and where there are too many.
     """
     low, high = grid.min(axis=0) - 1.0, grid.max(axis=0) + 1.0
-    few = np.prod(high - low) <= MOST_CELLS
+    few = np.prod(high - low) <= MOST_TERRAIN_CELLS
     if not (few and isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all()):
         return None, np.zeros(2), surface.bounds(low, high)
     row, column, cells = surface.window(low, high)
@@ -116,7 +116,7 @@ class _Chunk:
     parabola is no straight line, c, c.
     """
 
-    def __init__(self, mapping: OrthoMapping, window: Window) -> None:
+    def __init__(self, mapping: OrthoMapping, window: GridWindow) -> None:
         self.window, self._surface = window, mapping.surface
         columns, rows = (-(-size // LATTICE) + 2 for size in window[2:])
         column, row = LATTICE * np.arange(columns) + window.column, LATTICE * np.arange(rows) + window.row
@@ -151,7 +151,7 @@ class _Chunk:
         columns, rows = _nodes_along(self.window, step)
         shares = (np.arange(0, LATTICE, step) + offset) / LATTICE
         across = _spread_columns(self.lattice, shares)[:, :, :columns]
-        lines = max(1, PART // (columns * len(shares)))  # of the lattice
+        lines = max(1, MAPPED_AT_A_TIME // (columns * len(shares)))  # of the lattice
         for top in range(0, -(-rows // len(shares)), lines):
             part = slice(top * len(shares), min((top + lines) * len(shares), rows))
             values = _spread_rows(across[:, top : top + lines + 1], shares)[:, : part.stop - part.start]
@@ -201,7 +201,7 @@ class OrthoMapping:
         lonlat = self.grid.lonlat(pixels)
         return self.rpc.project(np.column_stack([lonlat, surface_heights(self.surface, lonlat)]))
 
-    def chunk(self, window: Window) -> ChunkMapping | None:
+    def chunk(self, window: GridWindow) -> ChunkMapping | None:
         """Return the mapping of a window of the grid; None where the image shows nothing of it."""
         if self.error_px == 0.0:
             return self._every_pixel(window)
@@ -230,12 +230,12 @@ class OrthoMapping:
             return False
         return chunk.middles_keep(self.error_px, nodes, step)
 
-    def _empty(self, window: Window, known: np.ndarray) -> ChunkMapping | None:
+    def _empty(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""
         count = self._count_unknown(window, known)
         return ChunkMapping(np.full((2, 2, 2), np.nan), LATTICE, np.empty(0), count) if count else None
 
-    def _every_pixel(self, window: Window) -> ChunkMapping | None:
+    def _every_pixel(self, window: GridWindow) -> ChunkMapping | None:
         column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
         nodes = self.exact(pixels).T.reshape(2, len(row), len(column))
@@ -250,7 +250,7 @@ class OrthoMapping:
         low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
         return bool((high + margin > -0.5).all() and (low - margin < np.array(self.size) - 0.5).all())
 
-    def _count_unknown(self, window: Window, known: np.ndarray) -> int:
+    def _count_unknown(self, window: GridWindow, known: np.ndarray) -> int:
         """Return about how many pixels without height lie in the image, at the RPC's mean height."""
         side = np.linspace(0.0, 1.0, UNKNOWN_GRID)
         column, row = side * (window.columns - 1), side * (window.rows - 1)
@@ -284,7 +284,7 @@ def _first_step(cells_per_pixel: float) -> int:
     return step
 
 
-def _random_pixels(window: Window) -> np.ndarray:
+def _random_pixels(window: GridWindow) -> np.ndarray:
     """Return pixels of a window, the same ones every time."""
     rng = np.random.default_rng([window.column, window.row])
     return rng.integers(0, [window.columns, window.rows], (CHECKED_PIXELS, 2)).astype(np.float64)

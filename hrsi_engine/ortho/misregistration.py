@@ -27,16 +27,16 @@ from scipy import ndimage
 from ..foundation.robust_scale import robust_sigma
 
 MOST_ITERATIONS = 20
-CLOSURE_PX = 1e-3
-REACH_PX = 1.0  # least squares may move so far from the best whole pixel
-SMOOTH_PX = 0.8
-BORDER = 4  # pixels around the search area that interpolation and smoothing need
+SHIFT_CLOSURE_PX = 1e-3
+LEAST_SQUARES_REACH_PX = 1.0  # least squares may move so far from the best whole pixel
+SHIFT_SMOOTH_PX = 0.8
+SEARCH_BORDER = 4  # pixels around the search area that interpolation and smoothing need
 EDGE_SIGMA = 0.5  # of the Gaussian weights, as a share of half the window
 
 Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.Raster.read`
 
 
-class Outcome(IntEnum):
+class WindowOutcome(IntEnum):
     """What became of a window."""
 
     MATCHED = 0
@@ -52,7 +52,7 @@ class Outcome(IntEnum):
 
 
 @dataclass(frozen=True)
-class MatchOptions:
+class MisregistrationOptions:
     """How windows are matched.
 
     window_px : side of a window, even; search_px : largest shift; min_correlation : of windows that count
@@ -66,9 +66,9 @@ class MatchOptions:
     most: int = 40
 
 
-class Matches(NamedTuple):
+class WindowShifts(NamedTuple):
     """Windows: centres ``(n, 2)`` column, row, shifts ``(n, 2)`` in px (NaN where not matched), correlation, sigma of a
-    shift in px and `Outcome`, each ``(n,)``."""
+    shift in px and `WindowOutcome`, each ``(n,)``."""
 
     centre: np.ndarray
     shift_px: np.ndarray
@@ -79,7 +79,7 @@ class Matches(NamedTuple):
     @property
     def good(self) -> np.ndarray:
         """Mask of the windows that were matched."""
-        return np.asarray(self.outcome == Outcome.MATCHED)
+        return np.asarray(self.outcome == WindowOutcome.MATCHED)
 
 
 class Shift(NamedTuple):
@@ -88,12 +88,12 @@ class Shift(NamedTuple):
     xy: np.ndarray
     correlation: float
     sigma_px: float
-    outcome: Outcome
+    outcome: WindowOutcome
 
 
-def window_centres(columns: int, rows: int, options: MatchOptions) -> np.ndarray:
+def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> np.ndarray:
     """Return centres of windows spread evenly over an area of columns x rows pixels, ``(n, 2)`` integers."""
-    reach = options.window_px // 2 + options.search_px + BORDER
+    reach = options.window_px // 2 + options.search_px + SEARCH_BORDER
     spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
     axes = []
     for size in (columns, rows):
@@ -103,10 +103,10 @@ def window_centres(columns: int, rows: int, options: MatchOptions) -> np.ndarray
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
-def match_windows(
-    first: Read, second: Read, centres: np.ndarray, options: MatchOptions,
+def measure_shifts(
+    first: Read, second: Read, centres: np.ndarray, options: MisregistrationOptions,
     tell: Callable[[float], None] | None = None, threads: int = 1,
-) -> Matches:  # fmt: skip
+) -> WindowShifts:  # fmt: skip
     """Match windows of two orthoimages, of which ``first(...)`` and ``second(...)`` read the common area."""
     found = []
     with ThreadPoolExecutor(threads) as pool:
@@ -120,50 +120,54 @@ def match_windows(
             raise
     shifts = np.array([f.xy for f in found]).reshape(-1, 2)
     figures = np.array([(f.correlation, f.sigma_px, f.outcome) for f in found]).reshape(-1, 3)
-    return Matches(centres, shifts, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
+    return WindowShifts(centres, shifts, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
 
 
-def _matched(first: Read, second: Read, centre: Sequence[int], options: MatchOptions) -> Shift:
+def _matched(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
     """Return the shift of the window around column, row."""
-    (column, row), side = centre, options.window_px // 2 + BORDER
+    (column, row), side = centre, options.window_px // 2 + SEARCH_BORDER
     reach = side + options.search_px
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
-        return _failed(Outcome.NODATA)
+        return _failed(WindowOutcome.NODATA)
     return shift_between(template, second(column - reach, row - reach, 2 * reach, 2 * reach), options)
 
 
-def _failed(outcome: Outcome, correlation: float = np.nan) -> Shift:
+def _failed(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
     return Shift(np.full(2, np.nan), correlation, np.nan, outcome)
 
 
 def shift_between(
-    template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MatchOptions
+    template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MisregistrationOptions
 ) -> Shift:
-    """Return the shift of a window: pixels and mask of it (with `BORDER`), and of the area it is sought in."""
+    """Return the shift of a window: pixels and mask of it (with `SEARCH_BORDER`), and of the area it is sought in."""
     grey, place = _smoothed(template[0]), _smoothed(np.where(area[1], area[0], np.mean(area[0])))
-    core = grey[BORDER:-BORDER, BORDER:-BORDER]
+    core = grey[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER]
     if not core.std() > 1e-6 * max(1.0, abs(float(core.mean()))):
-        return _failed(Outcome.FLAT)
-    score = cv2.matchTemplate(place[BORDER:-BORDER, BORDER:-BORDER], core, cv2.TM_CCOEFF_NORMED)
+        return _failed(WindowOutcome.FLAT)
+    score = cv2.matchTemplate(
+        place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER], core, cv2.TM_CCOEFF_NORMED
+    )
     score[~np.isfinite(score)] = -1.0
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, column])
     if best < options.min_correlation:
-        return _failed(Outcome.UNLIKE, best)
+        return _failed(WindowOutcome.UNLIKE, best)
     if row in (0, score.shape[0] - 1) or column in (0, score.shape[1] - 1):
-        return _failed(Outcome.FAR, best)
+        return _failed(WindowOutcome.FAR, best)
     side = grey.shape[0]
     if not area[1][row : row + side, column : column + side].all():
-        return _failed(Outcome.NODATA, best)
+        return _failed(WindowOutcome.NODATA, best)
     return _refined(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
 
 
 def _smoothed(grey: np.ndarray) -> np.ndarray:
-    return cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SMOOTH_PX)
+    return cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SHIFT_SMOOTH_PX)
 
 
-def _refined(grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float, options: MatchOptions) -> Shift:
+def _refined(
+    grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float, options: MisregistrationOptions
+) -> Shift:
     """Return the shift by least squares from the best whole pixel on; both windows have a border."""
     T, T_x, T_y = _values_and_slopes(_coefficients(grey), np.zeros(2))
     coefficients, weight = _coefficients(near), _weights(len(T))
@@ -174,20 +178,20 @@ def _refined(grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float,
         misfit = (T - gain * S - offset).ravel()
         N = (A * weight) @ A.T
         if np.linalg.cond(N / np.sqrt(np.outer(np.diag(N), np.diag(N)))) > 1e8:
-            return _failed(Outcome.UNSTEADY, best)
+            return _failed(WindowOutcome.UNSTEADY, best)
         step = np.linalg.solve(N, (A * weight) @ misfit)
         misfit -= step @ A
         d, gain, offset = d + step[:2], gain + step[2], offset + step[3]
-        if np.abs(d).max() > REACH_PX or gain <= 0.0:
-            return _failed(Outcome.UNSTEADY, best)
-        if np.hypot(*step[:2]) < CLOSURE_PX:
+        if np.abs(d).max() > LEAST_SQUARES_REACH_PX or gain <= 0.0:
+            return _failed(WindowOutcome.UNSTEADY, best)
+        if np.hypot(*step[:2]) < SHIFT_CLOSURE_PX:
             break
     variance = float(weight @ misfit**2 / weight.sum())
     Q = _covariance(A * weight, N) * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
-        return _failed(Outcome.UNSTEADY, best)
-    return Shift(whole - options.search_px + d, best, sigma, Outcome.MATCHED)
+        return _failed(WindowOutcome.UNSTEADY, best)
+    return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
 
 
 def _covariance(weighted: np.ndarray, N: np.ndarray) -> np.ndarray:
@@ -197,9 +201,11 @@ def _covariance(weighted: np.ndarray, N: np.ndarray) -> np.ndarray:
     their own.
     """
     side = round(np.sqrt(weighted.shape[1]))
-    spread = np.stack([cv2.GaussianBlur(row.reshape(side, side), (0, 0), np.sqrt(2.0) * SMOOTH_PX) for row in weighted])
+    spread = np.stack(
+        [cv2.GaussianBlur(row.reshape(side, side), (0, 0), np.sqrt(2.0) * SHIFT_SMOOTH_PX) for row in weighted]
+    )
     inverse = np.linalg.inv(N)
-    return np.asarray(inverse @ (4.0 * np.pi * SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
+    return np.asarray(inverse @ (4.0 * np.pi * SHIFT_SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
 
 
 def _weights(side: int) -> np.ndarray:
@@ -221,12 +227,12 @@ def _spline(t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _values_and_slopes(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the window inside the border, shifted by d (at most `REACH_PX`), and its slopes by x and y."""
+    """Return the window inside the border, shifted by at most `LEAST_SQUARES_REACH_PX`, and its slopes by x and y."""
     whole = np.floor(d).astype(int)
     x_values, x_slopes = _spline(float(d[0] - whole[0]))
     y_values, y_slopes = _spline(float(d[1] - whole[1]))
-    side = len(coefficients) - 2 * BORDER
-    start = BORDER - 1 + whole
+    side = len(coefficients) - 2 * SEARCH_BORDER
+    start = SEARCH_BORDER - 1 + whole
     parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
     across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
 

@@ -21,17 +21,17 @@ from ..foundation.robust_scale import robust_sigma
 from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from ..surface.dem import GridSurface
 
-NEIGHBOURS = 12  # points around each, whose median height it is compared with
+SURFACE_NEIGHBOURS = 12  # points around each, whose median height it is compared with
 BLUNDER_NMAD = 6.0
 COMPANIONS = 3  # neighbours at a point's own height that make it part of something, such as a roof
 CELLS_PER_SPACING = 5.0
-MOST_CELLS = 9_000_000
+MOST_SURFACE_CELLS = 9_000_000
 MARGIN_SPACINGS = 200.0  # how far the surface goes on around the points, at the height of the nearest ones
 FITTED = 20  # points that a plane is fitted to
-NEAREST, WIDTH = 5, 0.33  # the Gaussian's sigma, as a share of the distance to the so many nearest points
+NEAREST, SUPPORT_WIDTH = 5, 0.33  # the Gaussian's sigma, as a share of the distance to the so many nearest points
 SIGMA_SLOPE = 0.3  # of the ground (m per m) where the points do not tell it
 SCATTERS = (16.0, 8.0, 4.0, 2.0, 1.0, 1.0)  # tolerated in one round of the fit after the other
-PART = 16384  # nodes at a time
+FITTED_AT_A_TIME = 16384  # nodes at a time
 LEAST_SCATTER_M = 0.1
 
 
@@ -71,14 +71,14 @@ def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     known = np.flatnonzero(np.isfinite(sigma_m))
     own = np.zeros(len(xy))
     if len(known):
-        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(NEIGHBOURS + 1, len(known)) + 1))
+        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(SURFACE_NEIGHBOURS + 1, len(known)) + 1))
         own[known] = sigma_m[known] ** 2 - (sigma_m[known][near] ** 2).min(axis=1)
     return own
 
 
 def _plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return which points do not stand alone: near the median of their neighbours, or at the height of some of them."""
-    count = min(NEIGHBOURS + 1, len(xy))
+    count = min(SURFACE_NEIGHBOURS + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
     middle = np.median(height[index], axis=1)
     away = np.abs(height - middle)
@@ -104,7 +104,7 @@ class _Points:
     @cached_property
     def scatter_m(self) -> float:
         """How far a point usually lies from the plane of its neighbours."""
-        near = self.tree.query(self.xy, k=np.arange(2, min(NEIGHBOURS + 1, len(self.xy)) + 1))[1]
+        near = self.tree.query(self.xy, k=np.arange(2, min(SURFACE_NEIGHBOURS + 1, len(self.xy)) + 1))[1]
         A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
         plane = np.linalg.pinv(A) @ self.height[near][..., None]
         return max(float(robust_sigma(self.height - plane[:, 0, 0])), LEAST_SCATTER_M)
@@ -118,7 +118,7 @@ def _gridded(points: _Points, scale: np.ndarray) -> GridSurface:
     """Return the surface on a grid of degrees; ``scale (2,)`` is metres per degree."""
     extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
     reach = np.minimum(MARGIN_SPACINGS * spacing, extent.max())
-    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(extent + 2.0 * reach) / MOST_CELLS)))
+    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(extent + 2.0 * reach) / MOST_SURFACE_CELLS)))
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
     x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
@@ -131,8 +131,8 @@ def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
     heights = np.empty(len(nodes))
     hull = Delaunay(_hull(points.xy))
-    for start in range(0, len(nodes), PART):
-        part = slice(start, start + PART)
+    for start in range(0, len(nodes), FITTED_AT_A_TIME):
+        part = slice(start, start + FITTED_AT_A_TIME)
         inside = hull.find_simplex(nodes[part]) >= 0
         found = points.height[points.tree.query(nodes[part])[1]]
         found[inside] = _fitted(points, nodes[part][inside])
@@ -152,7 +152,7 @@ def _fitted(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
     count = min(FITTED, len(points.xy))
     distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))
-    width = np.maximum(WIDTH * distance[:, min(NEAREST, count) - 1], 1e-3)[:, None]
+    width = np.maximum(SUPPORT_WIDTH * distance[:, min(NEAREST, count) - 1], 1e-3)[:, None]
     away = (points.xy[near] - nodes[:, None]) / width[..., None]
     height, scatter = points.height[near], points.scatter_m
     nearness = np.exp(0.5 * ((distance[:, :1] / width) ** 2 - (distance / width) ** 2))  # 1 for the nearest

@@ -4,7 +4,7 @@ The 78 coefficients (20 + 19 of sample, 20 + 19 of line; the constants of the de
 ``L w``, where ``L L'`` is a prior covariance C of the coefficients and the parameters w are standard normal before any
 observation. So every method is the same model with another C, and the same equations serve an estimation in one batch,
 point by point, or in one step. With N the normal matrix of the coefficients from the RPC's own virtual grid
-(`GRID`: image points at several heights, so weighted that together they hold the image to `SYSTEMATIC_PX`):
+(`DIRECT_GRID`: image points at several heights, so weighted that together they hold the image to `SYSTEMATIC_PX`):
 
 | method   | source               | information C^-1                          | estimation                          |
 |----------|----------------------|-------------------------------------------|-------------------------------------|
@@ -40,7 +40,7 @@ from .model import Equations, Linearise, Priors, RefinedRPC
 
 COEFFICIENTS = 78
 SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice(39, 59), "line_den": slice(59, 78)}
-GRID = (10, 10, 5)  # samples, lines, heights
+DIRECT_GRID = (10, 10, 5)  # samples, lines, heights
 PSEUDO_GRID = (3, 3, 3)
 SYSTEMATIC_PX = 20.0
 WEAKEST = 1e-4  # smallest eigenvalue of the information, over the largest
@@ -156,11 +156,11 @@ DIRECT = {
         DirectRPC("direct", "all coefficients again from the GCPs", lambda image: np.eye(COEFFICIENTS)),
         DirectRPC(
             "bils", "coefficients by batch least squares with their covariance",
-            lambda image: _virtual_information(image, GRID),
+            lambda image: _virtual_information(image, DIRECT_GRID),
         ),
         DirectRPC(
             "idkf", "coefficients by a Kalman filter, GCP by GCP",
-            lambda image: _virtual_information(image, GRID),
+            lambda image: _virtual_information(image, DIRECT_GRID),
         ),
         DirectRPC(
             "pg", "coefficients with pseudo GCPs of the old RPC",
@@ -169,7 +169,7 @@ DIRECT = {
         DirectRPC("upoe", "coefficients with the old ones as observations", _parameter_information),
         DirectRPC(
             "slss", "coefficients by one sequential update of the old solution",
-            lambda image: _virtual_information(image, GRID),
+            lambda image: _virtual_information(image, DIRECT_GRID),
         ),
     )
 }  # fmt: skip

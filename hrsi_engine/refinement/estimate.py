@@ -21,8 +21,8 @@ from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
-MAX_ITERATIONS = 60
-SETTLED_PX = 1e-7  # iterations end when no computed image point moves by more
+ESTIMATE_MAX_ITERATIONS = 60
+ESTIMATE_SETTLED_PX = 1e-7  # iterations end when no computed image point moves by more
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
 #: errors up to 0.1 rad (tens of thousands of pixels).
 CONTROL_ONLY = Priors(shift_px=1e6, drift=1.0, orientation=LOOSE_ORIENTATION)
@@ -152,17 +152,17 @@ def iterate(equations: _Equations) -> tuple[np.ndarray, int, bool]:
     sigmas = equations.sigmas
     values, damping = np.zeros(len(sigmas)), 0.0
     at = equations.at(values)
-    for iteration in range(1, MAX_ITERATIONS + 1):
+    for iteration in range(1, ESTIMATE_MAX_ITERATIONS + 1):
         step = _solve(at.matrix, at.right, values, sigmas, damping)
         trial = values + sigmas * step
         ahead = equations.at(trial)
-        if _movement_px(at, step) <= SETTLED_PX:
+        if _movement_px(at, step) <= ESTIMATE_SETTLED_PX:
             return trial, iteration, True
         if _cost(ahead, trial, sigmas) <= _cost(at, values, sigmas) * (1.0 + 1e-9):
             values, at, damping = trial, ahead, 0.0 if damping < 1e-4 else damping / 10.0
         else:
             damping = max(10.0 * damping, 1e-3)
-    return values, MAX_ITERATIONS, False
+    return values, ESTIMATE_MAX_ITERATIONS, False
 
 
 def update_once(equations: _Equations) -> tuple[np.ndarray, int, bool]:

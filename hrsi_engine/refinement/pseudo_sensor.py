@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block.block import Image
-from ..camera.rpc_fit import CHECK_GRID, FIT_GRID, best_fit, image_grid
+from ..camera.rpc_fit import FIT_CHECK_GRID, FIT_GRID, best_fit, image_grid
 from .ground_area import ground_area, px_per_m
 from .model import Equations, Linearise, Orientation, Priors, RefinedRPC
 from .pseudo_rays import PseudoRays, pseudo_rays, sensor_frame
@@ -39,7 +39,7 @@ from .pseudo_rays import PseudoRays, pseudo_rays, sensor_frame
 #: The corrected quantities; the first three are metres, the others radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
 X, Y, H, PSI_X, PSI_Y, YAW, PSI_Z = range(7)
-CLOSURE_PX = 1e-9
+RAY_CLOSURE_PX = 1e-9
 MAX_STEPS = 20
 HEIGHT_CLOSURE_M = 1e-6
 
@@ -108,16 +108,16 @@ class PseudoSensor:
             hit = self._hit(image, rays, position, values, place[:, 2])
             step = np.linalg.solve(_regular(hit.by_image), (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
             position = position + step
-            if not np.nanmax(np.abs(step), initial=0.0) > CLOSURE_PX:
+            if not np.nanmax(np.abs(step), initial=0.0) > RAY_CLOSURE_PX:
                 break
-        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * CLOSURE_PX)] = np.nan
+        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * RAY_CLOSURE_PX)] = np.nan
         return position
 
     def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
         """Fit an RPC to a grid of corrected rays at several heights (thesis 4.3, steps 4 and 5)."""
         if not np.any(values):
             return RefinedRPC(image.rpc, 0.0)
-        fit = best_fit(self.corrected_grid(image, values, FIT_GRID), self.corrected_grid(image, values, CHECK_GRID))
+        fit = best_fit(self.corrected_grid(image, values, FIT_GRID), self.corrected_grid(image, values, FIT_CHECK_GRID))
         return RefinedRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
 
     def corrected_grid(

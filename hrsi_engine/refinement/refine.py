@@ -14,7 +14,7 @@ from ..foundation.errors import InputError, SolveError
 from . import MODELS, RefinedRPC, RefinementModel
 from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate
-from .selection import RULES, Choice, Suspect, find_suspects
+from .selection import RULES, Choice, SuspectGcp, find_suspects
 
 UNCERTAIN_PX = 10.0  # standard deviation of the corrected image at its edges beyond which a warning says so
 UNDETERMINED_PX = 1e3  # beyond which the control determines nothing there
@@ -32,7 +32,7 @@ class Refinement:
     model: RefinementModel
     estimate: Estimate
     control: Control
-    left_out: tuple[Suspect, ...] = ()
+    left_out: tuple[SuspectGcp, ...] = ()
     choice: Choice | None = None
     warnings: tuple[str, ...] = ()
 
@@ -137,7 +137,7 @@ def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> floa
     return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(found.sigma0, 1e-12)))
 
 
-def _without_suspects(control: Control, suspects: Iterable[Suspect], leave_out: bool) -> tuple[Control, list[str]]:
+def _without_suspects(control: Control, suspects: Iterable[SuspectGcp], leave_out: bool) -> tuple[Control, list[str]]:
     """Return the control without the suspects, and a warning for each."""
     listed = list(suspects)
     what = "it is left out" if leave_out else "it is kept"
@@ -164,7 +164,7 @@ def _uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ModelComparison:
     """How one model does: residuals of the control and of the check points ``(n, 2)``; ``note`` says why it failed."""
 
     control_px: np.ndarray
@@ -175,17 +175,17 @@ class Comparison:
 
 def compare_models(
     image: Image, control: Control, check: Control, models: Mapping[str, RefinementModel] = MODELS
-) -> dict[str, Comparison]:
+) -> dict[str, ModelComparison]:
     """Return what every model makes of the same control and check points; a model that fails says why."""
     table = {}
     for name, model in models.items():
         try:
             refinement = Refinement(image, model, solve(model, image, control), control)
-            table[name] = Comparison(
+            table[name] = ModelComparison(
                 refinement.residuals_px(control), refinement.residuals_px(check), refinement,
                 "" if refinement.estimate.converged else "not converged",
             )  # fmt: skip
         except (InputError, SolveError) as error:
             nothing = np.full((0, 2), np.nan)
-            table[name] = Comparison(nothing, nothing, None, str(error))
+            table[name] = ModelComparison(nothing, nothing, None, str(error))
     return table

@@ -12,7 +12,7 @@ from .model import RefinedRPC
 
 Project = Callable[[np.ndarray], np.ndarray]
 PASSES = 6
-SETTLED_PX = 0.1
+REFIT_SETTLED_PX = 0.1
 
 
 def refit(image: Image, project: Project) -> RefinedRPC:
@@ -39,7 +39,7 @@ def _vendors_area(image: Image, project: Project) -> tuple[float, float, float, 
         if not np.isfinite(away).all():
             return image.domain_px
         vendors = vendors + away
-        if np.abs(away).max() < SETTLED_PX:
+        if np.abs(away).max() < REFIT_SETTLED_PX:
             break
     low, high = vendors.min(axis=0), vendors.max(axis=0)
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])

@@ -33,7 +33,7 @@ from . import BLOCK_MODELS
 from .estimate import Control, Estimate, estimate
 
 #: Candidates of `auto`, the simplest first.
-CANDIDATES = ("shift", "shift-drift", "affine", "generic-affine")
+CANDIDATE_MODELS = ("shift", "shift-drift", "affine", "generic-affine")
 #: Candidates of `generic` from 4 GCPs on; from 50 the last is "generic-full".
 GENERIC_CANDIDATES = ("generic-position", "generic-shift", "generic-affine")
 #: Models that test for blunders.
@@ -48,7 +48,7 @@ DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothi
 FEW, MANY = 3, 50  # GCPs; the thesis's rule (section 4.3)
 
 
-class Suspect(NamedTuple):
+class SuspectGcp(NamedTuple):
     """A GCP that disagrees with the others: by how many px, and its test value over the critical one."""
 
     id: str
@@ -67,7 +67,7 @@ class Choice:
     model: str
     reason: str
     scores: Mapping[str, float | None] = field(default_factory=dict)
-    suspects: tuple[Suspect, ...] = ()
+    suspects: tuple[SuspectGcp, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -115,7 +115,7 @@ def choose_by_prediction(controls: Controls) -> Choice:
         return Choice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
     suspects, warnings, clean = _judged(controls)
     count = min(len(control) for _, control in clean)
-    errors = {name: _prediction_errors(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATES}
+    errors = {name: _prediction_errors(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATE_MODELS}
     if all(squared is None for squared in errors.values()):
         reason = f"{_gcps(count)} on an image: too few to tell more than a shift"
         return Choice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
@@ -127,7 +127,7 @@ def choose_by_prediction(controls: Controls) -> Choice:
     return Choice(model, reason, _scores(errors), suspects, warnings)
 
 
-def _judged(controls: Controls) -> tuple[tuple[Suspect, ...], tuple[str, ...], list[tuple[Image, Control]]]:
+def _judged(controls: Controls) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
     """Return suspects, warnings, and the controls without the suspects."""
     suspects = [suspect for image, control in controls for suspect in find_suspects(image, control)]
     warnings = [warning for image, control in controls for warning in _doubts(image, control)]
@@ -208,14 +208,14 @@ def _gcps(count: int) -> str:
 # ---- blunders ------------------------------------------------------------------------------------------------------
 
 
-def find_suspects(image: Image, control: Control) -> list[Suspect]:
+def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
     """Return the GCPs of an image that every model with enough redundancy takes for blunders, worst first."""
     verdicts = [found for name in JUDGES if (found := _outliers(name, image, control)) is not None]
     if not verdicts:
         return []
     common = set(verdicts[0]).intersection(*verdicts[1:])
     suspects = [
-        Suspect(str(control.ids[index]), image.id, *min(verdict[index] for verdict in verdicts)) for index in common
+        SuspectGcp(str(control.ids[index]), image.id, *min(verdict[index] for verdict in verdicts)) for index in common
     ]
     return sorted(suspects, key=lambda suspect: -suspect.deviation_px)
 

@@ -21,17 +21,41 @@ from .control import Noise, PointCounts
 from .pushbroom import PushbroomCamera, aim
 from .render import ImageRenderer, block_with_pixels, multispectral_renderers, orthophoto, render_window, renderer
 from .scene import Scene, SceneSpec
-from .sensors import SENSORS, Accuracy, OrientationError, Radiometry, Sensor
+from .sensors import SENSORS, OrientationError, Radiometry, Sensor, StatedAccuracy
 from .surface import locate_on_surface
 from .synthesis import SimulatedBlock, Truth, simulate_block
 from .truth_tables import truth_document, truth_tables
 from .vendor import VendorRPC, fit_camera, multispectral_rpc
-from .views import View, along_track_views, strip_views
+from .views import SceneView, along_track_views, strip_views
 
 __all__ = [
-    "SENSORS", "Accuracy", "ImageRenderer", "Noise", "OrientationError", "PointCounts", "PushbroomCamera",
-    "Radiometry", "Scene", "SceneSpec", "Sensor", "SimulatedBlock", "Truth", "VendorRPC", "View", "aim",
-    "along_track_views", "block_with_pixels", "fit_camera", "locate_on_surface", "multispectral_renderers",
-    "multispectral_rpc", "orthophoto", "render_window", "renderer", "simulate_block", "strip_views", "truth_document",
+    "SENSORS",
+    "ImageRenderer",
+    "Noise",
+    "OrientationError",
+    "PointCounts",
+    "PushbroomCamera",
+    "Radiometry",
+    "Scene",
+    "SceneSpec",
+    "SceneView",
+    "Sensor",
+    "SimulatedBlock",
+    "StatedAccuracy",
+    "Truth",
+    "VendorRPC",
+    "aim",
+    "along_track_views",
+    "block_with_pixels",
+    "fit_camera",
+    "locate_on_surface",
+    "multispectral_renderers",
+    "multispectral_rpc",
+    "orthophoto",
+    "render_window",
+    "renderer",
+    "simulate_block",
+    "strip_views",
+    "truth_document",
     "truth_tables",
 ]  # fmt: skip

@@ -11,9 +11,9 @@ from ..block.block import GroundPoints, ImagePoints, Role
 from ..foundation.errors import InputError
 from .pushbroom import PushbroomCamera
 from .surface import locate_on_surface
-from .terrain import Terrain
+from .terrain import SimulatedTerrain
 
-BORDER = 0.03  # share of the image in which no point is placed
+EMPTY_BORDER = 0.03  # share of the image in which no point is placed
 STEEPEST_CONTROL = 0.35  # slope at surveyed points
 
 
@@ -66,7 +66,7 @@ class TrueImagePoints:
 # ---- positions -------------------------------------------------------------------------------------------------
 
 
-def observe(cameras: Sequence[PushbroomCamera], terrain: Terrain, ground: np.ndarray) -> TrueImagePoints:
+def observe(cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, ground: np.ndarray) -> TrueImagePoints:
     """Return the image points of ground points on the terrain's surface, where they are inside and not hidden."""
     point, image, xy = [], [], []
     chart_m = terrain.chart.from_ground(ground)
@@ -86,7 +86,7 @@ def observe(cameras: Sequence[PushbroomCamera], terrain: Terrain, ground: np.nda
     return TrueImagePoints(np.concatenate(point), np.concatenate(image), np.concatenate(xy))
 
 
-def _within_outline(camera: PushbroomCamera, terrain: Terrain, chart_m: np.ndarray) -> np.ndarray:
+def _within_outline(camera: PushbroomCamera, terrain: SimulatedTerrain, chart_m: np.ndarray) -> np.ndarray:
     """Return indices of the positions within the upright rectangle around a camera's footprint."""
     samples, lines = (size - 1.0 for size in camera.size)
     rim = np.array([[s * samples, t * lines] for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)])
@@ -99,14 +99,14 @@ def _within_outline(camera: PushbroomCamera, terrain: Terrain, chart_m: np.ndarr
 
 
 def _candidates(
-    cameras: Sequence[PushbroomCamera], terrain: Terrain, count: int, rng: np.random.Generator
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ground points on the surface, about ``count`` an image, evenly spread over each image."""
     found = []
     side = int(np.ceil(np.sqrt(count)))
     cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
     for camera in cameras:
-        share = BORDER + (1.0 - 2.0 * BORDER) * (cells + rng.random(cells.shape)) / side
+        share = EMPTY_BORDER + (1.0 - 2.0 * EMPTY_BORDER) * (cells + rng.random(cells.shape)) / side
         image = share * (np.array(camera.size) - 1.0)
         ground = locate_on_surface(camera, terrain, image)
         ground[:, 2] = terrain.height_at(ground)
@@ -115,7 +115,7 @@ def _candidates(
 
 
 def _enough_views(
-    cameras: Sequence[PushbroomCamera], terrain: Terrain, ground: np.ndarray, border: float
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, ground: np.ndarray, border: float
 ) -> np.ndarray:
     """Return the points that two cameras see (one, where there is only one camera)."""
     seen = observe(cameras, terrain, ground)
@@ -126,7 +126,7 @@ def _enough_views(
 
 
 def place_control(
-    cameras: Sequence[PushbroomCamera], terrain: Terrain, count: int, rng: np.random.Generator
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ``count`` surveyed points ``(count, 3)``, far from each other and on gentle ground.
 
@@ -134,14 +134,16 @@ def place_control(
     """
     if count == 0:
         return np.empty((0, 3))
-    pool = _enough_views(cameras, terrain, _candidates(cameras, terrain, 12 * count // len(cameras) + 40, rng), BORDER)
+    pool = _enough_views(
+        cameras, terrain, _candidates(cameras, terrain, 12 * count // len(cameras) + 40, rng), EMPTY_BORDER
+    )
     pool = pool[_slopes(terrain, pool) < STEEPEST_CONTROL]
     _require(len(pool), count, "surveyed points")
     return pool[_far_apart(terrain.chart.from_ground(pool), count)]
 
 
 def place_ties(
-    cameras: Sequence[PushbroomCamera], terrain: Terrain, count: int, rng: np.random.Generator
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ``count`` tie points ``(count, 3)``; raises `InputError` where the images do not overlap."""
     if count == 0:
@@ -164,7 +166,7 @@ def _require(found: int, wanted: int, what: str) -> None:
         )
 
 
-def _slopes(terrain: Terrain, ground: np.ndarray) -> np.ndarray:
+def _slopes(terrain: SimulatedTerrain, ground: np.ndarray) -> np.ndarray:
     """Return the steepest slope within two posts of each point."""
     east, north = terrain.chart.from_ground(ground).T
     reach = 2.0 * terrain.post_m

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..block.columns import Columns
 
-BANDS = ("pan", "blue", "green", "red", "nir")
+SPECTRAL_BANDS = ("pan", "blue", "green", "red", "nir")
 BLOCK_M = 160.0
 PARCEL_M = 40.0
 PARCELS = 512  # a side of the lattice; it repeats after 20 km
@@ -28,8 +28,8 @@ ROUNDABOUT_M, ISLAND_M = 40.0, 22.0
 BENDS = ((30.0, 1900.0, 0.0), (12.0, 700.0, 0.5))
 
 
-class Cover(NamedTuple):
-    """A land cover: share of all blocks, grey values of `BANDS` (11 bit), and how much they vary."""
+class LandCover(NamedTuple):
+    """A land cover: share of all blocks, grey values of `SPECTRAL_BANDS` (11 bit), and how much they vary."""
 
     name: str
     share: float
@@ -40,12 +40,12 @@ class Cover(NamedTuple):
 
 
 COVERS = (
-    Cover("field", 0.42, (560.0, 390.0, 500.0, 480.0, 900.0), 0.28, 0.12, 0.0),
-    Cover("meadow", 0.12, (460.0, 330.0, 440.0, 370.0, 980.0), 0.10, 0.18, 0.15),
-    Cover("forest", 0.18, (290.0, 240.0, 300.0, 210.0, 850.0), 0.05, 0.05, 0.35),
-    Cover("town", 0.18, (500.0, 460.0, 480.0, 470.0, 600.0), 0.15, 0.15, 0.2),
-    Cover("works", 0.05, (640.0, 620.0, 640.0, 640.0, 600.0), 0.05, 0.08, 0.0),
-    Cover("water", 0.05, (150.0, 260.0, 190.0, 110.0, 50.0), 0.0, 0.0, 0.0),
+    LandCover("field", 0.42, (560.0, 390.0, 500.0, 480.0, 900.0), 0.28, 0.12, 0.0),
+    LandCover("meadow", 0.12, (460.0, 330.0, 440.0, 370.0, 980.0), 0.10, 0.18, 0.15),
+    LandCover("forest", 0.18, (290.0, 240.0, 300.0, 210.0, 850.0), 0.05, 0.05, 0.35),
+    LandCover("town", 0.18, (500.0, 460.0, 480.0, 470.0, 600.0), 0.15, 0.15, 0.2),
+    LandCover("works", 0.05, (640.0, 620.0, 640.0, 640.0, 600.0), 0.05, 0.08, 0.0),
+    LandCover("water", 0.05, (150.0, 260.0, 190.0, 110.0, 50.0), 0.0, 0.0, 0.0),
 )
 COVER_INDEX = {cover.name: index for index, cover in enumerate(COVERS)}
 ROAD_GREY = np.array([400.0, 410.0, 420.0, 430.0, 400.0], dtype=np.float32)
@@ -90,7 +90,7 @@ def discs(kind: str, position_m: np.ndarray, diameter_m: np.ndarray, grey: np.nd
         np.asarray(position_m, dtype=np.float64).reshape(count, 2),
         np.repeat(np.broadcast_to(diameter_m, (count,))[:, None], 2, axis=1),
         np.zeros(count),
-        np.broadcast_to(grey, (count, len(BANDS))).astype(np.float32),
+        np.broadcast_to(grey, (count, len(SPECTRAL_BANDS))).astype(np.float32),
     )
 
 

@@ -27,7 +27,7 @@ from .sensors import OrientationError, Sensor
 
 GRAVITATION = 3.986004418e14  # m3 / s2, WGS84
 LINE_CLOSURE_PX = 1e-9
-MAX_ITERATIONS = 40
+ORBIT_MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ class PushbroomCamera:
         line = np.full(len(target), self.middle[1])
         slope = np.full(len(target), -1.0)
         miss, sample = self._detector_position(target, line)
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(ORBIT_MAX_ITERATIONS):
             active = np.flatnonzero(np.abs(miss) > LINE_CLOSURE_PX)
             if not active.size:
                 break

@@ -15,13 +15,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..block.block import Block
-from .landscape import BANDS
+from .landscape import SPECTRAL_BANDS
 from .pushbroom import PushbroomCamera
 from .scene import Scene
 from .sensors import Radiometry
 from .surface import RayPaths, meet_surface, ray_paths
 from .synthesis import SimulatedBlock
-from .tiles import TILE, TilePainter, cut_window, tile_shape
+from .tiles import RENDER_TILE, TilePainter, cut_window, tile_shape
 
 NODE_SAMPLES, NODE_LINES = 32, 16
 NODES_PER_JITTER = 100  # bilinear interpolation of a sine of one pixel is then good to 5e-4 px
@@ -77,8 +77,8 @@ class ImageRenderer:
         """Return the rays of a tile's pixels, from the exact ones at the nodes around it."""
         lines, samples = tile_shape(self.size, row, column)
         across, down = samples // NODE_SAMPLES + 2, lines // self._node_lines + 2
-        sample = column * TILE + NODE_SAMPLES * np.arange(across)
-        line = row * TILE + self._node_lines * np.arange(down)
+        sample = column * RENDER_TILE + NODE_SAMPLES * np.arange(across)
+        line = row * RENDER_TILE + self._node_lines * np.arange(down)
         nodes = np.stack(np.meshgrid(sample, line), axis=-1).reshape(-1, 2)
         exact = ray_paths(self.camera, self.scene.terrain, nodes.astype(np.float64))
         grid = exact.coefficients.reshape(3, 2, down, across)
@@ -100,7 +100,7 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
     A multispectral pixel covers `Sensor.ms_ratio` squared panchromatic ones; both images have the same upper left
     outer corner. Raises `InputError` for an unknown image, ValueError for an unknown band.
     """
-    index, band_index = simulated.index(image_id), BANDS.index(band)
+    index, band_index = simulated.index(image_id), SPECTRAL_BANDS.index(band)
     view, camera, scene = simulated.views[index], simulated.truth.cameras[index], simulated.scene
     if band_index:
         camera = camera.coarsened(view.sensor.ms_ratio)
@@ -109,19 +109,19 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
         camera.size, scene.texture.blurred(blur_m, band_index, view.date, scene.spec.change),
         scene.objects, camera.ground_to_image(scene.object_ground()), min(camera.gsd_m()), blur_m,
     )  # fmt: skip
-    return ImageRenderer(scene, camera, view.radiometry, painter, len(BANDS) * index + band_index)
+    return ImageRenderer(scene, camera, view.radiometry, painter, len(SPECTRAL_BANDS) * index + band_index)
 
 
 def multispectral_renderers(simulated: SimulatedBlock, image_id: str) -> tuple[ImageRenderer, ...]:
     """Return the renderers of blue, green, red and near infrared, which share what does not depend on the band."""
-    first = renderer(simulated, image_id, BANDS[1])
+    first = renderer(simulated, image_id, SPECTRAL_BANDS[1])
     return tuple(
         replace(
             first,
             painter=replace(first.painter, texture=replace(first.painter.texture, band=band)),
             stream=first.stream + band - 1,
         )
-        for band in range(1, len(BANDS))
+        for band in range(1, len(SPECTRAL_BANDS))
     )
 
 
@@ -169,8 +169,8 @@ class OrthoRenderer:
 
     def _tile(self, row: int, column: int) -> np.ndarray:
         lines, samples = tile_shape(self.size, row, column)
-        east = self.west_m + self.gsd_m * (column * TILE + np.arange(samples))
-        north = self.north_m - self.gsd_m * (row * TILE + np.arange(lines))
+        east = self.west_m + self.gsd_m * (column * RENDER_TILE + np.arange(samples))
+        north = self.north_m - self.gsd_m * (row * RENDER_TILE + np.arange(lines))
         return _quantised(self.painter.grey(row, column, *np.meshgrid(east, north)), Radiometry())
 
 
@@ -180,7 +180,7 @@ def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, b
     corner = -half * gsd_m, half * gsd_m
     size = 2 * half + 1, 2 * half + 1
     centres = (scene.objects.position_m - corner) * [1.0, -1.0] / gsd_m
-    texture = scene.texture.blurred(ORTHO_BLUR_PX * gsd_m, BANDS.index(band))
+    texture = scene.texture.blurred(ORTHO_BLUR_PX * gsd_m, SPECTRAL_BANDS.index(band))
     painter = TilePainter.around(size, texture, scene.objects, centres, gsd_m, ORTHO_BLUR_PX * gsd_m)
     return OrthoRenderer(scene, painter, *corner, gsd_m)
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..foundation.errors import InputError
 from .landscape import Landscape, Objects, discs
-from .terrain import Chart, Terrain, fractal_terrain
+from .terrain import Chart, SimulatedTerrain, fractal_terrain
 from .texture import Texture
-from .views import View
+from .views import SceneView
 
 MOST_POSTS = 4000  # a side of the terrain
 GSD_OF_SCALE_ONE_M = 0.7
@@ -59,7 +59,7 @@ class Scene:
 
     spec: SceneSpec
     chart: Chart
-    terrain: Terrain
+    terrain: SimulatedTerrain
     landscape: Landscape
     half_extent_m: float
     finest_gsd_m: float
@@ -93,7 +93,7 @@ class Scene:
         return self.chart.to_ground(position, self.terrain.height(*position.T))
 
 
-def make_scene(spec: SceneSpec, views: Sequence[View]) -> Scene:
+def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
     """Return the scene that covers the views, without targets yet. Raises `InputError` without views."""
     if not views:
         raise InputError("a block needs at least one view: give some")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .pushbroom import PushbroomCamera
-from .terrain import Terrain
+from .terrain import SimulatedTerrain
 
 OCCLUSION_FREE = 0.7
 HEIGHT_TOLERANCE_M = 5e-4
@@ -49,7 +49,7 @@ class RayPaths(NamedTuple):
         return self._replace(coefficients=self.coefficients[:, :, chosen])
 
 
-def ray_paths(camera: PushbroomCamera, terrain: Terrain, image: np.ndarray) -> RayPaths:
+def ray_paths(camera: PushbroomCamera, terrain: SimulatedTerrain, image: np.ndarray) -> RayPaths:
     """Return the paths of image points ``(n, 2)`` over the terrain's range of heights; coefficients ``(3, 2, n)``."""
     low, high = terrain.height_range
     middle, half = (low + high) / 2.0, (high - low) / 2.0 + 1.0
@@ -62,7 +62,7 @@ def ray_paths(camera: PushbroomCamera, terrain: Terrain, image: np.ndarray) -> R
     )
 
 
-def meet_surface(paths: RayPaths, terrain: Terrain) -> np.ndarray:
+def meet_surface(paths: RayPaths, terrain: SimulatedTerrain) -> np.ndarray:
     """Return the heights at which rays first meet the terrain from above, in the shape of the rays."""
     reach = paths.tangent() * paths.half_m
     east, north = paths.coefficients[0]
@@ -72,7 +72,7 @@ def meet_surface(paths: RayPaths, terrain: Terrain) -> np.ndarray:
     return _walk_down(paths, terrain, low, high)
 
 
-def _iterate(paths: RayPaths, terrain: Terrain, start_m: float) -> np.ndarray:
+def _iterate(paths: RayPaths, terrain: SimulatedTerrain, start_m: float) -> np.ndarray:
     height = np.full(paths.coefficients.shape[2:], start_m)
     for _ in range(60):
         previous = height
@@ -82,7 +82,7 @@ def _iterate(paths: RayPaths, terrain: Terrain, start_m: float) -> np.ndarray:
     return height
 
 
-def _walk_down(paths: RayPaths, terrain: Terrain, low: float, high: float) -> np.ndarray:
+def _walk_down(paths: RayPaths, terrain: SimulatedTerrain, low: float, high: float) -> np.ndarray:
     shape = paths.coefficients.shape[2:]
     flat = paths._replace(coefficients=paths.coefficients.reshape(3, 2, -1))
     step = 0.5 * terrain.post_m / max(paths.tangent(), 1e-9)
@@ -103,6 +103,6 @@ def _walk_down(paths: RayPaths, terrain: Terrain, low: float, high: float) -> np
     return ((under + above) / 2.0).reshape(shape)
 
 
-def locate_on_surface(camera: PushbroomCamera, terrain: Terrain, image: np.ndarray) -> np.ndarray:
+def locate_on_surface(camera: PushbroomCamera, terrain: SimulatedTerrain, image: np.ndarray) -> np.ndarray:
     """Return the ground points ``(n, 3)`` that a camera sees at image points ``(n, 2)``."""
     return camera.image_to_ground(image, meet_surface(ray_paths(camera, terrain, image), terrain))

@@ -26,7 +26,7 @@ from .pushbroom import PushbroomCamera
 from .scene import Scene, SceneSpec, make_scene
 from .sensors import OrientationError
 from .vendor import VendorRPC, fit_camera, stated_accuracy
-from .views import View
+from .views import SceneView
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class SimulatedBlock:
     """A block as a user would have it, the scene it shows and the truth; rows of the two point tables agree."""
 
     spec: SceneSpec
-    views: tuple[View, ...]
+    views: tuple[SceneView, ...]
     noise: Noise
     scene: Scene
     block: Block
@@ -78,7 +78,7 @@ class SimulatedBlock:
 
 def simulate_block(
     spec: SceneSpec,
-    views: Sequence[View],
+    views: Sequence[SceneView],
     points: PointCounts | None = None,
     noise: Noise | None = None,
     progress: Progress = silent,
@@ -131,7 +131,7 @@ def _fit_all(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progres
     return tuple(fitted)
 
 
-def _vendor_error(view: View, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
+def _vendor_error(view: SceneView, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
     if view.vendor_error is not None:
         return view.vendor_error
     return view.sensor.accuracy.draw(np.random.default_rng([spec.seed, 42, index]), noise.vendor)

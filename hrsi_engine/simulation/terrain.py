@@ -48,7 +48,7 @@ class Chart:
 
 
 @dataclass(frozen=True, eq=False)
-class Terrain:
+class SimulatedTerrain:
     """Height posts over the chart: row 0 is the northern one, ``west_m`` and ``north_m`` its first post."""
 
     chart: Chart
@@ -90,7 +90,7 @@ class Terrain:
         """Return the surface height ``(n,)`` at lon, lat(, height) points."""
         return self.height(*self.chart.from_ground(ground).T)
 
-    def planed(self, positions_m: np.ndarray, radius_m: float) -> Terrain:
+    def planed(self, positions_m: np.ndarray, radius_m: float) -> SimulatedTerrain:
         """Return the terrain made plane within a radius of chart positions ``(n, 2)``, as steep as it is there.
 
         A disc on the ground then has its centre's image in the middle of its own.
@@ -132,7 +132,7 @@ def fractal_terrain(
     relief_m: float,
     seed: int,
     cliff_m: float = 0.0,
-) -> Terrain:
+) -> SimulatedTerrain:
     """Return a terrain reaching ``half_extent_m`` from the chart's origin in the four directions.
 
     ``relief_m`` is the range of the hills; ``cliff_m`` the height of cliffs on top of it, none where 0.
@@ -146,7 +146,7 @@ def fractal_terrain(
     if cliff_m > 0.0:
         heights += cliff_m * (fractal_relief(count, CLIFF_ROUGHNESS, np.random.default_rng([seed, 2])) > 0.0)
     heights += mean_height_m - heights.mean()
-    return Terrain(chart, heights.astype(np.float32), -half * post_m, half * post_m, post_m)
+    return SimulatedTerrain(chart, heights.astype(np.float32), -half * post_m, half * post_m, post_m)
 
 
 def fractal_relief(count: int, roughness: float, rng: np.random.Generator) -> np.ndarray:

@@ -222,8 +222,8 @@ def rectangle_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, si
     return cover
 
 
-Cover = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
-COVERAGE: dict[str, Cover] = {
+CoverFunction = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
+COVERAGE: dict[str, CoverFunction] = {
     "roof": rectangle_cover,
     "tank": disc_cover,
     "roundabout": disc_cover,

@@ -15,14 +15,14 @@ import numpy as np
 from .landscape import Objects
 from .texture import BlurredTexture, paint
 
-TILE = 256
+RENDER_TILE = 256
 REACH_SIGMAS = 4.0  # an object's blur is painted so far
 
 
 def tiles_of(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:
     """Yield row and column of the tiles that a window touches, in reading order."""
-    for row in range(line // TILE, -(-(line + lines) // TILE)):
-        for column in range(sample // TILE, -(-(sample + samples) // TILE)):
+    for row in range(line // RENDER_TILE, -(-(line + lines) // RENDER_TILE)):
+        for column in range(sample // RENDER_TILE, -(-(sample + samples) // RENDER_TILE)):
             yield row, column
 
 
@@ -38,7 +38,7 @@ def cut_window(
     out = np.empty((lines, samples), dtype=np.uint16)
     for row, column in tiles_of(sample, line, samples, lines):
         pixels = tile(row, column)
-        top, left = row * TILE - line, column * TILE - sample  # of the tile, in the window
+        top, left = row * RENDER_TILE - line, column * RENDER_TILE - sample  # of the tile, in the window
         part = pixels[max(-top, 0) : lines - top, max(-left, 0) : samples - left]
         out[max(top, 0) :, max(left, 0) :][: part.shape[0], : part.shape[1]] = part
     return out
@@ -46,7 +46,7 @@ def cut_window(
 
 def tile_shape(size: tuple[int, int], row: int, column: int) -> tuple[int, int]:
     """Return lines and samples of a tile; those at the right and lower border are smaller."""
-    return min(TILE, size[1] - row * TILE), min(TILE, size[0] - column * TILE)
+    return min(RENDER_TILE, size[1] - row * RENDER_TILE), min(RENDER_TILE, size[0] - column * RENDER_TILE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class TilePainter:
         """Return a tile's blurred grey values, float32, of the chart positions of its pixels."""
         grey = self.texture.grey(east, north)
         for index in self._touching.get((row, column), ()):
-            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * TILE, row * TILE], 2)
+            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * RENDER_TILE, row * RENDER_TILE], 2)
             part = np.s_[max(l0, 0) : l1 + 1, max(s0, 0) : s1 + 1]
             paint(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
         return grey
@@ -97,7 +97,7 @@ class TilePainter:
         visible = (self.boxes[:, 1::2] >= 0).all(axis=1) & (self.boxes[:, ::2] <= limits[::2]).all(axis=1)
         touching: dict[tuple[int, int], list[int]] = {}
         for index in np.flatnonzero(visible):
-            first_column, last_column, first_row, last_row = np.clip(self.boxes[index], 0, limits) // TILE
+            first_column, last_column, first_row, last_row = np.clip(self.boxes[index], 0, limits) // RENDER_TILE
             for row in range(first_row, last_row + 1):
                 for column in range(first_column, last_column + 1):
                     touching.setdefault((row, column), []).append(int(index))

@@ -7,15 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..block.block import Role
+from ..block.points import ROLE_LABELS, Role
 from ..camera.rpc import RPC
-from .landscape import BANDS
+from .landscape import SPECTRAL_BANDS
 from .pushbroom import PushbroomCamera
 from .sensors import OrientationError
 from .synthesis import SimulatedBlock
 from .vendor import VendorRPC
-
-ROLE_LABELS = np.array([role.label for role in Role])
 
 
 class TruthTable(NamedTuple):
@@ -70,7 +68,7 @@ def _image(simulated: SimulatedBlock, index: int) -> dict[str, Any]:
         "camera": _camera(truth.cameras[index]),
         "vendor_rpc": _fit(truth.vendor_rpcs[index]),
         "true_rpc": _fit(truth.rpcs[index]),
-        "bands": list(BANDS),
+        "bands": list(SPECTRAL_BANDS),
     }
     return document
 

@@ -9,13 +9,13 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import fit_rpc
 from .pushbroom import PushbroomCamera
-from .sensors import Accuracy
+from .sensors import StatedAccuracy
 
 CONTROL_GRID = (15, 15, 7)  # samples, lines, heights
-CHECK_GRID = (22, 23, 10)  # shares no node with the control grid
+VENDOR_CHECK_GRID = (22, 23, 10)  # shares no node with the control grid
 HEIGHT_MARGIN_M = 50.0
 RESOLVED_PX = 2e-8
-BORDER = 0.02  # by which the control grid is larger than the image, as a share of it
+CONTROL_GRID_BORDER = 0.02  # by which the control grid is larger than the image, as a share of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +33,14 @@ class VendorRPC:
 def fit_camera(camera: PushbroomCamera, height_range_m: tuple[float, float]) -> VendorRPC:
     """Return the RPC of a camera over a range of ellipsoidal heights (metres, widened by 50 m)."""
     low, high = height_range_m[0] - HEIGHT_MARGIN_M, height_range_m[1] + HEIGHT_MARGIN_M
-    image, ground = virtual_grid(camera, CONTROL_GRID, (low, high), BORDER)
+    image, ground = control_grid(camera, CONTROL_GRID, (low, high), CONTROL_GRID_BORDER)
     rpc = fit_rpc(ground, image).rpc
-    image, ground = virtual_grid(camera, CHECK_GRID, (low, high), 0.0)
+    image, ground = control_grid(camera, VENDOR_CHECK_GRID, (low, high), 0.0)
     distance = np.hypot(*(rpc.project(ground) - image).T)
     return VendorRPC(rpc, max(float(distance.max()), RESOLVED_PX), float(np.sqrt(np.mean(distance**2))))
 
 
-def stated_accuracy(rpc: RPC, camera: PushbroomCamera, accuracy: Accuracy, scale: float) -> RPC:
+def stated_accuracy(rpc: RPC, camera: PushbroomCamera, accuracy: StatedAccuracy, scale: float) -> RPC:
     """Return the RPC with ERR_BIAS, the standard deviation of each horizontal coordinate that the vendor states.
 
     It follows from the sensor's accuracy, ``scale`` times: an attitude error moves the ground by the distance across
@@ -68,7 +68,7 @@ def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
     )
 
 
-def virtual_grid(
+def control_grid(
     camera: PushbroomCamera, counts: tuple[int, int, int], heights_m: tuple[float, float], border: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return image ``(n, 2)`` and ground points ``(n, 3)`` of a grid over the image and its range of heights."""

@@ -16,7 +16,7 @@ ALONG_TRACK_DEG: dict[int, tuple[float, ...]] = {1: (0.0,), 2: (12.0, -12.0), 3:
 
 
 @dataclass(frozen=True)
-class View:
+class SceneView:
     """One image to be taken.
 
     ``size`` is (samples, lines); angles are those of `pushbroom.aim`; ``offset_m`` is where the middle of the image
@@ -59,11 +59,11 @@ def along_track_views(
     heading_deg: float = 190.0,
     offset_m: tuple[float, float] = (0.0, 0.0),
     prefix: str = "image",
-) -> tuple[View, ...]:
+) -> tuple[SceneView, ...]:
     """Return views of one place from along the orbit: a pair, a triplet, or more spread over +-20 degrees."""
     angles: Sequence[float] = ALONG_TRACK_DEG.get(images) or tuple(np.linspace(20.0, -20.0, images).tolist())
     return tuple(
-        View(f"{prefix}_{index + 1}", sensor, size, angle, across_deg, heading_deg, offset_m=offset_m)
+        SceneView(f"{prefix}_{index + 1}", sensor, size, angle, across_deg, heading_deg, offset_m=offset_m)
         for index, angle in enumerate(angles)
     )
 
@@ -76,13 +76,13 @@ def strip_views(
     size: tuple[int, int],
     overlap: float = 0.2,
     heading_deg: float = 180.0,
-) -> tuple[View, ...]:
+) -> tuple[SceneView, ...]:
     """Return a block: ``strips`` beside each other, ``per_strip`` places along each, overlapping by a share."""
     across, along = (number * sensor.gsd_m * (1.0 - overlap) for number in size)
     heading = np.radians(heading_deg)
     forward = np.array([np.sin(heading), np.cos(heading)])
     left = np.array([-np.cos(heading), np.sin(heading)])
-    views: list[View] = []
+    views: list[SceneView] = []
     for strip in range(strips):
         for place in range(per_strip):
             shift = (strip - (strips - 1) / 2) * across * left + (place - (per_strip - 1) / 2) * along * forward

@@ -1,9 +1,9 @@
 """Height surfaces, and where the rays of an image first meet them.
 
 A surface has grid coordinates ``(column, row)`` in units of its cells, (0, 0) the centre of the first cell, and
-ellipsoidal heights that are interpolated bilinearly between cell centres. `intersect` follows each ray from above
-the highest terrain downwards in steps of at most half a cell, so that the first hit counts (a mountain hides the valley
-behind it), and closes in on it with the RPC itself.
+ellipsoidal heights that are interpolated bilinearly between cell centres. `intersect_surface` follows each ray from
+above the highest terrain downwards in steps of at most half a cell, so that the first hit counts (a mountain hides the
+valley behind it), and closes in on it with the RPC itself.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
-TILE = 256  # cells along the side of a cached part
+CACHE_TILE = 256  # cells along the side of a cached part
 CACHED_TILES = 128  # 68 MB
-PART = 16384  # rays followed at a time
+RAYS_AT_A_TIME = 16384  # rays followed at a time
 STEP_CELLS = 0.5
 ACCURACY_M = 1e-3
 MARGIN_M = 1.0  # rays start so much above the highest and end so much below the lowest cell
-MAX_ITERATIONS = 60
+RAY_MAX_ITERATIONS = 60
 BOUND_ROUNDS = 4
 
 
@@ -165,11 +165,11 @@ class GridSurface:
         column = np.clip(grid[inside, 0], 0.0, self.shape[1] - 1.0)
         row = np.clip(grid[inside, 1], 0.0, self.shape[0] - 1.0)
         left, top = np.minimum(column.astype(int), self.shape[1] - 2), np.minimum(row.astype(int), self.shape[0] - 2)
-        tile = (top // TILE) * (1 + self.shape[1] // TILE) + left // TILE
+        tile = (top // CACHE_TILE) * (1 + self.shape[1] // CACHE_TILE) + left // CACHE_TILE
         for number in np.unique(tile):
             here = np.flatnonzero(tile == number)
-            place = int(top[here[0]]) // TILE, int(left[here[0]]) // TILE
-            i, j = top[here] - place[0] * TILE, left[here] - place[1] * TILE
+            place = int(top[here[0]]) // CACHE_TILE, int(left[here[0]]) // CACHE_TILE
+            i, j = top[here] - place[0] * CACHE_TILE, left[here] - place[1] * CACHE_TILE
             result[inside[here]] = _bilinear(self._tile(place), i, j, row[here] - top[here], column[here] - left[here])
         return result
 
@@ -191,10 +191,10 @@ class GridSurface:
         column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()
         column1, row1 = np.clip(np.floor(high), [column0, row0], last).astype(int).tolist()
         cells = np.empty((row1 - row0 + 2, column1 - column0 + 2))
-        for tile_row in range(row0 // TILE, row1 // TILE + 1):
-            for tile_column in range(column0 // TILE, column1 // TILE + 1):
+        for tile_row in range(row0 // CACHE_TILE, row1 // CACHE_TILE + 1):
+            for tile_column in range(column0 // CACHE_TILE, column1 // CACHE_TILE + 1):
                 tile = self._tile((tile_row, tile_column))
-                top, left = tile_row * TILE - row0, tile_column * TILE - column0
+                top, left = tile_row * CACHE_TILE - row0, tile_column * CACHE_TILE - column0
                 part = tile[max(0, -top) : len(cells) - top, max(0, -left) : cells.shape[1] - left]
                 top, left = max(0, top), max(0, left)
                 cells[top : top + part.shape[0], left : left + part.shape[1]] = part
@@ -202,7 +202,7 @@ class GridSurface:
 
     def _tile_of(self, grid: np.ndarray) -> tuple[int, int]:
         cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)
-        return int(cell[0]) // TILE, int(cell[1]) // TILE
+        return int(cell[0]) // CACHE_TILE, int(cell[1]) // CACHE_TILE
 
     def _range(self, place: tuple[int, int]) -> tuple[float, float]:
         if place not in self._ranges:
@@ -216,8 +216,8 @@ class GridSurface:
         with self._lock:
             tile = self._tiles.pop(place, None)
             if tile is None:
-                row, column = place[0] * TILE, place[1] * TILE
-                rows, columns = min(TILE + 1, self.shape[0] - row), min(TILE + 1, self.shape[1] - column)
+                row, column = place[0] * CACHE_TILE, place[1] * CACHE_TILE
+                rows, columns = min(CACHE_TILE + 1, self.shape[0] - row), min(CACHE_TILE + 1, self.shape[1] - column)
                 tile = np.asarray(self._read(row, column, rows, columns), dtype=np.float64)
             self._tiles[place] = tile
             while len(self._tiles) > CACHED_TILES:
@@ -234,7 +234,7 @@ def _bilinear(cells: np.ndarray, i: np.ndarray, j: np.ndarray, down: np.ndarray,
 # ---- intersection ----------------------------------------------------------------------------------------------
 
 
-def intersect(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
+def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
     """Return where the rays of image points ``(n, 2)`` first meet a surface, coming from above.
 
     Heights are right to 1 mm. A spike that a ray passes within less than half a cell may be missed. Where the
@@ -244,8 +244,8 @@ def intersect(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceInt
     image = np.asarray(image, dtype=np.float64)
     ground = np.full((len(image), 3), np.nan)
     status = np.empty(len(image), dtype=np.int64)
-    for start in range(0, len(image), PART):
-        part = slice(start, start + PART)
+    for start in range(0, len(image), RAYS_AT_A_TIME):
+        part = slice(start, start + RAYS_AT_A_TIME)
         ground[part], status[part] = _intersect_part(rpc, image[part], surface)
     return SurfaceIntersection(ground, status)
 
@@ -358,7 +358,7 @@ def _close_in(
     at_top = every[valid & (f_upper <= 0.0)]
     ground[at_top] = above(at_top, upper[at_top])[0]
     below_before = np.full(len(image), -1)  # which end moved last: 1 the lower, 0 the upper
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(RAY_MAX_ITERATIONS):
         if not going.size:
             break
         a, b, fa, fb = upper[going], lower[going], f_upper[going], f_lower[going]

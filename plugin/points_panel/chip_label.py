@@ -7,7 +7,7 @@ from qgis.PyQt.QtGui import QPainter, QPixmap
 from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import QLabel
 
-SIDE_PX = 150
+LABEL_SIDE_PX = 150
 _NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 
 
@@ -33,7 +33,7 @@ def rendered(svg: str) -> QPixmap:
     renderer = QSvgRenderer(QByteArray(_for_qt(svg).encode("utf-8")))
     if not svg or not renderer.isValid():
         return QPixmap()
-    size = renderer.defaultSize().scaled(SIDE_PX, SIDE_PX, Qt.AspectRatioMode.KeepAspectRatio)
+    size = renderer.defaultSize().scaled(LABEL_SIDE_PX, LABEL_SIDE_PX, Qt.AspectRatioMode.KeepAspectRatio)
     pixmap = QPixmap(size)
     pixmap.fill(Qt.GlobalColor.transparent)
     painter = QPainter(pixmap)

@@ -65,13 +65,13 @@ class PointMarkers(QgsMapCanvasItem):
                 painter.setPen(QPen(colour, 2.4))
                 painter.drawLine(at, at + ARROW_PX * QPointF(*marker.residual_px))
         painter.setPen(QPen(colour))
-        painter.drawText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), label(marker))
+        painter.drawText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), marker_label(marker))
 
     def _place(self, xy: tuple[float, float]) -> QPointF:
         return self.toCanvasCoordinates(QgsPointXY(xy[0], -xy[1]))
 
 
-def label(marker: Marker) -> str:
+def marker_label(marker: Marker) -> str:
     """Return a point's name with its residual."""
     if marker.residual_px is None:
         return marker.name

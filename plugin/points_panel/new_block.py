@@ -11,7 +11,7 @@ from qgis.PyQt.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QFormLayou
 from ..layer_or_file import LayerOrFile
 from ..layer_sources import point_source
 
-DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
+HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
 
 
 class NewBlockDialog(QDialog):
@@ -28,7 +28,7 @@ class NewBlockDialog(QDialog):
         self.crs.setOptionVisible(QgsProjectionSelectionWidget.CrsOption.CrsNotSet, True)
         self.datum = QComboBox()
         self.datum.setEditable(True)
-        self.datum.addItems(DATUMS)
+        self.datum.addItems(HEIGHT_DATUMS)
         box = QDialogButtonBox(QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel)
         box.accepted.connect(self.accept)
         box.rejected.connect(self.reject)

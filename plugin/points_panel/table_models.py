@@ -19,12 +19,12 @@ FAINT = QColor(130, 130, 130)
 _NOWHERE = QModelIndex()
 
 
-def shown(value: float, digits: int) -> str:
+def rounded_text(value: float, digits: int) -> str:
     """Return a number for a cell, nothing where there is none."""
     return "" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def number(text: Any) -> float:
+def number_of(text: Any) -> float:
     """Return what was typed into a cell: NaN where it was emptied; raise ValueError for no number."""
     text = str(text).strip().replace(",", ".")
     return float(text) if text else math.nan
@@ -117,11 +117,11 @@ _POINT_TEXT: dict[str, Callable[[PointRow], str]] = {
     "point": lambda row: row.point.id,
     "role": lambda row: row.point.role,
     "images": lambda row: str(row.images),
-    "dE m": lambda row: shown(row.residual_m[0], 2),
-    "dN m": lambda row: shown(row.residual_m[1], 2),
-    "dH m": lambda row: shown(row.residual_m[2], 2),
-    "sigma xy m": lambda row: shown(row.point.sigma_xy, 3),
-    "sigma h m": lambda row: shown(row.point.sigma_h, 3),
+    "dE m": lambda row: rounded_text(row.residual_m[0], 2),
+    "dN m": lambda row: rounded_text(row.residual_m[1], 2),
+    "dH m": lambda row: rounded_text(row.residual_m[2], 2),
+    "sigma xy m": lambda row: rounded_text(row.point.sigma_xy, 3),
+    "sigma h m": lambda row: rounded_text(row.point.sigma_h, 3),
 }
 _SIGMAS = {"sigma xy m": "sigma_xy", "sigma h m": "sigma_h"}
 
@@ -142,7 +142,7 @@ class PointsModel(RowsModel):
         if title == "role":
             self.session.set_role(row.point.id, str(value))
         else:
-            self.session.set_sigma(row.point.id, _SIGMAS[title], number(value))
+            self.session.set_sigma(row.point.id, _SIGMAS[title], number_of(value))
 
     def colour(self, row: PointRow) -> QColor | None:
         return None if row.images else FAINT
@@ -153,15 +153,15 @@ class PointsModel(RowsModel):
 
 
 def _measured(part: str, digits: int) -> Callable[[MeasurementRow], str]:
-    return lambda row: "" if row.measured is None else shown(getattr(row.measured, part), digits)
+    return lambda row: "" if row.measured is None else rounded_text(getattr(row.measured, part), digits)
 
 
 _MEASUREMENT_TEXT: dict[str, Callable[[MeasurementRow], str]] = {
     "image": lambda row: row.image,
     "sample": _measured("sample", 2),
     "line": _measured("line", 2),
-    "ds px": lambda row: shown(row.residual_px[0], 2),
-    "dl px": lambda row: shown(row.residual_px[1], 2),
+    "ds px": lambda row: rounded_text(row.residual_px[0], 2),
+    "dl px": lambda row: rounded_text(row.residual_px[1], 2),
     "sigma px": _measured("sigma", 2),
     "kind": lambda row: row.measured.kind if row.measured else "",
 }
@@ -194,7 +194,7 @@ class MeasurementsModel(RowsModel):
         if title == "kind":
             changed = replace(measured, kind=str(value))
         else:
-            typed = number(value)
+            typed = number_of(value)
             if math.isnan(typed) and title != "sigma px":
                 self.session.remove_measurement(self.point, row.image)
                 return

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints
-    from ...hrsi_engine.measurement.reference.checks import Accuracy
+    from ...hrsi_engine.measurement.reference.checks import ReferenceAccuracy
     from ...hrsi_engine.measurement.reference.matching import ReferenceControl
 
 SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given
@@ -43,7 +43,7 @@ class FromReference(NamedTuple):
 
     images: Sequence[Image]
     control: ReferenceControl
-    accuracy: Accuracy
+    accuracy: ReferenceAccuracy
     entries: Report
     warnings: list[str]
 
@@ -86,14 +86,14 @@ def match(images: Sequence[Image], options: Mapping[str, Any], context: Context)
     return FromReference(with_pixels, control, accuracy, entries, warnings)
 
 
-def _accuracy(gsd_m: float, surface: Any, ground: np.ndarray, options: Mapping[str, Any]) -> Accuracy:
-    from ...hrsi_engine.measurement.reference.checks import Accuracy, dem_sigma_m
+def _accuracy(gsd_m: float, surface: Any, ground: np.ndarray, options: Mapping[str, Any]) -> ReferenceAccuracy:
+    from ...hrsi_engine.measurement.reference.checks import ReferenceAccuracy, dem_sigma_m
     from ...hrsi_engine.surface.dem import cell_size_m
 
     sigma_h = options["sigma_dem"]
     if sigma_h is None:
         sigma_h = dem_sigma_m(cell_size_m(surface, ground[len(ground) // 2])) if len(ground) else 1.0
-    return Accuracy(options["reference_sigma"] or SIGMA_PIXELS * gsd_m, sigma_h)
+    return ReferenceAccuracy(options["reference_sigma"] or SIGMA_PIXELS * gsd_m, sigma_h)
 
 
 def _image_entry(found: Any, shift: Any) -> Report:

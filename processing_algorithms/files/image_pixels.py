@@ -49,13 +49,13 @@ def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None)
     """
     import numpy as np
 
-    from ...hrsi_engine.surface.dem import intersect
+    from ...hrsi_engine.surface.dem import intersect_surface
 
     if image.rpc is None or not len(xy):
         return np.full((len(xy), 3), np.nan)
     if surface is None:
         return image.rpc.localize(xy, image.rpc.height_off).ground
-    return intersect(image.rpc, xy, surface)[0]
+    return intersect_surface(image.rpc, xy, surface)[0]
 
 
 def window_area(text: str | None, option: str) -> Area | None:

@@ -54,7 +54,11 @@ def datum_warning(tables: Sequence[GroundPoints], surface: HeightSurface, option
     if not known.any():
         return []
     found = height_datum.height_difference(ground[known, 2], of_dem[known], _undulations(ground[known]))
-    text = "" if found is None else height_datum.datum_warning(found, tables[0].source or "the GCPs", options["dem"])
+    text = (
+        ""
+        if found is None
+        else height_datum.height_difference_warning(found, tables[0].source or "the GCPs", options["dem"])
+    )
     return [text] if text else []
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import pyproj
 
 from ...hrsi_engine.block.block import Image
-from ...hrsi_engine.block.imaging_geometry import View
+from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.filled_dems import fill_gaps
 from ...hrsi_engine.io.orthoimages import file_state
-from ...hrsi_engine.ortho.footprint import covered_share, footprint_bounds, mean_gsd_m, terrain_below, utm_of
+from ...hrsi_engine.ortho.footprint import footprint_bounds, mean_gsd_m, share_of_ground, terrain_below, utm_of
 from ...hrsi_engine.ortho.grid import MapGrid, rounded_resolution
 from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurface
 from ..files.terrain import dem_datum, open_terrain
@@ -133,13 +133,15 @@ def _metres_per_unit(wkt: str) -> float:
 
 def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
     if isinstance(terrain.surface, ConstantHeight):
-        tangents = {im.id: math.tan(math.radians(View(im, terrain.surface).geometry().incidence_deg)) for im in images}
+        tangents = {
+            im.id: math.tan(math.radians(ViewDirection(im, terrain.surface).geometry().incidence_deg)) for im in images
+        }
         worst = max(tangents, key=lambda name: tangents[name])
         return [
             f"the ground is taken as flat: where it is {NOTABLE_HEIGHT_M:g} m higher or lower, {worst} is off by "
             f"{NOTABLE_HEIGHT_M * tangents[worst]:.1f} m; a DEM removes that"
         ]
-    shares = {image.id: covered_share(image, terrain.surface) for image in images}
+    shares = {image.id: share_of_ground(image, terrain.surface) for image in images}
     return [
         f"{name}: only {share:.0%} of the image lies on known terrain; the rest becomes nodata"
         for name, share in shares.items()

@@ -25,11 +25,11 @@ from ...hrsi_engine.io.report import write_report_json
 from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.ortho.common_shift import common_shift
 from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
-    Matches,
-    MatchOptions,
-    Outcome,
+    MisregistrationOptions,
     Read,
-    match_windows,
+    WindowOutcome,
+    WindowShifts,
+    measure_shifts,
     shift_statistics,
     window_centres,
 )
@@ -60,7 +60,7 @@ class MatchedPair:
     """A pair with its windows by state, and the shift around which they were searched."""
 
     pair: Pair
-    matches: Mapping[str, Matches]
+    matches: Mapping[str, WindowShifts]
     common_px: Mapping[str, np.ndarray]
 
     @property
@@ -69,10 +69,10 @@ class MatchedPair:
         return np.asarray(np.all([found.good for found in self.matches.values()], axis=0))
 
 
-def match_options(options: Mapping[str, Any]) -> MatchOptions:
+def match_options(options: Mapping[str, Any]) -> MisregistrationOptions:
     """Return the engine's options; windows have an even side."""
     window = options["window"] + options["window"] % 2
-    return MatchOptions(window, options["search"], options["min_correlation"], most=options["most"])
+    return MisregistrationOptions(window, options["search"], options["min_correlation"], most=options["most"])
 
 
 def open_pairs(options: Mapping[str, Any]) -> tuple[list[Pair], list[str]]:
@@ -136,7 +136,9 @@ def _pair(
     return Pair(names, (*low.tolist(), *(high - low).tolist()), states, offsets, base)
 
 
-def match_pairs(pairs: Sequence[Pair], options: MatchOptions, threads: int, context: Context) -> list[MatchedPair]:
+def match_pairs(
+    pairs: Sequence[Pair], options: MisregistrationOptions, threads: int, context: Context
+) -> list[MatchedPair]:
     """Match the windows of all pairs, in every state at the same places, around the shift that most of them share."""
     found = []
     for number, pair in enumerate(pairs):
@@ -151,7 +153,7 @@ def match_pairs(pairs: Sequence[Pair], options: MatchOptions, threads: int, cont
             name = " - ".join(pair.names)
             advance(here, 0.0, name)
             common = common_shift(first, second, *pair.area[2:])
-            found_here = match_windows(
+            found_here = measure_shifts(
                 first, _shifted(second, common), centres, options, lambda f, p=here, n=name: advance(p, f, n), threads
             )
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
@@ -209,7 +211,7 @@ def _entry(found: MatchedPair) -> Report:
         entry[state] = shift_statistics(matches.shift_px[found.good], pixel_m) | {
             "tried": len(matches.centre), "matched": int(matches.good.sum()),
             "searched_around_px": found.common_px[state].tolist(),
-            "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in Outcome},
+            "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in WindowOutcome},
         }  # fmt: skip
     return entry
 
@@ -246,7 +248,7 @@ def _layers(found: Sequence[MatchedPair]) -> list[Layer]:
             count, shift = len(matches.centre), matches.shift_px
             columns = {
                 "first": np.full(count, pair.pair.names[0]), "second": np.full(count, pair.pair.names[1]),
-                "state": np.full(count, state), "outcome": np.array([Outcome(o).label for o in matches.outcome]),
+                "state": np.full(count, state), "outcome": np.array([WindowOutcome(o).label for o in matches.outcome]),
                 "dx_px": shift[:, 0], "dy_px": shift[:, 1], "shift_px": np.hypot(*shift.T),
                 "east_m": shift[:, 0] * pixel_m[0], "north_m": -shift[:, 1] * pixel_m[1],
                 "correlation": matches.correlation, "sigma_px": matches.sigma_px,

@@ -13,8 +13,8 @@ from ...hrsi_engine.simulation import (  # fmt: skip
     OrientationError,
     PointCounts,
     SceneSpec,
+    SceneView,
     Sensor,
-    View,
     along_track_views,
     strip_views,
 )
@@ -28,7 +28,7 @@ VENDOR_ERRORS = {
 }
 
 
-def arguments(options: Mapping[str, Any]) -> tuple[SceneSpec, tuple[View, ...], PointCounts, Noise]:
+def arguments(options: Mapping[str, Any]) -> tuple[SceneSpec, tuple[SceneView, ...], PointCounts, Noise]:
     """Return scene, views, numbers of points and noise."""
     scene = SceneSpec(
         options["lon"], options["lat"], options["height"], options["relief"], options["cliffs"], options["seed"]
@@ -43,7 +43,7 @@ def arguments(options: Mapping[str, Any]) -> tuple[SceneSpec, tuple[View, ...], 
     return scene, views(options), points, noise
 
 
-def views(options: Mapping[str, Any]) -> tuple[View, ...]:
+def views(options: Mapping[str, Any]) -> tuple[SceneView, ...]:
     """Return the views that the options describe; raises `InputError` for angles that do not match the images."""
     sensor = SENSORS[options["sensor"]]
     samples = options["size"]

@@ -11,11 +11,11 @@ import numpy as np
 from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.version import VERSION
+from ...hrsi_engine.ground.geodesy import WGS84_3D
 from ...hrsi_engine.io.layers import Layer, write_geopackage
 from ...hrsi_engine.io.report import write_report_json
 from ...hrsi_engine.io.rpc_files import write_rpc_text
 from ...hrsi_engine.io.simulated_block import (  # fmt: skip
-    WGS84_3D,
     write_dem,
     write_ground_points,
     write_image,

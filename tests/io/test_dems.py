@@ -11,7 +11,7 @@ from osgeo import gdal, osr
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.surface.dem import Status, intersect, surface_heights
+from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
 
 
 def write_dem(
@@ -33,7 +33,7 @@ def test_srtm_heights_above_egm96_become_ellipsoidal(real_data: Path) -> None:
     folder = real_data / "ventoux_phr_pair" / "dem"
     surface = open_dem(str(folder / "N44E005.hgt"), str(folder / "egm96_15.gtx"))
     rpc = read_rpc(str(folder.parent / "left_image.tif")).rpc
-    ground, status = intersect(rpc, np.array([[250.0, 250.0]]), surface)
+    ground, status = intersect_surface(rpc, np.array([[250.0, 250.0]]), surface)
     assert status[0] == Status.FOUND
     # data/real/README.md: SRTM about 476 m here, geoid about 51 m, tie points' median height 537 m
     assert ground[0, 2] == pytest.approx(527.0, abs=30.0)
@@ -56,7 +56,7 @@ def test_intersection_agrees_with_gdal_on_smooth_terrain(real_data: Path, tmp_pa
         tmp_path / "dem.tif", heights, "EPSG:4326", (lon - cell * count / 2, cell, 0, lat + cell * count / 2, 0, -cell)
     )
     image = np.random.default_rng(13).uniform(100, 900, (300, 2))
-    ground, status = intersect(rpc, image, open_dem(dem, "ellipsoidal"))
+    ground, status = intersect_surface(rpc, image, open_dem(dem, "ellipsoidal"))
     assert (status == Status.FOUND).all()
 
     options = [

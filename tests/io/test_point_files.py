@@ -19,7 +19,7 @@ from rasterio.control import GroundControlPoint
 
 from hrsi.hrsi_engine.block.block import UNSET, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.point_files import READERS, read_points
+from hrsi.hrsi_engine.io.point_files import POINT_READERS, read_points
 
 IDS = ["H001", "H002", "Ü-3", "a b"]
 GROUND = np.array([
@@ -462,5 +462,7 @@ def test_mutated_files_give_points_or_an_input_error(
 
 
 def test_every_reader_is_described() -> None:
-    assert {"csv", "micmac", "ogr", "qgis-points", "image-gcps", "orthority", "asp-gcp", "asp-match"} == set(READERS)
-    assert all(reader.title for reader in READERS.values())
+    assert {"csv", "micmac", "ogr", "qgis-points", "image-gcps", "orthority", "asp-gcp", "asp-match"} == set(
+        POINT_READERS
+    )
+    assert all(reader.title for reader in POINT_READERS.values())

@@ -283,8 +283,9 @@ def test_units_and_missing_accuracies(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file", "names"),
-    [("rpb/07JAN27.RPB", rpb.NAMES), (f"dimap_phr/RPC_{PHR}.XML", dimap.NAMES), ("wv_isd_xml/rpc_WV2.xml", isd.NAMES),
-     (f"otb_geom/{PHR}.geom", geom.NAMES), ("rpcm_json/JAX_068_001_RGB.json", rpcm_json.NAMES),
+    [("rpb/07JAN27.RPB", rpb.RPB_NAMES), (f"dimap_phr/RPC_{PHR}.XML", dimap.DIMAP_NAMES),
+     ("wv_isd_xml/rpc_WV2.xml", isd.ISD_NAMES),
+     (f"otb_geom/{PHR}.geom", geom.GEOM_NAMES), ("rpcm_json/JAX_068_001_RGB.json", rpcm_json.RPCM_NAMES),
      ("rpc_txt/rpc_IKONOS.txt", GDAL_NAMES)],
 )  # fmt: skip
 def test_damage_is_named_by_file_and_field(file: str, names: dict[str, str], real_data: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rpc_files import READERS, read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata, rpc_from_gdal
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -52,27 +52,27 @@ def test_text_formats_keep_every_double(rpc: RPC, folder: Path) -> None:
 
 
 @pytest.mark.fuzz
-@pytest.mark.parametrize("key", READERS)
+@pytest.mark.parametrize("key", RPC_READERS)
 @given(content=st.binary(max_size=2000) | LOOKALIKES)
 def test_any_bytes(key: str, content: bytes, folder: Path) -> None:
     file = folder / NAMES[key]
     file.write_bytes(content)
     try:
-        rpc = READERS[key].read(str(file)).rpc
+        rpc = RPC_READERS[key].read(str(file)).rpc
         assert np.isfinite(rpc.line_num).all()
     except InputError as error:
         assert NAMES[key] in str(error)  # noqa: PT017 - both ends are right
         assert "\n" not in str(error)  # noqa: PT017
 
 
-@pytest.mark.parametrize("key", READERS)
+@pytest.mark.parametrize("key", RPC_READERS)
 @pytest.mark.parametrize("piece", [b"\n", b" ", b"a", b"=", b"a=(", b"<a>", b"[", b"LINE_OFF:", b"1", b"<a b='"])
 def test_no_reader_hangs_on_long_runs(key: str, piece: bytes, folder: Path) -> None:
     """3 MB of one piece: quadratic time would take minutes."""
     file = folder / NAMES[key]
     file.write_bytes(piece * (3_000_000 // len(piece)))
     with pytest.raises(InputError):
-        READERS[key].read(str(file))
+        RPC_READERS[key].read(str(file))
 
 
 @pytest.mark.fuzz

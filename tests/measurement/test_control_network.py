@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.measurement.control_network import (
     AMBIGUOUS,
     FOUND,
     NO_MATCH,
-    MatchOptions,
+    ControlNetworkOptions,
     match_windows,
     matching,
 )
@@ -36,7 +36,7 @@ from hrsi.hrsi_engine.measurement.control_network.thresholds import (
     Tolerance,
     distance_difference,
     effective_distances,
-    tolerance,
+    tolerance_of,
 )
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
@@ -71,10 +71,10 @@ def test_distance_difference_as_in_figure_3_10():
 
 def test_tolerance():
     """A maximum within 5 x 5 px tolerates 2 px or less at its root, and what the slope makes of a distance."""
-    allowed = tolerance(2.0, (10.0, 10.0), 5.0)
+    allowed = tolerance_of(2.0, (10.0, 10.0), 5.0)
     assert allowed.base_px <= 2.0
     assert allowed.at(100.0) - allowed.at(0.0) == pytest.approx(200.0 * np.sin(np.radians(10)) * np.sin(np.radians(5)))
-    assert tolerance(2.0, (30.0, 5.0), 10.0) == tolerance(2.0, (5.0, 30.0), -10.0)
+    assert tolerance_of(2.0, (30.0, 5.0), 10.0) == tolerance_of(2.0, (5.0, 30.0), -10.0)
 
 
 # ---- super points: the same as trying everything -----------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_homogeneous_texture(texture: str, rotation_deg: float):
 
 def test_scale_is_free_within_its_range():
     pair = true_pair("forest", 500, 60.0, scale=0.5, relief_px=3.0)
-    found = match_windows(pair.first, pair.second, MatchOptions(scales=(0.45, 0.55), share=1.0))
+    found = match_windows(pair.first, pair.second, ControlNetworkOptions(scales=(0.45, 0.55), share=1.0))
     error = np.hypot(*(found.positions.second - pair.carried(found.positions.first)).T)
     assert len(found) >= 40
     assert found.scale == pytest.approx(0.5, abs=0.01)
@@ -270,7 +270,7 @@ def test_nothing_to_match():
 def test_wrong_use():
     window = true_pair("grass", 100).first
     with pytest.raises(InputError, match="no interest point detector 'corners'"):
-        match_windows(window, window, MatchOptions(detectors=("corners",)))
+        match_windows(window, window, ControlNetworkOptions(detectors=("corners",)))
     with pytest.raises(InputError, match="less than 32 x 32"):
         match_windows(window, window, None, Area(200, 200, 300, 300))
     with pytest.raises(Cancelled):
@@ -279,7 +279,7 @@ def test_wrong_use():
 
 def test_large_windows_are_refused(monkeypatch):
     window = true_pair("grass", 100).first
-    monkeypatch.setattr(matching, "LARGEST_PX", 99 * 100)
+    monkeypatch.setattr(matching, "LARGEST_WINDOW_PX", 99 * 100)
     with pytest.raises(InputError, match="100 x 100 pixels is too large"):
         match_windows(window, window)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.window_matching.bands import BANDS
+from hrsi.hrsi_engine.measurement.window_matching.bands import MATCHING_BANDS
 from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
 from hrsi.hrsi_engine.measurement.window_matching.window_search import search_windows
 from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, OUTSIDE, WEAK, LsmOptions, MatchImage
@@ -50,18 +50,18 @@ def identity(count=POINTS) -> np.ndarray:
 
 
 def matched(first, second, band="fine", window=31, start=0.4):
-    images = [BANDS[band].image(grey, everywhere()) for grey in (first, second)]
+    images = [MATCHING_BANDS[band].image(grey, everywhere()) for grey in (first, second)]
     return match_patches(*images, centres(), centres() + start, identity(), LsmOptions(window))
 
 
-@pytest.mark.parametrize("band", BANDS)
+@pytest.mark.parametrize("band", MATCHING_BANDS)
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.25, 0.5), (-0.5, 0.1)])
 def test_no_pixel_locking_and_honest_sigma(band: str, shift):
     """The median error is below 0.02 px whatever the fraction of a pixel; errors are as large as their sigmas say."""
     found = matched(noisy(texture(), 10.0, 1), noisy(texture(shift), 10.0, 2, gain=0.8), band)
     good = found.status == DONE
     error = (found.xy - centres() - shift)[good]
-    sigma = BANDS[band].sigma_factor * np.sqrt(np.einsum("nii->ni", found.covariance[good]))
+    sigma = MATCHING_BANDS[band].sigma_factor * np.sqrt(np.einsum("nii->ni", found.covariance[good]))
     ratio = float(1.4826 * np.median(np.abs((error - np.median(error, axis=0)) / sigma)))
     print(
         f"{band} {shift}: bias {np.median(error, axis=0).round(4)}, RMS {error.std():.4f} px, error / sigma {ratio:.2f}"

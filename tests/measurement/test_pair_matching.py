@@ -15,8 +15,8 @@ from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, t
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
-    MatchOptions,
-    PairGeometry,
+    TileMatchOptions,
+    TilePairGeometry,
     match_tile,
     transfer_points,
 )
@@ -75,11 +75,11 @@ def rendered(view: int, gsd_m: float = 1.0, gain: float = 1.0, noise: float = 3.
     return ImageTile(grey.astype(np.float32), np.ones(grey.shape, bool))
 
 
-def geometry(view: int = 1, gsd_m: float = 1.0, bias=BIAS, **more) -> PairGeometry:
+def geometry(view: int = 1, gsd_m: float = 1.0, bias=BIAS, **more) -> TilePairGeometry:
     """Return the geometry of view 0 and another, whose RPC is off by ``bias`` pixels."""
     wrong = camera(view, gsd_m).shifted(*bias)
     margins = {"margin_px": (20.0, 20.0)} | more
-    return PairGeometry(camera(0), wrong, blocks.HEIGHT - 40.0, blocks.HEIGHT + 40.0, **margins)
+    return TilePairGeometry(camera(0), wrong, blocks.HEIGHT - 40.0, blocks.HEIGHT + 40.0, **margins)
 
 
 def errors(matches, view: int = 1, gsd_m: float = 1.0) -> np.ndarray:
@@ -127,7 +127,7 @@ def test_bias_and_height_come_out(found):
 def test_points_depend_on_the_first_window_alone(pair, found):
     """Whole pixels, the same for other partners; tiles and results go through pickle unchanged."""
     other = match_tile(pair[0], rendered(2), geometry(2))
-    points = {tuple(p) for p in pair[0].to_image(tile_points(pair[0], MatchOptions()))}
+    points = {tuple(p) for p in pair[0].to_image(tile_points(pair[0], TileMatchOptions()))}
     for matches in (found, other):
         assert {tuple(p) for p in matches.first_xy} <= points
     assert len({tuple(p) for p in found.first_xy} & {tuple(p) for p in other.first_xy}) > 200
@@ -159,13 +159,13 @@ def test_transfer_finds_points_at_known_heights(pair, found):
 
 @pytest.mark.parametrize("name", MATCHERS)
 def test_every_finder_leads_to_matches(pair, name: str):
-    matches = match_tile(*pair, geometry(), MatchOptions(finders=(name,), windows_px=(31,), most_points=300))
+    matches = match_tile(*pair, geometry(), TileMatchOptions(finders=(name,), windows_px=(31,), most_points=300))
     assert len(matches) > 100, name
     assert np.mean(np.linalg.norm(errors(matches), axis=1) > 1.0) < 0.01, name
 
 
 def test_without_finders_the_prediction_is_enough(pair):
-    options = MatchOptions(finders=(), windows_px=(31,), most_points=200, bands=("fine",))
+    options = TileMatchOptions(finders=(), windows_px=(31,), most_points=200, bands=("fine",))
     known = geometry(bias=(0.5, -0.4), margin_px=(4.0, 3.0), height_sigma_m=6.0)
     matches = match_tile(*pair, known, options)
     assert len(matches) > 80
@@ -196,15 +196,15 @@ def test_nothing_is_found_where_there_is_nothing(pair, what: str):
 def test_no_points_on_water_noise_and_nodata():
     rng = np.random.default_rng(0)
     noise = (500.0 + rng.normal(0.0, 4.0, (300, 300))).astype(np.float32)
-    assert len(tile_points(ImageTile(noise, np.ones(noise.shape, bool)), MatchOptions())) == 0
+    assert len(tile_points(ImageTile(noise, np.ones(noise.shape, bool)), TileMatchOptions())) == 0
     assert (
-        len(tile_points(ImageTile(np.full((300, 300), 9.0, np.float32), np.ones((300, 300), bool)), MatchOptions()))
+        len(tile_points(ImageTile(np.full((300, 300), 9.0, np.float32), np.ones((300, 300), bool)), TileMatchOptions()))
         == 0
     )
     tile = rendered(0)
     valid = np.ones(tile.pixels.shape, bool)
     valid[:, 150:] = False
-    points = tile_points(ImageTile(tile.pixels, valid), MatchOptions())
+    points = tile_points(ImageTile(tile.pixels, valid), TileMatchOptions())
     assert len(points) and points[:, 0].max() < 150
 
 
@@ -236,7 +236,7 @@ def test_real_pairs_beat_sift(real_data, name: str):
     for image in images:
         grey, valid = image.raster.read(0, 0, *image.size)
         tiles.append(ImageTile(grey.astype(np.float32), valid))
-    pair_of = PairGeometry(images[0].rpc, images[1].rpc, height - 40.0, height + 40.0, margin_px=(20.0, 20.0))
+    pair_of = TilePairGeometry(images[0].rpc, images[1].rpc, height - 40.0, height + 40.0, margin_px=(20.0, 20.0))
     matches = match_tile(*tiles, pair_of)
     across = epipolar_miss(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
     nmad = 1.4826 * np.median(np.abs(across - np.median(across))) / np.sqrt(2.0)

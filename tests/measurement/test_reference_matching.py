@@ -12,8 +12,8 @@ from scipy import ndimage
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.measurement.reference.checks import (
     INDEPENDENT_POINTS,
-    Accuracy,
     MeasuredGcps,
+    ReferenceAccuracy,
     contradiction,
     reference_shift,
     shift_warnings,
@@ -26,7 +26,7 @@ from hrsi.hrsi_engine.simulation import OrientationError
 from hrsi.hrsi_engine.surface.dem import cell_size_m
 
 OPTIONS = ReferenceOptions(points=60)
-EXACT = Accuracy(0.5, 0.5)
+EXACT = ReferenceAccuracy(0.5, 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -161,10 +161,10 @@ def test_surveyed_gcps_contradict_a_displaced_reference(scene):
 
 
 def test_points_of_a_reference_together_are_no_better_than_it_is():
-    sigma_xy, sigma_h = Accuracy(2.0, 1.0).of_points(400)
+    sigma_xy, sigma_h = ReferenceAccuracy(2.0, 1.0).of_points(400)
     assert sigma_xy / np.sqrt(400) == pytest.approx(2.0 / np.sqrt(INDEPENDENT_POINTS))
     assert sigma_h / np.sqrt(400) == pytest.approx(1.0 / np.sqrt(INDEPENDENT_POINTS))
-    assert Accuracy(2.0, 1.0).of_points(3) == (2.0, 1.0)
+    assert ReferenceAccuracy(2.0, 1.0).of_points(3) == (2.0, 1.0)
 
 
 # ---- parts -----------------------------------------------------------------------------------------------------

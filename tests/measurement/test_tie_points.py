@@ -15,7 +15,7 @@ from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
 from hrsi.hrsi_engine.measurement.tie_points import TieOptions, find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import mutual_matches, rpc_consistent
-from hrsi.hrsi_engine.measurement.tracks import consistent_tracks, spread
+from hrsi.hrsi_engine.measurement.tracks import consistent_tracks, spread_over_image
 from hrsi.hrsi_engine.surface.dem import ConstantHeight
 
 OPTIONS = TieOptions(margin_px=40.0)
@@ -250,5 +250,5 @@ def test_contradictory_tracks_are_dropped():
 def test_spread_keeps_the_longest_in_each_cell():
     track = np.array([0, 0, 1, 1, 1, 2, 2])
     image = np.array([0, 1, 0, 1, 2, 0, 1])
-    keep = spread(track, image, np.zeros((7, 2)), np.zeros(3), np.full((3, 2), 100.0), np.ones(3, int))
+    keep = spread_over_image(track, image, np.zeros((7, 2)), np.zeros(3), np.full((3, 2), 100.0), np.ones(3, int))
     np.testing.assert_array_equal(keep, [False, True, False])

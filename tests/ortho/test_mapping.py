@@ -12,7 +12,7 @@ from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.io.dems import open_dem
-from hrsi.hrsi_engine.ortho.grid import MapGrid, Window
+from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear, _Chunk
 from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
@@ -72,13 +72,13 @@ def test_positions_keep_the_error_asked_for(tmp_path: Path, cell_deg: float, rou
 
 def test_smooth_ground_takes_wide_steps(tmp_path: Path) -> None:
     found = replace(mapping(tmp_path), surface=ConstantHeight(240.0))
-    chunk = found.chunk(Window(0, 0, 256, 256))
+    chunk = found.chunk(GridWindow(0, 0, 256, 256))
     assert chunk is not None and chunk.step == LATTICE and chunk.errors_px.max() < 1e-3
 
 
 def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
     found = mapping(tmp_path, error_px=0.0)
-    window = Window(100, 90, 40, 30)
+    window = GridWindow(100, 90, 40, 30)
     chunk = found.chunk(window)
     assert chunk is not None and chunk.step == 1
     rows, columns = np.indices((30, 40))
@@ -92,7 +92,7 @@ def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
 def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], step: int) -> None:
     """Nodes every ``step`` pixels, one beyond the last pixel, each where GDAL has it, on houses."""
     found = mapping(tmp_path, 1e-5, roughness=3.0)
-    window = Window(64, 70, *size)
+    window = GridWindow(64, 70, *size)
     nodes = _Chunk(found, window).nodes(step)
     assert nodes.shape == (2, *((side - 1) // step + 2 for side in size[::-1]))
     row, column = step * np.indices(nodes.shape[1:]).reshape(2, -1)
@@ -105,15 +105,15 @@ def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], 
 def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Heights are then the surface's own; each way may leave out a curvature of a share of the error."""
     nodes = []
-    for most in (mapping_module.MOST_CELLS, 1000):
-        monkeypatch.setattr(mapping_module, "MOST_CELLS", most)
-        nodes.append(_Chunk(mapping(tmp_path, 1e-5, roughness=3.0), Window(64, 64, 200, 150)).nodes(1))
+    for most in (mapping_module.MOST_TERRAIN_CELLS, 1000):
+        monkeypatch.setattr(mapping_module, "MOST_TERRAIN_CELLS", most)
+        nodes.append(_Chunk(mapping(tmp_path, 1e-5, roughness=3.0), GridWindow(64, 64, 200, 150)).nodes(1))
     assert np.abs(nodes[0] - nodes[1]).max() < 2.0 * mapping_module.STRAIGHT * 0.05
 
 
 def test_middles_are_compared_in_every_row(tmp_path: Path) -> None:
     """One node that is wrong, anywhere, is noticed."""
-    chunk = _Chunk(mapping(tmp_path, 3e-4), Window(0, 0, 200, 300))
+    chunk = _Chunk(mapping(tmp_path, 3e-4), GridWindow(0, 0, 200, 300))
     nodes = chunk.nodes(2)
     assert chunk.middles_keep(0.05, nodes, 2)
     for row, column in ((0, 0), (70, 50), (nodes.shape[1] - 1, nodes.shape[2] - 1)):
@@ -128,7 +128,7 @@ def test_ground_without_height_has_no_position(tmp_path: Path) -> None:
     surface = found.surface
     hole = GridSurface(surface.shape, lambda *window: with_hole(surface, *window), surface.grid_coordinates)
     found = replace(found, surface=hole)
-    window = Window(0, 0, found.grid.columns, found.grid.rows)
+    window = GridWindow(0, 0, found.grid.columns, found.grid.rows)
     chunk = found.chunk(window)
     assert chunk is not None and chunk.step == 1
     known = np.isfinite(chunk.positions[0, : window.rows, : window.columns])
@@ -152,5 +152,5 @@ def with_hole(surface: GridSurface, row: int, column: int, rows: int, columns: i
 def test_chunks_beside_the_image_are_left_out(tmp_path: Path) -> None:
     found = mapping(tmp_path)
     far = replace(found, size=(5, 5))
-    assert far.chunk(Window(0, 0, 64, 64)) is None
+    assert far.chunk(GridWindow(0, 0, 64, 64)) is None
     assert SIZE[0] > 5

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.ortho.misregistration import (
-    Matches,
-    MatchOptions,
-    Outcome,
-    match_windows,
+    MisregistrationOptions,
+    WindowOutcome,
+    WindowShifts,
+    measure_shifts,
     shift_statistics,
     window_centres,
 )
@@ -25,15 +25,15 @@ def shifted(grey: np.ndarray, dx: float, dy: float) -> np.ndarray:
     return np.real(np.fft.ifft2(np.fft.fft2(grey) * np.exp(-2j * np.pi * (across * dx + down * dy))))
 
 
-def matched(first: np.ndarray, second: np.ndarray, valid: np.ndarray | None = None) -> Matches:
-    options = MatchOptions(most=8)
+def matched(first: np.ndarray, second: np.ndarray, valid: np.ndarray | None = None) -> WindowShifts:
+    options = MisregistrationOptions(most=8)
     mask = np.ones(first.shape, dtype=bool) if valid is None else valid
 
     def reader(grey: np.ndarray, known: np.ndarray):
         return lambda x, y, columns, rows: (grey[y : y + rows, x : x + columns], known[y : y + rows, x : x + columns])
 
     centres = window_centres(first.shape[1], first.shape[0], options)
-    return match_windows(reader(first, mask), reader(second, np.ones_like(mask)), centres, options)
+    return measure_shifts(reader(first, mask), reader(second, np.ones_like(mask)), centres, options)
 
 
 @pytest.mark.parametrize("noise", [0.0, 15.0])
@@ -58,15 +58,15 @@ def test_windows_that_cannot_be_matched_say_why() -> None:
     other = 1000.0 * texture(SIDE, SIDE, seed=99)
     flat = np.full_like(grey, 700.0)
     nowhere = np.zeros(grey.shape, dtype=bool)
-    assert set(matched(grey, other).outcome) <= {Outcome.UNLIKE, Outcome.FAR, Outcome.UNSTEADY}
-    assert set(matched(flat, grey).outcome) == {Outcome.FLAT}
-    assert set(matched(grey, grey, nowhere).outcome) == {Outcome.NODATA}
+    assert set(matched(grey, other).outcome) <= {WindowOutcome.UNLIKE, WindowOutcome.FAR, WindowOutcome.UNSTEADY}
+    assert set(matched(flat, grey).outcome) == {WindowOutcome.FLAT}
+    assert set(matched(grey, grey, nowhere).outcome) == {WindowOutcome.NODATA}
     far = matched(grey, shifted(grey, 30.0, 0.0))
     assert not far.good.any() and np.isnan(far.shift_px).all()
 
 
 def test_windows_fit_into_the_area_with_all_that_they_need() -> None:
-    options = MatchOptions(window_px=32, search_px=8, most=10)
+    options = MisregistrationOptions(window_px=32, search_px=8, most=10)
     centres = window_centres(300, 200, options)
     reach = 16 + 8 + 4
     assert len(centres) > 20

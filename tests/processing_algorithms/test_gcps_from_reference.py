@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground.height_datum import datum_warning, height_difference
+from hrsi.hrsi_engine.ground.height_datum import height_difference, height_difference_warning
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
@@ -133,21 +133,21 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
 
 def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     """With the wrong datum the ground lies N tan(incidence) aside, in the direction of the view."""
-    from hrsi.hrsi_engine.block.imaging_geometry import View
+    from hrsi.hrsi_engine.block.imaging_geometry import ViewDirection
     from hrsi.hrsi_engine.ground.geodesy import geoid_heights, ground_difference_m
     from hrsi.hrsi_engine.io.dems import open_dem
     from hrsi.hrsi_engine.io.rasters import open_image
-    from hrsi.hrsi_engine.surface.dem import intersect
+    from hrsi.hrsi_engine.surface.dem import intersect_surface
 
     image = open_image(str(real_data / "qb2_gcp" / "qb2_basic1b.tif"))
     path = str(real_data / "qb2_gcp" / "dem_egm2008_24m.tif")
     right, wrong = (open_dem(path, datum) for datum in ("egm96", "ellipsoidal"))
     grid = image.grid_px(12, 12)
-    ground, apart = intersect(image.rpc, grid, right), intersect(image.rpc, grid, wrong)
+    ground, apart = intersect_surface(image.rpc, grid, right), intersect_surface(image.rpc, grid, wrong)
     both = np.isfinite(ground.ground).all(axis=1) & np.isfinite(apart.ground).all(axis=1)
     difference = ground_difference_m(apart.ground[both], ground.ground[both])
     undulation = geoid_heights(ground.ground[both], "egm96")
-    view = View(image, right).geometry()
+    view = ViewDirection(image, right).geometry()
     expected = float(np.median(undulation)) * np.tan(np.radians(view.incidence_deg))
     away = np.radians(view.azimuth_deg)
     towards = difference[:, 0] * np.sin(away) + difference[:, 1] * np.cos(
@@ -167,8 +167,8 @@ def test_difference_of_heights_names_the_datum(survey, named):
     dem = rng.uniform(200.0, 400.0, 8)
     found = height_difference(dem + survey + rng.normal(0.0, 2.0, 8), dem, np.full(8, 45.0))
     assert found is not None
-    assert named in datum_warning(found, "points.csv", "dem.tif")
-    assert bool(datum_warning(found, "points.csv", "dem.tif")) == bool(named)
+    assert named in height_difference_warning(found, "points.csv", "dem.tif")
+    assert bool(height_difference_warning(found, "points.csv", "dem.tif")) == bool(named)
 
 
 def test_few_or_scattered_heights_say_nothing():

@@ -24,7 +24,7 @@ from hrsi.hrsi_engine.simulation import (
     simulate_block,
 )
 from hrsi.hrsi_engine.simulation.surface import locate_on_surface, ray_paths
-from hrsi.hrsi_engine.simulation.tiles import TILE
+from hrsi.hrsi_engine.simulation.tiles import RENDER_TILE
 
 CLEAN = Radiometry(noise_dn=0.0, shot_dn=0.0)
 JITTER = OrientationError(jitter_rad=(1e-6, 1e-6, 0.0), jitter_period_lines=500.0)
@@ -64,7 +64,9 @@ def test_window_outside_is_refused(hilly: SimulatedBlock):
 def test_interpolated_rays_are_true_ones(jitter: OrientationError):
     block = simulated(SceneSpec(relief_m=80.0), jitter=jitter)
     image = renderer(block, "image_2")
-    column, row = np.meshgrid(np.arange(TILE, 2 * TILE, 5), np.arange(2 * TILE, 3 * TILE, 5))
+    column, row = np.meshgrid(
+        np.arange(RENDER_TILE, 2 * RENDER_TILE, 5), np.arange(2 * RENDER_TILE, 3 * RENDER_TILE, 5)
+    )
     points = np.column_stack([column.ravel(), row.ravel()]).astype(float)
     exact = ray_paths(image.camera, block.scene.terrain, points).coefficients.reshape(3, 2, *column.shape)
     found = image.tile_paths(2, 1).coefficients[:, :, ::5, ::5]

@@ -9,12 +9,12 @@ from scipy.interpolate import RegularGridInterpolator
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.simulation import SENSORS, aim
 from hrsi.hrsi_engine.simulation.surface import locate_on_surface, meet_surface, ray_paths
-from hrsi.hrsi_engine.simulation.terrain import Chart, Terrain, fractal_relief, fractal_terrain
+from hrsi.hrsi_engine.simulation.terrain import Chart, SimulatedTerrain, fractal_relief, fractal_terrain
 
 CHART = Chart(5.45, 43.53)
 
 
-def terrain(relief_m: float = 100.0, cliff_m: float = 0.0, seed: int = 1) -> Terrain:
+def terrain(relief_m: float = 100.0, cliff_m: float = 0.0, seed: int = 1) -> SimulatedTerrain:
     return fractal_terrain(CHART, 1500.0, 5.0, 250.0, relief_m, seed, cliff_m)
 
 
@@ -58,7 +58,7 @@ def test_cliffs_are_as_high_as_asked():
     assert set(np.round(np.unique(np.abs(np.diff(ground.posts, axis=1))))) == {0.0, 40.0}
 
 
-def brute_force(camera, ground: Terrain, image: np.ndarray) -> np.ndarray:
+def brute_force(camera, ground: SimulatedTerrain, image: np.ndarray) -> np.ndarray:
     """Return the first ground point of each ray by stepping down every 2 cm with exact positions."""
     low, high = ground.height_range
     found = []

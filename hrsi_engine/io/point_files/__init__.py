@@ -1,13 +1,21 @@
 """Point files: ground points and image points from every format people keep them in.
 
 `read_points` takes a vector layer, a CSV or a GCP file of another program and returns the columns of
-`hrsi_engine.block.block`. `READERS` is the table of formats; a reader only brings a file's rows into a `Table` with the
-field names of `columns.FIELDS`, and one place (`interpret`) checks them and makes points of them.
+`hrsi_engine.block.block`. `POINT_READERS` is the table of formats; a reader only brings a file's rows into a
+`PointTable` with the field names of `columns.FIELDS`, and one place (`interpret`) checks them and makes points of them.
 """
 
-from .find import READERS, read_points, several_specs
+from .find import POINT_READERS, read_points, several_specs
 from .interpret import PointTables
 from .ogr_layer import measurements_of
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
-__all__ = ["READERS", "PointTables", "Reader", "Table", "measurements_of", "read_points", "several_specs"]
+__all__ = [
+    "POINT_READERS",
+    "PointReader",
+    "PointTable",
+    "PointTables",
+    "measurements_of",
+    "read_points",
+    "several_specs",
+]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...ground.geodesy import east_north_up
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 _POINT_FIELDS, _IMAGE_FIELDS = 7, 5
 _NAMES = ("id", "lat", "lon", "height", "sigma_xy", "sigma_h", "image", "sample", "line", "sigma")
@@ -24,7 +24,7 @@ _GEOCENTRIC = (
 _Row = tuple[int, str, str, list[float]]
 
 
-def read(path: str, _layer: str = "") -> Table:
+def read(path: str, _layer: str = "") -> PointTable:
     """Return one row for each point and image; raise `InputError` naming the line where one is damaged."""
     try:
         with open(path, encoding="utf-8-sig", errors="replace") as file:
@@ -38,7 +38,7 @@ def read(path: str, _layer: str = "") -> Table:
     return _table(path, rows)
 
 
-def _table(path: str, rows: list[_Row]) -> Table:
+def _table(path: str, rows: list[_Row]) -> PointTable:
     values = np.array([row[3] for row in rows], dtype=np.float64).reshape(-1, 10)
     lat, lon, height, sx, sy, sz, sample, line, s_sample, s_line = values.T
     columns = {
@@ -52,7 +52,7 @@ def _table(path: str, rows: list[_Row]) -> Table:
     columns |= _accuracy(lon, lat, geocentric)
     notes = (_GEOCENTRIC.format(path=path),) if "cov_en" in columns else ()
     geometry = np.column_stack([lon, lat, height])
-    return Table(path, columns, _NAMES, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
+    return PointTable(path, columns, _NAMES, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
 
 
 def _accuracy(lon: np.ndarray, lat: np.ndarray, geocentric: np.ndarray) -> dict[str, np.ndarray]:
@@ -92,4 +92,4 @@ def _floats(path: str, number: int, texts: list[str]) -> list[float]:
     return values
 
 
-READER = Reader("Ames Stereo Pipeline GCPs", lambda _path, name, _head: name.endswith(".gcp"), read)
+READER = PointReader("Ames Stereo Pipeline GCPs", lambda _path, name, _head: name.endswith(".gcp"), read)

@@ -15,13 +15,13 @@ import struct
 import numpy as np
 
 from ...foundation.errors import InputError
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 _COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")
 _NAME = re.compile(r"(.+)__(.+?)(-clean)?\.match$", re.IGNORECASE)
 
 
-def read(path: str, _layer: str = "") -> Table:
+def read(path: str, _layer: str = "") -> PointTable:
     """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
     named = _NAME.match(os.path.basename(path))
     if named is None:
@@ -40,7 +40,7 @@ def read(path: str, _layer: str = "") -> Table:
         "sample": xy[:, 0],
         "line": xy[:, 1],
     }
-    return Table(path, columns, ("x", "y"), lambda row: f"match {row % max(count, 1) + 1}", pairwise=True)
+    return PointTable(path, columns, ("x", "y"), lambda row: f"match {row % max(count, 1) + 1}", pairwise=True)
 
 
 def _interest_points(path: str, content: bytes) -> np.ndarray:
@@ -63,4 +63,4 @@ def _interest_points(path: str, content: bytes) -> np.ndarray:
     return xy
 
 
-READER = Reader("Ames Stereo Pipeline matches", lambda _path, name, _head: name.endswith(".match"), read)
+READER = PointReader("Ames Stereo Pipeline matches", lambda _path, name, _head: name.endswith(".match"), read)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 EXTENSIONS = (".csv", ".tsv", ".txt", ".tab")
 SEPARATORS = (",", ";", "\t")
@@ -24,7 +24,7 @@ _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as
 _BOMS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
-def read(path: str, _layer: str = "", renamed: Mapping[str, str] | None = None) -> Table:
+def read(path: str, _layer: str = "", renamed: Mapping[str, str] | None = None) -> PointTable:
     """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged.
 
     ``renamed`` are fields (lower case) that a program calls otherwise.
@@ -35,7 +35,7 @@ def read(path: str, _layer: str = "", renamed: Mapping[str, str] | None = None) 
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> Table:
+def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
     rows = _rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
     found = match_fields([renamed.get(name.lower(), name) for name in names])
@@ -55,7 +55,7 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> Table:
             parts[field].append(_values(f"{path}, field {field!r}", field, texts[column], where, decimal_comma))
         done += len(chunk)
     columns = {field: np.concatenate(parts.pop(field)) if done else np.empty(0) for field in found}
-    return Table(path, columns, tuple(names), row_name)
+    return PointTable(path, columns, tuple(names), row_name)
 
 
 def _values(
@@ -138,4 +138,4 @@ def _encoding(path: str) -> str:
     return "utf-8"
 
 
-READER = Reader("CSV", lambda _path, name, _head: name.endswith(EXTENSIONS), read)
+READER = PointReader("CSV", lambda _path, name, _head: name.endswith(EXTENSIONS), read)

@@ -14,10 +14,10 @@ from . import asp_gcp, asp_match, csv_text, image_gcps, micmac, ogr_layer, ortho
 from .columns import match_fields
 from .interpret import PointTables, interpret
 from .positions import Reference, Surface
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
-READERS: dict[str, Reader] = {
+POINT_READERS: dict[str, PointReader] = {
     "micmac": micmac.READER,
     "csv": csv_text.READER,
     "qgis-points": qgis_points.READER,
@@ -58,7 +58,7 @@ def read_points(
         Names file, layer, row, field or id, and what to do.
     """
     path, layer = split_spec(spec)
-    table = reader_of(path).read(path, layer)
+    table = point_reader_of(path).read(path, layer)
     image = _options(spec).get("image")
     if image is not None:
         table = _on_image(table, image, image_ids)
@@ -102,7 +102,7 @@ def _options(spec: str) -> dict[str, str]:
     return options
 
 
-def _on_image(table: Table, image: str, image_ids: Sequence[str]) -> Table:
+def _on_image(table: PointTable, image: str, image_ids: Sequence[str]) -> PointTable:
     """Return the table with all points measured on one image."""
     if "image" in match_fields(table.field_names) or table.pairwise:
         raise InputError(f"{table.source}: says itself on which image a point was measured: leave |image= out")
@@ -112,7 +112,7 @@ def _on_image(table: Table, image: str, image_ids: Sequence[str]) -> Table:
     return replace(table, columns=table.columns | {"image": np.full(len(table), image)})
 
 
-def reader_of(path: str) -> Reader:
+def point_reader_of(path: str) -> PointReader:
     """Return the reader of a file; raise `InputError` where there is no such file or no format fits."""
     head = b""
     if not path or not (path.startswith("/vsi") or os.path.exists(path)):
@@ -124,8 +124,8 @@ def reader_of(path: str) -> Reader:
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}): check its permissions") from None
     name = os.path.basename(path).lower()
-    reader = next((reader for reader in READERS.values() if reader.recognises(path, name, head)), None)
+    reader = next((reader for reader in POINT_READERS.values() if reader.recognises(path, name, head)), None)
     if reader is None:
-        titles = ", ".join(reader.title for reader in READERS.values())
+        titles = ", ".join(reader.title for reader in POINT_READERS.values())
         raise InputError(f"{path}: is no point file that is known ({titles}): convert it to GeoPackage or CSV")
     return reader

@@ -12,10 +12,10 @@ from osgeo import gdal
 from ...foundation.errors import InputError
 from ..datasets import open_dataset
 from ..rasters import image_id
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 
-def read(path: str, _layer: str = "") -> Table:
+def read(path: str, _layer: str = "") -> PointTable:
     """Return the GCPs of an image; raise `InputError` where it has none."""
     dataset, message = open_dataset(path)
     if dataset is None:
@@ -36,7 +36,7 @@ def read(path: str, _layer: str = "") -> Table:
     ])  # fmt: skip
     reference = dataset.GetGCPSpatialRef()
     crs = reference.ExportToWkt(["FORMAT=WKT2_2019"]) if reference is not None else ""
-    return Table(path, columns, tuple(columns), lambda row: f"GCP {row + 1}", geometry, crs)
+    return PointTable(path, columns, tuple(columns), lambda row: f"GCP {row + 1}", geometry, crs)
 
 
 def _name(image: str, gcp: gdal.GCP, number: int) -> str:
@@ -48,4 +48,4 @@ def _recognises(path: str, _name: str, _head: bytes) -> bool:
     return open_dataset(path)[0] is not None
 
 
-READER = Reader("GCPs in an image", _recognises, read)
+READER = PointReader("GCPs in an image", _recognises, read)

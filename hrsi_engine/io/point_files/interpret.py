@@ -12,7 +12,7 @@ from ...foundation.errors import InputError
 from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy
-from .table import Table
+from .table import PointTable
 
 #: Of HRSI's own layers: how well the adjusted heights are known, as ``sigma_h`` tells of surveyed ones.
 ADJUSTED_SIGMA = "sigma_height_m"
@@ -22,7 +22,7 @@ _SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
 
 @dataclass(frozen=True)
 class PointTables:
-    """What one file holds; None for what it does not hold. ``pairwise``: ids join two images only, see `Table`."""
+    """What one file holds; None for what it does not hold. ``pairwise``: ids join two images only, see `PointTable`."""
 
     ground: GroundPoints | None
     image: ImagePoints | None
@@ -30,7 +30,7 @@ class PointTables:
     pairwise: bool = False
 
 
-def interpret(table: Table, reference: Reference, image_ids: Sequence[str]) -> PointTables:
+def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str]) -> PointTables:
     """Return a table's ground points and image points; raise `InputError` naming the row and what to do."""
     if not len(table):
         raise InputError(f"{table.source}: holds no points: add some, or name another layer")
@@ -47,7 +47,7 @@ def interpret(table: Table, reference: Reference, image_ids: Sequence[str]) -> P
     return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
 
 
-def _require_field(table: Table, field: str) -> np.ndarray:
+def _require_field(table: PointTable, field: str) -> np.ndarray:
     if field not in table.columns:
         raise InputError(
             f"{table.source}: has no field {field!r}; its fields are {', '.join(table.field_names) or 'none'}: "
@@ -56,7 +56,7 @@ def _require_field(table: Table, field: str) -> np.ndarray:
     return table.columns[field]
 
 
-def _require_text(table: Table, field: str, rows: np.ndarray | None = None) -> None:
+def _require_text(table: PointTable, field: str, rows: np.ndarray | None = None) -> None:
     empty = np.flatnonzero(table.columns[field] == "")
     if rows is not None:
         empty = np.intersect1d(empty, rows)
@@ -64,7 +64,7 @@ def _require_text(table: Table, field: str, rows: np.ndarray | None = None) -> N
         raise InputError(f"{table.source}, {table.row_name(int(empty[0]))}: field {field!r} is empty: fill it in")
 
 
-def _image_points(table: Table, known: bool, image_ids: Sequence[str]) -> ImagePoints | None:
+def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> ImagePoints | None:
     """Return the rows that have sample and line; in a table that holds ground points too, others may have none."""
     xy = np.column_stack([_require_field(table, "sample"), _require_field(table, "line")])
     empty = np.isnan(xy)
@@ -91,7 +91,7 @@ def _image_points(table: Table, known: bool, image_ids: Sequence[str]) -> ImageP
     )
 
 
-def image_names(table: Table, rows: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
+def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
     """Return each row's image id; a file without that field belongs to the only image there is."""
     if "image" not in table.columns:
         if len(image_ids) == 1:
@@ -123,7 +123,7 @@ def _matching_id(name: str, image_ids: set[str], prefixed: bool) -> str:
     return max(behind, key=len, default=name)
 
 
-def _ground_points(table: Table, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
+def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
     """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
     ground, warnings = ground_positions(table, reference)
     role = _roles(table)
@@ -143,7 +143,7 @@ def _ground_points(table: Table, measures: bool, reference: Reference) -> tuple[
 
 
 def _require_same_position(
-    table: Table, ground: np.ndarray, rows: np.ndarray, first: np.ndarray, measures: bool
+    table: PointTable, ground: np.ndarray, rows: np.ndarray, first: np.ndarray, measures: bool
 ) -> None:
     """Raise `InputError` for an id that occurs twice, or in a table of measurements with two positions."""
     wrong = np.any(np.abs(ground[rows] - ground[first]) > _SAME_POSITION, axis=1) if measures else rows != first
@@ -156,7 +156,7 @@ def _require_same_position(
         )
 
 
-def _roles(table: Table) -> np.ndarray:
+def _roles(table: PointTable) -> np.ndarray:
     role = np.full(len(table), UNSET, dtype=np.int8)
     names, index = unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
     for number, name in enumerate(names):

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from . import csv_text
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 _FIELDS = {"pt.x": "sample", "pt.y": "line"}
 _PREFIX, _SUFFIX = "pmul-", ".csv"
 
 
-def read(path: str, _layer: str = "") -> Table:
+def read(path: str, _layer: str = "") -> PointTable:
     """Return the tie points of one image; the image is the one that the file's name says."""
     table = csv_text.read(path, renamed=_FIELDS)
     columns = table.columns
@@ -36,4 +36,4 @@ def _recognises(_path: str, name: str, head: bytes) -> bool:
     return name.endswith(_SUFFIX) and head.lstrip(b"\xef\xbb\xbf").lower().startswith((b"pt.x,pt.y", b"pt.x;pt.y"))
 
 
-READER = Reader("MicMac tie points", _recognises, read)
+READER = PointReader("MicMac tie points", _recognises, read)

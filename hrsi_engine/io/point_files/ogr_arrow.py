@@ -20,7 +20,7 @@ _POINT, _POINT_Z = (1,), (1001, 0x80000001)  # type codes of ISO and of old WKB
 _WKB_BYTES = {21: (_POINT, 2), 29: (_POINT_Z, 3)}
 
 
-class Columns(NamedTuple):
+class ArrowColumns(NamedTuple):
     """Fields of a layer: numbers (n,) float64, NaN where NULL, or texts (n,) str; feature ids; positions (n, 3)."""
 
     values: dict[str, np.ndarray]
@@ -28,7 +28,7 @@ class Columns(NamedTuple):
     geometry: np.ndarray | None
 
 
-def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool) -> Columns | None:
+def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool) -> ArrowColumns | None:
     """Return the fields ``names`` (ours -> the layer's) of a layer, None where the stream does not serve it."""
     stream = _stream(layer)
     fid = layer.GetFIDColumn() or "OGC_FID"
@@ -45,7 +45,7 @@ def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: boo
         batches.append((fields, batch[fid], place))  # type: ignore[arg-type]
     if not batches:
         return None
-    return Columns(
+    return ArrowColumns(
         {field: np.concatenate([fields[field] for fields, _, _ in batches]) for field in names},
         np.concatenate([ids for _, ids, _ in batches]),
         np.concatenate([place for _, _, place in batches]) if with_geometry else None,

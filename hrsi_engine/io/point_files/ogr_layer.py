@@ -12,7 +12,7 @@ from ...foundation.errors import InputError
 from ..datasets import gdal_messages
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
 from .ogr_arrow import BY_COLUMNS, arrow_columns
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 _NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
 _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
@@ -27,7 +27,7 @@ def open_vector(path: str) -> gdal.Dataset | None:
     return dataset
 
 
-def read(path: str, layer_wanted: str = "") -> Table:
+def read(path: str, layer_wanted: str = "") -> PointTable:
     """Return the known fields and the geometry of a layer; raise `InputError` where there are none."""
     dataset = open_vector(path)
     if dataset is None:
@@ -58,7 +58,7 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
 
 
-def _read_layer(source: str, layer: ogr.Layer, driver: str) -> Table:
+def _read_layer(source: str, layer: ogr.Layer, driver: str) -> PointTable:
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
     found = match_fields(names)
@@ -70,7 +70,7 @@ def _read_layer(source: str, layer: ogr.Layer, driver: str) -> Table:
     if quick is not None:
         ids = quick.feature_ids
         columns = {f: _column(source, f, names[found[f]], quick.values[f], ids) for f in found}
-        return Table(source, columns, tuple(names), lambda row: f"feature {ids[row]}", quick.geometry, _crs(layer))
+        return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", quick.geometry, _crs(layer))
     values: dict[str, list] = {field: [] for field in found}
     positions: list[tuple[float, float, float]] = []
     feature_ids: list[int] = []
@@ -84,7 +84,7 @@ def _read_layer(source: str, layer: ogr.Layer, driver: str) -> Table:
             positions.append(_position(source, feature))
     columns = {f: _column(source, f, names[found[f]], values[f], feature_ids) for f in found}
     geometry = np.array(positions, dtype=np.float64).reshape(-1, 3) if has_geometry else None
-    return Table(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
+    return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
 
 
 def _getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str
@@ -143,7 +143,7 @@ def _recognises(path: str, _name: str, _head: bytes) -> bool:
     return dataset is not None and dataset.GetLayerCount() > 0
 
 
-READER = Reader("vector layer", _recognises, read)
+READER = PointReader("vector layer", _recognises, read)
 
 
 def measurements_of(spec: str) -> str:

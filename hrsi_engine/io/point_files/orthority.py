@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from ...foundation.errors import InputError
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 
-def read(path: str, _layer: str = "") -> Table:
+def read(path: str, _layer: str = "") -> PointTable:
     """Return the GCPs of a file; raise `InputError` naming the feature where one is damaged."""
     try:
         with open(path, encoding="utf-8-sig") as file:
@@ -32,7 +32,9 @@ def read(path: str, _layer: str = "") -> Table:
         "sample": numbers[:, 0],
         "line": numbers[:, 1],
     }
-    return Table(path, columns, ("id", "filename", "ji"), lambda row: f"feature {row}", numbers[:, 2:], "EPSG:4979")
+    return PointTable(
+        path, columns, ("id", "filename", "ji"), lambda row: f"feature {row}", numbers[:, 2:], "EPSG:4979"
+    )
 
 
 def _row(path: str, number: int, feature: Any) -> tuple[str, str, list[float]]:
@@ -52,4 +54,4 @@ def _recognises(_path: str, name: str, head: bytes) -> bool:
     return name.endswith((".geojson", ".json")) and b'"ji"' in head
 
 
-READER = Reader("Orthority GCPs", _recognises, read)
+READER = PointReader("Orthority GCPs", _recognises, read)

@@ -14,7 +14,7 @@ from osgeo import osr
 
 from ...foundation.errors import InputError
 from ...ground.geodesy import geoid_heights, has_vertical_datum, to_wgs84
-from .table import Table
+from .table import PointTable
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
 Surface = Callable[[np.ndarray], np.ndarray]
@@ -39,13 +39,13 @@ class Reference:
     adjusted: bool = False
 
 
-def has_positions(table: Table) -> bool:
+def has_positions(table: PointTable) -> bool:
     """Tell whether a table has ground positions, in its geometry or in fields."""
     fields = table.columns
     return table.geometry is not None or {"lon", "lat"} <= fields.keys() or {"x", "y"} <= fields.keys()
 
 
-def ground_positions(table: Table, reference: Reference) -> tuple[np.ndarray, list[str]]:
+def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, list[str]]:
     """Return ``(n, 3)`` lon, lat, ellipsoidal height, NaN rows where there is no position, and warnings.
 
     Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
@@ -71,7 +71,7 @@ def ground_positions(table: Table, reference: Reference) -> tuple[np.ndarray, li
     return ground, warnings
 
 
-def _given_positions(table: Table, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
+def _given_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
     """Return x, y, z as they stand in the file, and their CRS."""
     fields, warnings = table.columns, []
     prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys() and not _is_geographic(reference.ground_crs)
@@ -90,7 +90,7 @@ def _given_positions(table: Table, reference: Reference) -> tuple[np.ndarray, st
     return np.column_stack([x, y, z]), crs, warnings
 
 
-def _field_heights(table: Table, z: np.ndarray, warnings: list[str]) -> np.ndarray:
+def _field_heights(table: PointTable, z: np.ndarray, warnings: list[str]) -> np.ndarray:
     """Return the heights of the field, of the geometry where the field is empty."""
     height = table.columns["height"]
     apart = np.abs(z - height)
@@ -102,7 +102,7 @@ def _field_heights(table: Table, z: np.ndarray, warnings: list[str]) -> np.ndarr
     return np.where(np.isnan(height), z, height)
 
 
-def _parsed(table: Table, crs: str) -> pyproj.CRS:
+def _parsed(table: PointTable, crs: str) -> pyproj.CRS:
     try:
         return pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError:
@@ -116,14 +116,14 @@ def _is_geographic(crs: str) -> bool:
         raise InputError(f"--ground-crs {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
-def _require_whole(table: Table, xyz: np.ndarray, present: np.ndarray) -> None:
+def _require_whole(table: PointTable, xyz: np.ndarray, present: np.ndarray) -> None:
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
     missing = half if "sample" in table.columns else ~present
     if missing.any():
         raise InputError(f"{table.at(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
 
 
-def _require_plausible(table: Table, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
+def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
     """Raise `InputError` for degrees that cannot be: swapped latitude and longitude, or metres in a geographic CRS."""
     x, y = xyz[rows, 0], xyz[rows, 1]
     if not crs.is_geographic:
@@ -141,7 +141,7 @@ def _require_plausible(table: Table, xyz: np.ndarray, rows: np.ndarray, crs: pyp
 
 
 def _fill_heights(
-    table: Table, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS, reference: Reference, ground: np.ndarray
+    table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS, reference: Reference, ground: np.ndarray
 ) -> list[str]:
     """Set the positions of rows without a height in ``ground``, with heights of the surface."""
     if not len(rows):
@@ -157,7 +157,9 @@ def _fill_heights(
     return [f"{table.source}: {len(rows)} points have no height; it is taken from the DEM"]
 
 
-def _to_ellipsoidal(table: Table, xyz: np.ndarray, crs: pyproj.CRS, height_datum: str) -> tuple[np.ndarray, list[str]]:
+def _to_ellipsoidal(
+    table: PointTable, xyz: np.ndarray, crs: pyproj.CRS, height_datum: str
+) -> tuple[np.ndarray, list[str]]:
     """Return lon, lat, ellipsoidal height by the datum the user names, or by the CRS."""
     if height_datum == "layer":
         if has_vertical_datum(crs.to_wkt()):
@@ -172,7 +174,7 @@ def _to_ellipsoidal(table: Table, xyz: np.ndarray, crs: pyproj.CRS, height_datum
     return ground, []
 
 
-def _transformed(table: Table, xyz: np.ndarray, crs: pyproj.CRS) -> np.ndarray:
+def _transformed(table: PointTable, xyz: np.ndarray, crs: pyproj.CRS) -> np.ndarray:
     try:
         return to_wgs84(xyz, crs.to_wkt())
     except InputError as error:
@@ -193,7 +195,7 @@ def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:
     return pyproj.CRS.from_wkt(flat.ExportToWkt(["FORMAT=WKT2_2019"]))
 
 
-def _require_finite(table: Table, ground: np.ndarray, present: np.ndarray) -> None:
+def _require_finite(table: PointTable, ground: np.ndarray, present: np.ndarray) -> None:
     lost = np.flatnonzero(present & ~np.isfinite(ground).all(axis=1))
     if len(lost):
         raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")

@@ -15,12 +15,12 @@ import numpy as np
 from ...foundation.errors import InputError
 from ..rasters import image_id
 from .columns import numbers
-from .table import Reader, Table
+from .table import PointReader, PointTable
 
 _X, _Y = ("sourcex", "pixelx"), ("sourcey", "pixely")  # QGIS 3.26 and later, and before
 
 
-def read(path: str, _layer: str = "") -> Table:
+def read(path: str, _layer: str = "") -> PointTable:
     """Return the points that are switched on; raise `InputError` where the file is damaged."""
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -36,7 +36,7 @@ def read(path: str, _layer: str = "") -> Table:
     return _table(path, crs, rows)
 
 
-def _table(path: str, crs: str, rows: list[list[str]]) -> Table:
+def _table(path: str, crs: str, rows: list[list[str]]) -> PointTable:
     names = [name.strip() for name in rows[0]] if rows else []
     lower = [name.lower() for name in names]
     body = [(number, row) for number, row in enumerate(rows[1:], start=1) if _is_enabled(lower, row)]
@@ -51,7 +51,7 @@ def _table(path: str, crs: str, rows: list[list[str]]) -> Table:
     }
     notes = (f"{path}: {off} points are switched off and left out",) if off > 0 else ()
     geometry = np.column_stack([x, y, np.full(len(body), np.nan)])
-    return Table(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs, notes)
+    return PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs, notes)
 
 
 def _is_enabled(names: list[str], row: list[str]) -> bool:
@@ -67,4 +67,4 @@ def _column(path: str, names: list[str], aliases: tuple[str, ...], body: list[tu
     return numbers(texts, lambda at: f"{path}, point {body[at][0]}, field {aliases[0]!r}")
 
 
-READER = Reader("QGIS Georeferencer points", lambda _path, name, _head: name.endswith(".points"), read)
+READER = PointReader("QGIS Georeferencer points", lambda _path, name, _head: name.endswith(".points"), read)

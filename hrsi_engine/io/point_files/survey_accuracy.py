@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...foundation.errors import InputError
-from .table import Table
+from .table import PointTable
 
 AXES = (("cov_ee", "sigma_east"), ("cov_nn", "sigma_north"), ("cov_hh", "sigma_h"))
 PAIRS = ((0, 1, "cov_en", "corr_en"), (0, 2, "cov_eh", "corr_eh"), (1, 2, "cov_nh", "corr_nh"))
@@ -24,7 +24,7 @@ _MORE_THAN_SIGMAS = {
 }
 
 
-def survey_accuracy(table: Table) -> tuple[np.ndarray, np.ndarray | None]:
+def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
     """Return sigmas ``(n, 2)`` horizontal and height, and covariances ``(n, 3, 3)`` where the table has more than that.
 
     NaN where the table says nothing. Raises `InputError` naming row and field of what cannot be.
@@ -42,7 +42,7 @@ def survey_accuracy(table: Table) -> tuple[np.ndarray, np.ndarray | None]:
     return np.column_stack([np.where(np.isnan(both), horizontal, both), sigma[:, 2]]), covariance
 
 
-def positive(table: Table, field: str) -> np.ndarray:
+def positive(table: PointTable, field: str) -> np.ndarray:
     """Return a column of standard deviations or variances, NaN where there is none."""
     values = table.columns.get(field)
     if values is None:
@@ -56,7 +56,7 @@ def positive(table: Table, field: str) -> np.ndarray:
     return values
 
 
-def _axes(table: Table, horizontal: np.ndarray) -> np.ndarray:
+def _axes(table: PointTable, horizontal: np.ndarray) -> np.ndarray:
     """Return the standard deviations of east, north and height ``(n, 3)``."""
     columns = []
     for axis, (variance, name) in enumerate(AXES):
@@ -67,7 +67,7 @@ def _axes(table: Table, horizontal: np.ndarray) -> np.ndarray:
     return np.column_stack(columns)
 
 
-def _pair(table: Table, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:
+def _pair(table: PointTable, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:
     """Return the covariance of two coordinates with these sigmas ``(n,)``, NaN where none is given."""
     nothing = np.full(len(table), np.nan)
     value, share = table.columns.get(element, nothing), table.columns.get(correlation, nothing)

@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class PointTable:
     """Rows of a point file under the field names of `columns.FIELDS`.
 
     source : file and layer, as messages name them
@@ -42,7 +42,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Reader:
+class PointReader:
     """How to recognise and read one format of point files.
 
     title : as messages name the format
@@ -52,4 +52,4 @@ class Reader:
 
     title: str
     recognises: Callable[[str, str, bytes], bool]
-    read: Callable[[str, str], Table]
+    read: Callable[[str, str], PointTable]

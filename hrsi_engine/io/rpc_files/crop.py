@@ -16,7 +16,7 @@ from __future__ import annotations
 from ...camera.rpc import RPC
 
 Geotransform = tuple[float, float, float, float, float, float]
-TOLERANCE = 0.02  # share of the RPC's range by which it may end inside the image
+RANGE_TOLERANCE = 0.02  # share of the RPC's range by which it may end inside the image
 
 
 def crop_origin(geotransform: Geotransform | None, has_crs: bool) -> tuple[float, float]:
@@ -37,7 +37,7 @@ def is_of_full_scene(rpc: RPC, origin: tuple[float, float], size: tuple[int, int
     """Return whether an RPC that stands beside a crop is that of the scene it was cut from."""
     offs, scales = (rpc.samp_off, rpc.line_off), (abs(rpc.samp_scale), abs(rpc.line_scale))
     for first, count, off, scale in zip(origin, size, offs, scales, strict=True):
-        margin = TOLERANCE * 2.0 * scale
+        margin = RANGE_TOLERANCE * 2.0 * scale
         if first < off - scale - margin or first + count - 1 > off + scale + margin:
             return False
         begin = off - scale

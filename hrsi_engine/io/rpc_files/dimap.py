@@ -15,17 +15,17 @@ import xml.etree.ElementTree as ElementTree
 from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml, siblings
 from .fields import POLYNOMIALS, SCALARS, numbered, rpc_from_text, shortened
-from .reading import Origin, Reader, Reading
+from .reading import Origin, RpcReader, RpcReading
 
-NAMES = {name: name.upper() for name in SCALARS} | {name: f"{name.upper()}_COEFF" for name in POLYNOMIALS}
-NAMES |= {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}
+DIMAP_NAMES = {name: name.upper() for name in SCALARS} | {name: f"{name.upper()}_COEFF" for name in POLYNOMIALS}
+DIMAP_NAMES |= {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}
 #: Elements with the ground-to-image coefficients and the image's validity domain, V2 then V3.
 _GROUND_TO_IMAGE = ("Inverse_Model", "GroundtoImage_Values")
 _TILE = re.compile(r"_r(\d{1,3})c(\d{1,3})$")
 _IMAGE_DOMAIN = ("Direct_Model_Validity_Domain", "ImagetoGround_Validity_Domain")
 
 
-def read(path: str) -> Reading:
+def read(path: str) -> RpcReading:
     """Return the RPC of a DIMAP RPC file and the size of its scene."""
     root = read_xml(path)
     model = _first(root, _GROUND_TO_IMAGE)
@@ -33,11 +33,11 @@ def read(path: str) -> Reading:
     if model is None or validity is None:
         raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: name the RPC_*.XML file")
     coefficients = {element.tag: element.text or "" for element in model}
-    values: dict[str, str | list[str] | None] = {name: element_text(validity, NAMES[name]) for name in SCALARS}
-    values |= {name: numbered(coefficients, f"{NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
-    rpc = rpc_from_text(path, values, NAMES)
+    values: dict[str, str | list[str] | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
+    values |= {name: numbered(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    rpc = rpc_from_text(path, values, DIMAP_NAMES)
     first = _first_pixel(path, root)
-    return Reading(rpc.shifted(-first, -first), _size(_domain(root), first))
+    return RpcReading(rpc.shifted(-first, -first), _size(_domain(root), first))
 
 
 def _first(root: ElementTree.Element, names: tuple[str, ...]) -> ElementTree.Element | None:
@@ -99,4 +99,4 @@ def tile_origin(image_path: str, side_file: str) -> Origin:
     return float((column - 1) * tile[0]), float((row - 1) * tile[1])
 
 
-READER = Reader("DIMAP RPC XML", _beside, _recognises, read, tile_origin)
+READER = RpcReader("DIMAP RPC XML", _beside, _recognises, read, tile_origin)

@@ -20,10 +20,10 @@ from ..datasets import metadata_of, open_dataset
 from . import crop, dimap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings
 from .fields import numbers_of, rpc_from_gdal
-from .reading import FoundRpc, Reader, Reading
+from .reading import FoundRpc, RpcReader, RpcReading
 
 #: Formats of files that hold an RPC and no pixels, in the order in which they win beside an image.
-READERS: dict[str, Reader] = {
+RPC_READERS: dict[str, RpcReader] = {
     "rpb": rpb.READER,
     "isd": isd.READER,
     "rpc-txt": rpc_txt.READER,
@@ -51,14 +51,14 @@ def read_rpc(path: str) -> FoundRpc:
 
 def read_rpc_file(path: str) -> FoundRpc | None:
     """Return the RPC of a file without pixels; None for anything else. Raises `InputError` as `read_rpc` does."""
-    reader = reader_of(path)
+    reader = rpc_reader_of(path)
     if reader is None:
         return None
     reading = reader.read(path)
     return FoundRpc(reading.rpc, f"{reader.title} {os.path.basename(path)}", size=reading.size)
 
 
-def reader_of(path: str) -> Reader | None:
+def rpc_reader_of(path: str) -> RpcReader | None:
     """Return the reader of a file that is an RPC without pixels; None for anything else.
 
     Raises `InputError` where there is no such file.
@@ -70,7 +70,7 @@ def reader_of(path: str) -> Reader | None:
             return None  # a GDAL subdataset or connection string
         raise InputError(f"{path}: no such file: check the path")
     head, name = read_head(path), os.path.basename(path).lower()
-    return next((reader for reader in READERS.values() if reader.recognises(name, head)), None)
+    return next((reader for reader in RPC_READERS.values() if reader.recognises(name, head)), None)
 
 
 def open_raster(path: str) -> gdal.Dataset:
@@ -116,7 +116,7 @@ def rpc_in_folder(folder: str, image_path: str) -> str:
 
 def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
     """Return the RPC that any file holds, as that of another image: a scene's RPC is moved to the image's crop."""
-    reader = reader_of(rpc_path)
+    reader = rpc_reader_of(rpc_path)
     if reader is None:
         return read_rpc(rpc_path)
     title = f"{reader.title} {os.path.basename(rpc_path)}"
@@ -126,14 +126,14 @@ def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
 
 
 def side_files(path: str) -> dict[str, list[str]]:
-    """Return the RPC files that stand beside an image under its name, by format in the order of `READERS`."""
+    """Return the RPC files that stand beside an image under its name, by format in the order of `RPC_READERS`."""
     files = siblings(path)
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     return {key: [file for name in reader.beside(stem) if (file := _existing(files, name, path, reader))]
-            for key, reader in READERS.items()}  # fmt: skip
+            for key, reader in RPC_READERS.items()}  # fmt: skip
 
 
-def _existing(files: dict[str, str], name: str, path: str, reader: Reader) -> str | None:
+def _existing(files: dict[str, str], name: str, path: str, reader: RpcReader) -> str | None:
     """Return the side file of a name where it is there and of the reader's format."""
     file = files.get(name)
     if file is None or file == path or not (path.startswith("/vsi") or os.path.isfile(file)):
@@ -149,13 +149,13 @@ def _sources(path: str, dataset: gdal.Dataset) -> list[Source]:
     after: list[Source] = []
     for key, files in side_files(path).items():
         ranked = before if key in BEFORE_THE_TAG else after
-        ranked += [_side_source(READERS[key], file, path, dataset) for file in files]
+        ranked += [_side_source(RPC_READERS[key], file, path, dataset) for file in files]
     return [*before, *_inside(path, dataset), *after]
 
 
 def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the sources of an image that is no GeoTIFF: first the one with the numbers that GDAL reports."""
-    files = [(READERS[key], file) for key, listed in side_files(path).items() for file in listed]
+    files = [(RPC_READERS[key], file) for key, listed in side_files(path).items() for file in listed]
     sources = [_side_source(reader, file, path, dataset) for reader, file in files]
     metadata = metadata_of(dataset, "RPC")
     if not metadata:
@@ -166,7 +166,7 @@ def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
     return [*_inside(path, dataset), *sources]
 
 
-def _reads_as(reader: Reader, file: str, metadata: dict[str, str]) -> bool:
+def _reads_as(reader: RpcReader, file: str, metadata: dict[str, str]) -> bool:
     """Return whether a side file is where GDAL's metadata come from; GDAL may have rounded them to 15 digits."""
     try:
         ours, theirs = numbers_of(reader.read(file).rpc), numbers_of(rpc_from_gdal(file, metadata))
@@ -175,14 +175,14 @@ def _reads_as(reader: Reader, file: str, metadata: dict[str, str]) -> bool:
     return np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0)
 
 
-def _side_source(reader: Reader, file: str, path: str, dataset: gdal.Dataset) -> Source:
+def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset) -> Source:
     title = f"{reader.title} {os.path.basename(file)}"
     return title, lambda: _placed(reader, file, title, path, dataset)
 
 
-def _placed(reader: Reader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
+def _placed(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
-    reading: Reading = reader.read(file)
+    reading: RpcReading = reader.read(file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
     origin = crop.crop_origin(dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection()))
     if origin == (0.0, 0.0):

@@ -8,33 +8,34 @@ from __future__ import annotations
 from ...camera.rpc import RPC
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, numbered, rpc_from_text
-from .reading import Reader, Reading
+from .reading import RpcReader, RpcReading
 
-NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name in POLYNOMIALS}
+GEOM_NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name in POLYNOMIALS}
 #: In files from here: they may be replaced.
 WRITTEN_BY = "written_by:  HRSI"
-NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
+GEOM_NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
 
 
-def read(path: str) -> Reading:
+def read(path: str) -> RpcReading:
     """Return the RPC of a ``.geom`` file and the scene's size where it is written there."""
     pairs = (line.partition(":") for line in read_text(path).splitlines())
     entries = {name.strip(): value.strip() for name, _, value in pairs}
-    values: dict[str, str | list[str] | None] = {name: entries.get(NAMES[name]) for name in SCALARS}
-    values |= {name: numbered(entries, f"{NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
-    values |= {name: text for name in ERRORS if (text := entries.get(NAMES[name], "0")).strip("0. ")}
-    return Reading(
-        rpc_from_text(path, values, NAMES), positive_size(entries.get("number_samples"), entries.get("number_lines"))
+    values: dict[str, str | list[str] | None] = {name: entries.get(GEOM_NAMES[name]) for name in SCALARS}
+    values |= {name: numbered(entries, f"{GEOM_NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
+    values |= {name: text for name in ERRORS if (text := entries.get(GEOM_NAMES[name], "0")).strip("0. ")}
+    return RpcReading(
+        rpc_from_text(path, values, GEOM_NAMES),
+        positive_size(entries.get("number_samples"), entries.get("number_lines")),
     )
 
 
 def text_of(rpc: RPC) -> str:
     """Return the content of a ``.geom`` file, all digits: OSSIM's projection of an RPC, which OTB takes as a sensor."""
     lines = ["type:  ossimRpcProjection", "polynomial_format:  B", WRITTEN_BY]
-    lines += [f"{NAMES[name]}:  {getattr(rpc, name) or 0.0!r}" for name in ERRORS]
-    lines += [f"{NAMES[name]}:  {getattr(rpc, name)!r}" for name in SCALARS]
+    lines += [f"{GEOM_NAMES[name]}:  {getattr(rpc, name) or 0.0!r}" for name in ERRORS]
+    lines += [f"{GEOM_NAMES[name]}:  {getattr(rpc, name)!r}" for name in SCALARS]
     for name in POLYNOMIALS:
-        lines += [f"{NAMES[name]}_{i:02d}:  {value!r}" for i, value in enumerate(getattr(rpc, name).tolist())]
+        lines += [f"{GEOM_NAMES[name]}_{i:02d}:  {value!r}" for i, value in enumerate(getattr(rpc, name).tolist())]
     return "\n".join(lines) + "\n"
 
 
@@ -42,4 +43,4 @@ def _recognises(name: str, head: bytes) -> bool:
     return name.endswith(".geom")
 
 
-READER = Reader("OTB .geom", lambda stem: (f"{stem}.geom",), _recognises, read)
+READER = RpcReader("OTB .geom", lambda stem: (f"{stem}.geom",), _recognises, read)

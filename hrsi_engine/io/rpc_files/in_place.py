@@ -18,7 +18,7 @@ from . import tiff_tag
 from .compare import require_same
 from .content import siblings
 from .fields import numbers_of
-from .find import READERS, open_raster, read_rpc, reader_of, side_files
+from .find import RPC_READERS, open_raster, read_rpc, rpc_reader_of, side_files
 from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
 from .tiff_directory import read_directory
 from .write import write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json
@@ -41,7 +41,7 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
     Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. Raises `InputError` where the file
     is of another kind, `OutputError` where it cannot be written, `Cancelled` where ``progress`` asks to stop.
     """
-    reader = reader_of(path)
+    reader = rpc_reader_of(path)
     if reader is not None:
         return _write_rpc_file_in_place(path, rpc)
     notices = _rewrite_tag(path, rpc, progress)
@@ -54,9 +54,9 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
 
 
 def _write_rpc_file_in_place(path: str, rpc: RPC) -> tuple[str, ...]:
-    key = next(key for key, reader in READERS.items() if reader is reader_of(path))
+    key = next(key for key, reader in RPC_READERS.items() if reader is rpc_reader_of(path))
     if key not in _RPC_ONLY:
-        raise InputError(f"{path}: {READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
+        raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
     keep_original(path)
     SIDECARS[key][1](path, rpc)
     return ()
@@ -104,8 +104,8 @@ def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
     Raises `InputError` where nothing is kept that could be brought back.
     """
     stem = os.path.splitext(os.path.basename(path))[0].lower()
-    is_rpc_file = reader_of(path) is not None
-    names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in READERS[k].beside(stem)}
+    is_rpc_file = rpc_reader_of(path) is not None
+    names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in RPC_READERS[k].beside(stem)}
     kept_inside = not is_rpc_file and os.path.isfile(path) and tiff_tag.keeps_original(path)
     notices = put_back(path, names)
     if kept_inside:

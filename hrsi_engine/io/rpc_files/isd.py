@@ -6,11 +6,11 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
-from .reading import Reader, Reading
+from .reading import RpcReader, RpcReading
 
 #: In files from here: they may be replaced.
 WRITTEN_BY = "<!-- writtenBy HRSI -->"
-NAMES = {
+ISD_NAMES = {
     "err_bias": "ERRBIAS", "err_rand": "ERRRAND",
     "line_off": "LINEOFFSET", "samp_off": "SAMPOFFSET",
     "lat_off": "LATOFFSET", "long_off": "LONGOFFSET", "height_off": "HEIGHTOFFSET",
@@ -20,18 +20,18 @@ NAMES = {
 }  # fmt: skip
 
 
-def read(path: str) -> Reading:
+def read(path: str) -> RpcReading:
     """Return the RPC of an ISD XML file and the size of its image (NUMCOLUMNS, NUMROWS)."""
     root = read_xml(path)
     part = next(root.iter("RPB"), None)
     if part is None:
         raise InputError(f"{path}: the RPB element is missing: this product was delivered without RPC")
-    values: dict[str, str | list[str] | None] = {name: element_text(part, NAMES[name]) for name in SCALARS}
-    values |= {name: text for name in ERRORS if (text := element_text(part, NAMES[name]) or "").strip("0. ")}
+    values: dict[str, str | list[str] | None] = {name: element_text(part, ISD_NAMES[name]) for name in SCALARS}
+    values |= {name: text for name in ERRORS if (text := element_text(part, ISD_NAMES[name]) or "").strip("0. ")}
     for name in POLYNOMIALS:
-        values[name] = (element_text(part, NAMES[name]) or "").split()
+        values[name] = (element_text(part, ISD_NAMES[name]) or "").split()
     size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
-    return Reading(rpc_from_text(path, values, NAMES), size)
+    return RpcReading(rpc_from_text(path, values, ISD_NAMES), size)
 
 
 def text_of(rpc: RPC) -> str:
@@ -39,10 +39,12 @@ def text_of(rpc: RPC) -> str:
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<isd>", f" {WRITTEN_BY}", " <RPB>", "  <SPECID>RPC00B</SPECID>"]
     lines.append("  <IMAGE>")
     for name in (*ERRORS, *SCALARS):  # GDAL wants all of them; an accuracy that is not known is 0
-        lines.append(f"   <{NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{NAMES[name]}>")
+        lines.append(f"   <{ISD_NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{ISD_NAMES[name]}>")
     for name in POLYNOMIALS:
         numbers = " ".join(map(repr, getattr(rpc, name).tolist()))
-        lines.append(f"   <{NAMES[name]}List><{NAMES[name]}>{numbers}</{NAMES[name]}></{NAMES[name]}List>")
+        lines.append(
+            f"   <{ISD_NAMES[name]}List><{ISD_NAMES[name]}>{numbers}</{ISD_NAMES[name]}></{ISD_NAMES[name]}List>"
+        )
     return "\n".join([*lines, "  </IMAGE>", " </RPB>", "</isd>"]) + "\n"
 
 
@@ -50,4 +52,4 @@ def _recognises(name: str, head: bytes) -> bool:
     return b"<isd" in head.lower()[:2000]
 
 
-READER = Reader("ISD XML", lambda stem: (f"{stem}.xml",), _recognises, read)
+READER = RpcReader("ISD XML", lambda stem: (f"{stem}.xml",), _recognises, read)

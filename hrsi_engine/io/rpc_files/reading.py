@@ -11,7 +11,7 @@ Origin = tuple[float, float]  # (sample, line)
 
 
 @dataclass(frozen=True)
-class Reading:
+class RpcReading:
     """An RPC as one file gives it, image coordinates from the centre of the first pixel of *its* image.
 
     ``size`` is that image's (samples, lines) where the file says so with certainty.
@@ -26,7 +26,7 @@ def _whole_scene(image_path: str, side_file: str) -> Origin:
 
 
 @dataclass(frozen=True)
-class Reader:
+class RpcReader:
     """How to recognise and read one format of RPC files.
 
     title : as logs and reports name the format
@@ -39,7 +39,7 @@ class Reader:
     title: str
     beside: Callable[[str], tuple[str, ...]]
     recognises: Callable[[str, bytes], bool]
-    read: Callable[[str], Reading]
+    read: Callable[[str], RpcReading]
     tile_origin: Callable[[str, str], Origin] = _whole_scene
 
 

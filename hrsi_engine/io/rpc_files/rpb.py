@@ -7,10 +7,10 @@ import re
 from ...camera.rpc import RPC
 from .content import read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
-from .reading import Reader, Reading
+from .reading import RpcReader, RpcReading
 
 #: RPC field -> its name in the file.
-NAMES = {
+RPB_NAMES = {
     "err_bias": "errBias", "err_rand": "errRand",
     "line_off": "lineOffset", "samp_off": "sampOffset",
     "lat_off": "latOffset", "long_off": "longOffset", "height_off": "heightOffset",
@@ -23,7 +23,7 @@ WRITTEN_BY = 'writtenBy = "HRSI";'
 _ENTRY = re.compile(r"(?<!\w)(\w+)\s*=\s*(?:\(([^()]*)\)|([^;\n(]*))")
 
 
-def read(path: str) -> Reading:
+def read(path: str) -> RpcReading:
     """Return the RPC of an ``.RPB`` file."""
     lists: dict[str, list[str]] = {}
     scalars: dict[str, str] = {}
@@ -32,19 +32,21 @@ def read(path: str) -> Reading:
             lists[name.lower()] = [item.strip() for item in listed.split(",")]
         else:
             scalars[name.lower()] = scalar
-    values: dict[str, str | list[str] | None] = {name: scalars.get(NAMES[name].lower()) for name in (*ERRORS, *SCALARS)}
-    values |= {name: lists.get(NAMES[name].lower()) for name in POLYNOMIALS}
-    return Reading(rpc_from_text(path, values, NAMES))
+    values: dict[str, str | list[str] | None] = {
+        name: scalars.get(RPB_NAMES[name].lower()) for name in (*ERRORS, *SCALARS)
+    }
+    values |= {name: lists.get(RPB_NAMES[name].lower()) for name in POLYNOMIALS}
+    return RpcReading(rpc_from_text(path, values, RPB_NAMES))
 
 
 def text_of(rpc: RPC) -> str:
     """Return the content of an ``.RPB`` file, all digits; unknown errors are left out."""
     lines = [WRITTEN_BY, 'satId = "";', 'bandId = "";', 'SpecId = "RPC00B";', "BEGIN_GROUP = IMAGE"]
     known = [name for name in ERRORS if getattr(rpc, name) is not None]
-    lines += [f"\t{NAMES[name]} = {getattr(rpc, name)!r};" for name in (*known, *SCALARS)]
+    lines += [f"\t{RPB_NAMES[name]} = {getattr(rpc, name)!r};" for name in (*known, *SCALARS)]
     for name in POLYNOMIALS:
         listed = ",\n\t\t\t".join(map(repr, getattr(rpc, name).tolist()))
-        lines.append(f"\t{NAMES[name]} = (\n\t\t\t{listed});")
+        lines.append(f"\t{RPB_NAMES[name]} = (\n\t\t\t{listed});")
     return "\n".join([*lines, "END_GROUP = IMAGE", "END;"]) + "\n"
 
 
@@ -52,4 +54,4 @@ def _recognises(name: str, head: bytes) -> bool:
     return name.endswith(".rpb") or (b"lineNumCoef" in head and b"BEGIN_GROUP" in head)
 
 
-READER = Reader(".RPB", lambda stem: (f"{stem}.rpb",), _recognises, read)
+READER = RpcReader(".RPB", lambda stem: (f"{stem}.rpb",), _recognises, read)

@@ -10,19 +10,19 @@ import re
 from ...camera.rpc import RPC
 from .content import read_text
 from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, numbered, rpc_from_text
-from .reading import Reader, Reading
+from .reading import RpcReader, RpcReading
 
 #: Last line of files from here: `restore` may take them away again.
 WRITTEN_BY = "WRITTEN_BY: HRSI"
 _MARK = re.compile(rb"(LINE_OFF|LINE_NUM_COEFF_1)[:=\s]", re.IGNORECASE)
 
 
-def read(path: str) -> Reading:
+def read(path: str) -> RpcReading:
     """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
     entries = _entries(read_text(path))
     values: dict[str, str | list[str] | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
     values |= {name: numbered(entries, f"{GDAL_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
-    return Reading(rpc_from_text(path, values))
+    return RpcReading(rpc_from_text(path, values))
 
 
 def _entries(text: str) -> dict[str, str]:
@@ -47,5 +47,5 @@ def _recognises(name: str, head: bytes) -> bool:
     return name.endswith("_rpc.txt") or (name.endswith(".txt") and bool(_MARK.search(head)))
 
 
-READER = Reader("_RPC.TXT", lambda stem: (f"{stem}_rpc.txt",), _recognises, read)
-KOMPSAT = Reader(".rpc", lambda stem: (f"{stem}.rpc",), lambda name, head: name.endswith(".rpc"), read)
+READER = RpcReader("_RPC.TXT", lambda stem: (f"{stem}_rpc.txt",), _recognises, read)
+KOMPSAT = RpcReader(".rpc", lambda stem: (f"{stem}.rpc",), lambda name, head: name.endswith(".rpc"), read)

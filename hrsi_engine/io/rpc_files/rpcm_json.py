@@ -9,7 +9,7 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
-from .reading import Reader, Reading
+from .reading import RpcReader, RpcReading
 
 #: In files from here: they may be replaced.
 WRITTEN_BY = '"written_by": "HRSI"'
@@ -17,11 +17,11 @@ _PARTS = {
     "line": "row", "samp": "col", "lat": "lat", "long": "lon", "height": "alt",
     "off": "offset", "scale": "scale", "num": "num", "den": "den",
 }  # fmt: skip
-NAMES = {name: "_".join(_PARTS[part] for part in name.split("_")) for name in (*SCALARS, *POLYNOMIALS)}
-NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
+RPCM_NAMES = {name: "_".join(_PARTS[part] for part in name.split("_")) for name in (*SCALARS, *POLYNOMIALS)}
+RPCM_NAMES |= {"err_bias": "err_bias", "err_rand": "err_rand"}
 
 
-def read(path: str) -> Reading:
+def read(path: str) -> RpcReading:
     """Return the RPC of an rpcm JSON file and its image's size; the RPC may stand alone or under ``rpc``."""
     try:
         document = json.loads(read_text(path))
@@ -32,15 +32,15 @@ def read(path: str) -> Reading:
     members = document.get("rpc", document)
     if not isinstance(members, dict):
         raise InputError(f"{path}: the member 'rpc' is not an object: get the file again")
-    values = {name: _text(members.get(NAMES[name])) for name in NAMES}
+    values = {name: _text(members.get(RPCM_NAMES[name])) for name in RPCM_NAMES}
     size = positive_size(str(document.get("width")), str(document.get("height")))
-    return Reading(rpc_from_text(path, values, NAMES), size)
+    return RpcReading(rpc_from_text(path, values, RPCM_NAMES), size)
 
 
 def text_of(rpc: RPC) -> str:
     """Return the content of an rpcm JSON file, all digits; unknown errors are left out."""
-    members = {NAMES[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
-    members |= {NAMES[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
+    members = {RPCM_NAMES[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
+    members |= {RPCM_NAMES[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
     return json.dumps({"written_by": "HRSI", "rpc": members}, indent=1) + "\n"
 
 
@@ -55,4 +55,4 @@ def _recognises(name: str, head: bytes) -> bool:
     return name.endswith(".json") and b"row_offset" in head
 
 
-READER = Reader("rpcm JSON", lambda stem: (f"{stem}.json",), _recognises, read)
+READER = RpcReader("rpcm JSON", lambda stem: (f"{stem}.json",), _recognises, read)

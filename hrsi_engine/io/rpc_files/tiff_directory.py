@@ -24,7 +24,7 @@ ALIGNMENT = 8
 
 
 @dataclass(frozen=True)
-class Entry:
+class TagEntry:
     """One entry: tag, field type, number of values, and the raw value field (the value itself, or its offset)."""
 
     tag: int
@@ -61,7 +61,7 @@ class Directory:
     order: str
     big: bool
     offset: int
-    entries: tuple[Entry, ...]
+    entries: tuple[TagEntry, ...]
     following: int
 
     @property
@@ -69,11 +69,11 @@ class Directory:
         """Format of offsets and of the entries' counts."""
         return self.order + ("Q" if self.big else "I")
 
-    def entry(self, tag: int) -> Entry | None:
+    def entry(self, tag: int) -> TagEntry | None:
         """Return the entry of a tag, None where there is none."""
         return next((entry for entry in self.entries if entry.tag == tag), None)
 
-    def place(self, entry: Entry) -> int:
+    def place(self, entry: TagEntry) -> int:
         """Return the offset of a value that does not fit into its entry."""
         return int(struct.unpack(self.word, entry.field)[0])
 
@@ -126,9 +126,9 @@ def _read_entries(path: str, file: BinaryIO, directory: Directory) -> Directory:
     return replace(directory, entries=entries, following=following)
 
 
-def _entry(numbers: tuple[int, int, int], field: bytes) -> Entry:
+def _entry(numbers: tuple[int, int, int], field: bytes) -> TagEntry:
     tag, kind, count = numbers
-    return Entry(tag, kind, count, field)
+    return TagEntry(tag, kind, count, field)
 
 
 def read_value(path: str, directory: Directory, tag: int) -> bytes | None:
@@ -165,16 +165,16 @@ def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
         return _write_table(file, directory, replace(directory, entries=tuple(entries[tag] for tag in sorted(entries))))
 
 
-def _placed(file: BinaryIO, directory: Directory, tag: int, old: Entry | None, field: Field) -> Entry:
+def _placed(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
     """Write a value over the old one where it fits, else at the end of the file; return its entry."""
     word_bytes = struct.calcsize(directory.word)
     if len(field.content) <= word_bytes:
-        return Entry(tag, field.kind, field.count, field.content.ljust(word_bytes, b"\0"))
+        return TagEntry(tag, field.kind, field.count, field.content.ljust(word_bytes, b"\0"))
     if old is not None and not old.is_inline and len(field.content) <= old.length:
         file.seek(directory.place(old))
         file.write(field.content)
-        return Entry(tag, field.kind, field.count, old.field)
-    return Entry(tag, field.kind, field.count, _append(file, directory, field.content))
+        return TagEntry(tag, field.kind, field.count, old.field)
+    return TagEntry(tag, field.kind, field.count, _append(file, directory, field.content))
 
 
 def _append(file: BinaryIO, directory: Directory, content: bytes) -> bytes:
@@ -205,7 +205,7 @@ def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
     return True
 
 
-def _values_between(old: Directory, new: Directory, first: int, last: int) -> list[Entry] | None:
+def _values_between(old: Directory, new: Directory, first: int, last: int) -> list[TagEntry] | None:
     """Return the old entries whose values lie in a range of the file; None where anything else may lie there."""
     spans = []
     for entry in old.entries:
@@ -220,7 +220,7 @@ def _values_between(old: Directory, new: Directory, first: int, last: int) -> li
     return [entry for _start, _end, entry in spans] if covered >= last else None
 
 
-def _relocated(file: BinaryIO, directory: Directory, entry: Entry) -> Directory:
+def _relocated(file: BinaryIO, directory: Directory, entry: TagEntry) -> Directory:
     """Copy one value to the end of the file and point its entry there; entries that changed since are left alone."""
     if entry not in directory.entries:
         return directory

@@ -12,7 +12,7 @@ import struct
 
 from ...foundation.errors import InputError
 from .fields import GDAL_NAMES, SCALARS, rpc_from_numbers
-from .reading import Reading
+from .reading import RpcReading
 from .tiff_directory import ASCII, DOUBLE, Directory, Field, edit_directory, read_directory, read_value
 
 TAG_RPC = 50844
@@ -25,13 +25,13 @@ _ORIGINAL_ITEM = re.compile(rf'<Item name="([^"]*)" domain="{ORIGINAL_DOMAIN}"[^
 _END = "</GDALMetadata>"
 
 
-def read(path: str) -> Reading | None:
+def read(path: str) -> RpcReading | None:
     """Return the RPC of a GeoTIFF's tag; None for other files and without the tag.
 
     Raises `InputError` where the tag is there but damaged.
     """
     numbers = read_numbers(path)
-    return None if numbers is None else Reading(rpc_from_numbers(f"{path} (tag {TAG_RPC})", numbers))
+    return None if numbers is None else RpcReading(rpc_from_numbers(f"{path} (tag {TAG_RPC})", numbers))
 
 
 def has_tag(path: str) -> bool:

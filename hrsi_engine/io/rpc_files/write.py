@@ -17,7 +17,7 @@ from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .compare import require_same
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal
 from .find import open_raster, read_rpc
-from .reading import Reading
+from .reading import RpcReading
 from .sidecars import free_the_way
 from .tiff_directory import read_directory
 
@@ -47,7 +47,7 @@ def write_rpcm_json(path: str, rpc: RPC) -> None:
     _write_text(path, rpc, rpcm_json.text_of(rpc), rpcm_json.READER.read)
 
 
-def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], Reading]) -> None:
+def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], RpcReading]) -> None:
     with replacing(path) as temporary:
         with open(temporary, "w", encoding="ascii", newline="\n") as file:
             file.write(text)

@@ -18,25 +18,25 @@ from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.scheduling import Result
-from ...surface.dem import HeightSurface, Status, intersect
+from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import epipolar_miss, transfer
 from ..tile_matching.features import root_sift
 from ..tile_matching.rpc_consistency import rpc_consistent
-from ..tile_matching.types import HeightGrid, PairGeometry
+from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .overlaps import GroundRange
 from .overview import features_of
-from .windows import Window, predicted_window, read_window
+from .windows import ImageWindow, predicted_window, read_tile
 
-RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
+BAND_RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
 ROWS = 512  # compared at a time
-FEWEST = 10  # matches that agree, to believe them
-GROWTH = (1.0, 4.0, 16.0)  # of the band
-NODES = 24  # of the height grid along the longer side of an image
-NEIGHBOURS = 7
-FLOOR_PX = 1.0  # pixels of the overview that matches are off at least
-SAFETY = 3.0  # sigmas
+FEWEST_AGREEING = 10  # matches that agree, to believe them
+BAND_GROWTH = (1.0, 4.0, 16.0)  # of the band
+HEIGHT_NODES = 24  # of the height grid along the longer side of an image
+COARSE_NEIGHBOURS = 7
+OVERVIEW_FLOOR_PX = 1.0  # pixels of the overview that matches are off at least
+COARSE_SAFETY = 3.0  # sigmas
 FINER = 4  # times the resolution of the overviews, where these have too little in common
-PROBES, PROBE_PX = 3, 512  # windows along each side of an image that are compared then, and their side
+COARSE_PROBES, COARSE_PROBE_PX = 3, 512  # windows along each side of an image that are compared then, and their side
 PROBE_FEATURES = 1000
 SAME_VIEW_PX = 2.0  # parallax of all heights below which heights say nothing
 
@@ -63,7 +63,7 @@ class Lines(NamedTuple):
 
 def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
     """Return the positions ``(n, 2)`` of the nodes of an image's height grid, its shape and its spacing (px)."""
-    spacing = max(max(size) / (NODES - 1.0), 32.0)
+    spacing = max(max(size) / (HEIGHT_NODES - 1.0), 32.0)
     columns, rows = (int(np.ceil(length / spacing)) + 1 for length in size)
     nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
     return nodes, (rows, columns), spacing
@@ -72,7 +72,7 @@ def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], fl
 def terrain_at_nodes(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return the heights of a surface at an image's nodes; NaN where it has none."""
     assert image.size is not None
-    ground, status = intersect(image.rpc, height_nodes(image.size)[0], surface)
+    ground, status = intersect_surface(image.rpc, height_nodes(image.size)[0], surface)
     return np.where(status == Status.FOUND, ground[:, 2], np.nan)
 
 
@@ -91,7 +91,7 @@ def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
     Where the overviews have too little in common, windows of a finer resolution are compared.
     """
     found = _agreeing(job, first, second)
-    if len(found["first_xy"]) < FEWEST and max(job.steps) > 1:
+    if len(found["first_xy"]) < FEWEST_AGREEING and max(job.steps) > 1:
         finer = replace(job, steps=(max(1, job.steps[0] // FINER), max(1, job.steps[1] // FINER)))
         probed = _agreeing(finer, *_probes(finer))
         found = max(found, probed, key=lambda matches: len(matches["first_xy"]))
@@ -105,34 +105,37 @@ def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
     lines = _epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
     size = np.array(job.second.size) / job.steps[1]
     best = np.empty((0, 2), dtype=np.int64)
-    for growth in GROWTH:
-        margin = growth * job.margin_px / job.steps[1] + FLOOR_PX
+    for growth in BAND_GROWTH:
+        margin = growth * job.margin_px / job.steps[1] + OVERVIEW_FLOOR_PX
         here, there = _shared(lines, xy[1], size, margin)
         chosen = Lines(*(part[here] for part in lines))
         pairs = banded_matches(first["descriptors"][here], second["descriptors"][there], chosen, xy[1][there], margin)
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
-        if len(pairs) >= FEWEST:
+        if len(pairs) >= FEWEST_AGREEING:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
-            good = rpc_consistent(rpcs[0], rpcs[1], xy[0][pairs[:, 0]], xy[1][pairs[:, 1]], middle, FLOOR_PX)
+            good = rpc_consistent(rpcs[0], rpcs[1], xy[0][pairs[:, 0]], xy[1][pairs[:, 1]], middle, OVERVIEW_FLOOR_PX)
             pairs = pairs[good]
         if len(pairs) > len(best):
             best = pairs
-        if len(best) >= FEWEST:
+        if len(best) >= FEWEST_AGREEING:
             break
     return {"first_xy": first["xy"][best[:, 0]], "second_xy": second["xy"][best[:, 1]]}
 
 
 def _probes(job: CoarseJob) -> tuple[Result, Result]:
     """Return the features of windows of the first image and of the places in the second that may show them."""
-    geometry = PairGeometry(
-        job.first.rpc, job.second.rpc, *job.heights, margin_px=(GROWTH[1] * job.margin_px, GROWTH[1] * job.margin_px)
+    geometry = TilePairGeometry(
+        job.first.rpc,
+        job.second.rpc,
+        *job.heights,
+        margin_px=(BAND_GROWTH[1] * job.margin_px, BAND_GROWTH[1] * job.margin_px),
     )
     found: tuple[list[Result], list[Result]] = ([], [])
-    side = PROBE_PX * job.steps[0]
-    for centre in job.first.grid_px(PROBES, PROBES, margin=-1.0 / PROBES).round().astype(int):
-        window = Window(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
+    side = COARSE_PROBE_PX * job.steps[0]
+    for centre in job.first.grid_px(COARSE_PROBES, COARSE_PROBES, margin=-1.0 / COARSE_PROBES).round().astype(int):
+        window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
         places = window, predicted_window(geometry, window, 0)
-        tiles = [read_window(image, place, step) for image, place, step in
+        tiles = [read_tile(image, place, step) for image, place, step in
                  zip((job.first, job.second), places, job.steps, strict=True)]  # fmt: skip
         for features, tile in zip(found, tiles, strict=True):
             if all(other is not None for other in tiles) and tile is not None:
@@ -192,7 +195,7 @@ def banded_matches(
         back[better], back_best[better] = start + column_best[better], column_value[better]
         similarity[rows, best] = -1.0
         nearest[part] = np.where(value > 0.0, best, -1)
-        distinct[part] = (1.0 - value) < RATIO**2 * (1.0 - np.maximum(similarity.max(axis=1), 0.0))
+        distinct[part] = (1.0 - value) < BAND_RATIO**2 * (1.0 - np.maximum(similarity.max(axis=1), 0.0))
     index = np.flatnonzero(distinct & (nearest >= 0))
     index = index[back[nearest[index]] == index]
     return np.column_stack([index, nearest[index]])
@@ -213,19 +216,19 @@ def _in_band(lines: Lines, part: slice, xy: np.ndarray, margin_px: float) -> np.
 class PairEstimate(NamedTuple):
     """What is known of a pair before its windows are matched, and by how many matches."""
 
-    geometry: PairGeometry
+    geometry: TilePairGeometry
     matches: int
 
 
 def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
     """Return the offset and the heights that matches stand for; None where they are too few to tell."""
     first_xy, second_xy = found["first_xy"], found["second_xy"]
-    if len(first_xy) < FEWEST:
+    if len(first_xy) < FEWEST_AGREEING:
         return None
     first, second = job.first.rpc, job.second.rpc
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
     miss = epipolar_miss(first, second, first_xy, second_xy, middle)
-    noise_px = FLOOR_PX * max(job.steps)
+    noise_px = OVERVIEW_FLOOR_PX * max(job.steps)
     stretch = float(np.median(miss.stretch))
     if stretch * (job.heights.high_m - job.heights.low_m) < SAME_VIEW_PX:
         return _same_view(job, first_xy, second_xy, noise_px)
@@ -234,11 +237,11 @@ def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
     across_sigma = float(robust_sigma(miss.across_px - across))
     grid, sigma = height_grid(job, first_xy, miss.height_m)
     sigma = max(sigma, 0.5 * noise_px / stretch)
-    reach = SAFETY * sigma + noise_px / stretch
+    reach = COARSE_SAFETY * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
-    geometry = PairGeometry(
+    geometry = TilePairGeometry(
         first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
-        (across * normal[0], across * normal[1]), (noise_px, SAFETY * across_sigma + noise_px), grid, sigma,
+        (across * normal[0], across * normal[1]), (noise_px, COARSE_SAFETY * across_sigma + noise_px), grid, sigma,
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))
 
@@ -257,9 +260,9 @@ def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, nois
     away = second_xy - transfer(job.first.rpc, job.second.rpc, first_xy, middle)
     offset = np.nanmedian(away, axis=0)
     sigma = MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset)))
-    margin = SAFETY * sigma + noise_px
+    margin = COARSE_SAFETY * sigma + noise_px
     return PairEstimate(
-        PairGeometry(job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin)),
+        TilePairGeometry(job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin)),
         len(first_xy),
     )
 
@@ -279,7 +282,9 @@ def height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[H
     return min(zip(grids, sigmas, strict=True), key=lambda pair: pair[1])
 
 
-def _median_of_neighbours(xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = NEIGHBOURS) -> np.ndarray:
+def _median_of_neighbours(
+    xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = COARSE_NEIGHBOURS
+) -> np.ndarray:
     count = min(most, len(xy))
     _, near = cKDTree(xy).query(places, k=count)
     return np.asarray(np.median(values[near.reshape(len(places), count)], axis=1))

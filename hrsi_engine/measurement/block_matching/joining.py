@@ -13,22 +13,21 @@ from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.scheduling import Result
-from ..tile_matching.epipolar import epipolar_miss
-from ..tracks import spread
+from ..tile_matching.epipolar import MIN_STRETCH, epipolar_miss
+from ..tracks import spread_over_image
 
 #: What cameras do from point to point, whatever a match's own sigma: vibration and the RPC's fit. With it the residuals
 #: of Pleiades images agree with the sigmas (docs/matching.md). Drift is the adjustment's to deal with.
 CAMERA_SIGMA_PX = 0.04
 SIGMAS = 4.0
-FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
-ROUNDS = 10
-FEWEST = 8  # matches that a pair needs, to be judged and used
+DEVIATION_FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
+JOINING_ROUNDS = 10
+FEWEST_OF_A_PAIR = 8  # matches that a pair needs, to be judged and used
 REPEATED_PX = 3.0  # tracks of two references this close are the same place
-MIN_STRETCH = 1e-3  # px per metre below which a pair says nothing of heights
 
 
 @dataclass(frozen=True, eq=False)
-class Matches(Columns):
+class BlockMatches(Columns):
     """All matches of a block, one row each; ``track`` numbers the points of all references from 0.
 
     Row k says that point ``track[k]``, at ``first_xy[k]`` of image ``first[k]``, is at ``second_xy[k]`` of
@@ -49,13 +48,13 @@ class Matches(Columns):
         return len(self.track)
 
 
-def collect(results: Sequence[tuple[int, Result]]) -> Matches:
+def collect_matches(results: Sequence[tuple[int, Result]]) -> BlockMatches:
     """Put the results of all star jobs together; each comes with the number of its reference."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
     used = [(number, result) for number, result in results if len(result["partner"])]
     if not used:
         nothing, whole = np.empty(0), np.empty(0, np.int64)
-        return Matches(whole, whole, whole, np.empty((0, 2)), np.empty((0, 2)), nothing, nothing,
+        return BlockMatches(whole, whole, whole, np.empty((0, 2)), np.empty((0, 2)), nothing, nothing,
                        np.empty(0, "U9"), nothing)  # fmt: skip
     columns = {name: np.concatenate([result[name] for _, result in used]) for name in names}
     second = np.concatenate([result["partner"] for _, result in used])
@@ -63,25 +62,25 @@ def collect(results: Sequence[tuple[int, Result]]) -> Matches:
     place = np.column_stack([first, columns["first_xy"]])
     _, track = np.unique(place, axis=0, return_inverse=True)
     once = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # the same point of two windows
-    return Matches(track, first, second, **columns).select(once)
+    return BlockMatches(track, first, second, **columns).select(once)
 
 
 # ---- tests ---------------------------------------------------------------------------------------------------------
 
 
-def without_outliers(matches: Matches, images: Sequence[Image]) -> Matches:
+def without_outliers(matches: BlockMatches, images: Sequence[Image]) -> BlockMatches:
     """Drop the matches that leave the smooth offset which a pair's RPCs have across the epipolar lines."""
     keep = np.zeros(len(matches), dtype=bool)
     for rows in pair_rows(matches).values():
         first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
         middle = float(np.median(matches.height_m[rows]))
         miss = epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
-        tolerance = np.maximum(FLOOR_PX, SIGMAS * matches.sigma_px[rows])
+        tolerance = np.maximum(DEVIATION_FLOOR_PX, SIGMAS * matches.sigma_px[rows])
         keep[rows] = _on_trend(matches.first_xy[rows], miss.across_px, tolerance)
     return matches.select(keep)
 
 
-def pair_rows(matches: Matches) -> dict[tuple[int, int], np.ndarray]:
+def pair_rows(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
     """Return the rows of each pair of images (numbers)."""
     order = np.lexsort((matches.second, matches.first))
     pairs = np.column_stack([matches.first, matches.second])[order]
@@ -102,18 +101,18 @@ def _trend_terms(xy: np.ndarray) -> np.ndarray:
 def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Return which values agree with a smooth trend, fitted robustly: within the tolerance or 4 robust sigmas."""
     good = np.isfinite(values)
-    if good.sum() < FEWEST:
+    if good.sum() < FEWEST_OF_A_PAIR:
         return np.zeros(len(values), dtype=bool)
     good &= np.abs(values - np.median(values[good])) < np.maximum(
         3.0 * SIGMAS * _robust_sigma(values[good]), 10.0 * tolerance
     )
     terms = _trend_terms(xy)
-    for _ in range(ROUNDS):
+    for _ in range(JOINING_ROUNDS):
         trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
         away = np.abs(values - trend)
         now = away < np.maximum(SIGMAS * _robust_sigma((values - trend)[good]), tolerance)
         now &= np.isfinite(values)
-        if now.sum() < FEWEST or np.array_equal(now, good):
+        if now.sum() < FEWEST_OF_A_PAIR or np.array_equal(now, good):
             break
         good = now
     return good
@@ -123,7 +122,7 @@ def _robust_sigma(values: np.ndarray) -> float:
     return float(robust_sigma(values - np.median(values)))
 
 
-def without_contradictions(matches: Matches, images: Sequence[Image]) -> Matches:
+def without_contradictions(matches: BlockMatches, images: Sequence[Image]) -> BlockMatches:
     """Drop the matches whose height the other matches of their track contradict; both where only two disagree.
 
     Apparent heights of pairs differ by a smooth field over the reference, which is found and taken off.
@@ -135,7 +134,7 @@ def without_contradictions(matches: Matches, images: Sequence[Image]) -> Matches
     return matches.select(keep)
 
 
-def _heights_agree(matches: Matches, images: Sequence[Image]) -> np.ndarray:
+def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
     """Return a mask of the matches of one reference."""
     stretch = _stretches(matches, images)
     height = matches.height_m.copy()
@@ -147,7 +146,7 @@ def _heights_agree(matches: Matches, images: Sequence[Image]) -> np.ndarray:
         for partner in np.unique(matches.second):
             here = np.flatnonzero((matches.second == partner) & good)
             shared = here[np.bincount(point[good])[point[here]] > 1]
-            if len(shared) < FEWEST:
+            if len(shared) < FEWEST_OF_A_PAIR:
                 continue
             away = height[shared] - mean[point[shared]]
             fits = _on_trend(matches.first_xy[shared], away, np.full(len(shared), np.inf))
@@ -160,7 +159,7 @@ def _heights_agree(matches: Matches, images: Sequence[Image]) -> np.ndarray:
         worst = np.zeros(len(mean))
         np.maximum.at(worst, point, away_px)
         several = np.bincount(point, keep & good, len(mean)) > 2
-        limit = np.maximum(2.0 * FLOOR_PX, SIGMAS * _spread_of(away_px[keep & good]))
+        limit = np.maximum(2.0 * DEVIATION_FLOOR_PX, SIGMAS * _spread_of(away_px[keep & good]))
         bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
         keep &= ~bad
     return keep
@@ -171,7 +170,7 @@ def _spread_of(deviations: np.ndarray) -> float:
     return float(robust_sigma(nonzero)) if len(nonzero) else 0.0
 
 
-def _stretches(matches: Matches, images: Sequence[Image]) -> np.ndarray:
+def _stretches(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
     """Return px per metre of height along the epipolar lines of each match, by its pair's mean."""
     stretch = np.zeros(len(matches))
     for (first, second), rows in pair_rows(matches).items():
@@ -194,7 +193,7 @@ def _weighted_means(group: np.ndarray, values: np.ndarray, weight: np.ndarray) -
 
 
 def to_image_points(
-    matches: Matches, images: Sequence[Image], cells: int, per_cell: Mapping[int, int]
+    matches: BlockMatches, images: Sequence[Image], cells: int, per_cell: Mapping[int, int]
 ) -> tuple[ImagePoints, np.ndarray]:
     """Return the image points of the chosen tracks and the ground positions ``(tracks, 3)`` they have by the RPCs.
 
@@ -216,7 +215,9 @@ def to_image_points(
     once = ~_repeated(rows, rank)
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
     kept = np.flatnonzero(once)[
-        spread(*rows.of_tracks(once), rank[once], cell_px, np.array([per_cell.get(k, 0) for k in range(len(images))]))
+        spread_over_image(
+            *rows.of_tracks(once), rank[once], cell_px, np.array([per_cell.get(k, 0) for k in range(len(images))])
+        )
     ]
     chosen = np.zeros(len(names), dtype=bool)
     chosen[kept] = True

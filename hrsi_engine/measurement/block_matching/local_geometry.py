@@ -15,8 +15,8 @@ import numpy as np
 from ...camera.rpc import RPC, Localization
 from ...camera.rpc_terms import monomials
 from ..tile_matching.epipolar import HEIGHT_STEP_M, transfer
-from ..tile_matching.types import PairGeometry
-from .windows import Window, height_limits
+from ..tile_matching.types import TilePairGeometry
+from .windows import ImageWindow, height_limits
 
 LARGEST_MISS_PX = 1e-3
 HEIGHT_ROOM_M = 2.0 * HEIGHT_STEP_M  # beyond the heights expected: lines are taken over a step in height
@@ -50,7 +50,7 @@ class _SecondImage:
         return np.asarray(monomials(((ground - self.middle) / self.reach).T).T @ self.coefficients)
 
 
-def local_geometry(geometry: PairGeometry, window: Window, border: int = 32) -> PairGeometry:
+def local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int = 32) -> TilePairGeometry:
     """Return the geometry of a pair as polynomials that hold in a window of the first image and around its heights.
 
     The pair's own geometry comes back where a cubic is not enough.

@@ -19,7 +19,7 @@ from ...foundation.errors import InputError
 from ...ground.geodesy import wrap_degrees
 from ...surface.dem import HeightSurface, surface_heights
 
-GRID = 8  # points along each side of an image by which overlaps are measured
+OVERLAP_GRID = 8  # points along each side of an image by which overlaps are measured
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)
 
 
@@ -153,7 +153,7 @@ def _seen(image: Image, ground: np.ndarray) -> np.ndarray:
 
 
 def _cells(image: Image) -> np.ndarray:
-    return image.grid_px(GRID, GRID, margin=-1.0 / GRID)
+    return image.grid_px(OVERLAP_GRID, OVERLAP_GRID, margin=-1.0 / OVERLAP_GRID)
 
 
 def find_overlaps(
@@ -203,7 +203,7 @@ def _place_among_own(image: np.ndarray, share: np.ndarray) -> np.ndarray:
 # ---- resolutions ---------------------------------------------------------------------------------------------------
 
 
-def ground_sample_m(image: Image) -> float:
+def mean_ground_sample_m(image: Image) -> float:
     """Return the side of a square as large as a pixel on the ground, in the middle of an image."""
     ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
     if not np.isfinite(ground).all():
@@ -214,9 +214,9 @@ def ground_sample_m(image: Image) -> float:
 
 def coarseness(image: Image) -> int:
     """Return a rank of an image's pixel size, in factors of two: of a pair the coarser image is the reference."""
-    return round(np.log2(ground_sample_m(image)))
+    return round(np.log2(mean_ground_sample_m(image)))
 
 
 def resolution_step(first: Image, second: Image) -> int:
     """Return how many pixels of the second image make one as large as the first's."""
-    return max(1, round(ground_sample_m(first) / ground_sample_m(second)))
+    return max(1, round(mean_ground_sample_m(first) / mean_ground_sample_m(second)))

@@ -9,15 +9,15 @@ import numpy as np
 
 from ...block.block import Image
 from ...foundation.scheduling import Result
-from ..tile_matching.features import CONTRAST, stretch_to_byte
+from ..tile_matching.features import SIFT_CONTRAST, stretch_to_byte
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
 
 SMALLEST_PX, LARGEST_PX = 1024, 2048  # the longer side of an overview
 TILE_PX = 1024  # of an overview that goes through SIFT at once
-BORDER_PX = 24
+OVERVIEW_BORDER_PX = 24
 FEATURES = 4000
-CELLS = 10  # features are kept evenly over CELLS x CELLS parts
+FEATURE_CELLS = 10  # features are kept evenly over CELLS x CELLS parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +53,14 @@ def features_of(tile: ImageTile, most: int) -> Result:
 
 def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return tile positions, strengths and descriptors of the features of one part of an overview."""
-    left, top = max(column - BORDER_PX, 0), max(row - BORDER_PX, 0)
-    place = np.s_[top : row + TILE_PX + BORDER_PX, left : column + TILE_PX + BORDER_PX]
+    left, top = max(column - OVERVIEW_BORDER_PX, 0), max(row - OVERVIEW_BORDER_PX, 0)
+    place = np.s_[top : row + TILE_PX + OVERVIEW_BORDER_PX, left : column + TILE_PX + OVERVIEW_BORDER_PX]
     grey, valid = tile.pixels[place], tile.valid[place]
     byte = stretch_to_byte(grey, valid)
     nothing = np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8)
     if byte is None:
         return nothing
-    sift = cv2.SIFT_create(nfeatures=2 * FEATURES, contrastThreshold=CONTRAST, enable_precise_upscale=True)
+    sift = cv2.SIFT_create(nfeatures=2 * FEATURES, contrastThreshold=SIFT_CONTRAST, enable_precise_upscale=True)
     mask = None if valid.all() else cv2.erode(valid.astype(np.uint8), np.ones((9, 9), np.uint8))
     points, descriptors = sift.detectAndCompute(byte, mask)
     if not points:
@@ -75,7 +75,10 @@ def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int
     """Return the indices of at most so many features: the strongest of every part of the image."""
     if len(xy) <= most:
         return np.arange(len(xy))
-    cell = np.floor(xy / ((shape[1] + 1.0) / CELLS, (shape[0] + 1.0) / CELLS)).astype(np.int64) @ (1, CELLS)
+    cell = np.floor(xy / ((shape[1] + 1.0) / FEATURE_CELLS, (shape[0] + 1.0) / FEATURE_CELLS)).astype(np.int64) @ (
+        1,
+        FEATURE_CELLS,
+    )
     order = np.lexsort((-response, cell))
     _, first = np.unique(cell[order], return_index=True)
     rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from ...block.block import Image
 from .star import Cell
-from .windows import Window
+from .windows import ImageWindow
 
 FULL_PX = 2048  # images up to this size are matched everywhere
 FULL_WINDOW_PX = 512  # windows of images that are matched everywhere
@@ -42,7 +42,7 @@ def _everywhere(image: Image, step: int) -> list[list[Cell]]:
     for top, lines in _parts(image.size[1], FULL_WINDOW_PX * step):
         row = []
         for left, samples in _parts(image.size[0], FULL_WINDOW_PX * step):
-            own = Window(left, top, samples, lines)
+            own = ImageWindow(left, top, samples, lines)
             row.append(Cell((own.grown(OVERLAP_PX * step).inside(image.size),), (own,), 0, 0))
         rows.append(row)
     return rows
@@ -66,7 +66,7 @@ def _sampled(image: Image, cells: int, per_cell: int, step: int) -> list[list[Ce
             left, right = image.size[0] * c // columns, image.size[0] * (c + 1) // columns
             top, bottom = image.size[1] * r // rows, image.size[1] * (r + 1) // rows
             windows = tuple(
-                Window(sample, line, side, side).inside(image.size)
+                ImageWindow(sample, line, side, side).inside(image.size)
                 for sample, line in _places(left, right, top, bottom, side, image.size)
             )
             row.append(Cell(windows, windows, per_cell, SURPLUS * per_cell))

@@ -17,16 +17,16 @@ from ...block.block import Image
 from ...foundation.scheduling import Result
 from ..tile_matching.pair_matching import (
     ImageTile,
-    MatchOptions,
-    PairGeometry,
     TileMatches,
+    TileMatchOptions,
+    TilePairGeometry,
     match_tile,
     transfer_points,
 )
 from .local_geometry import local_geometry
-from .windows import Window, predicted_window, read_window
+from .windows import ImageWindow, predicted_window, read_tile
 
-BORDER_PX = 24  # around predicted windows: half a window of least-squares matching and some room
+WINDOW_BORDER_PX = 24  # around predicted windows: half a window of least-squares matching and some room
 LEAST_VALID = 0.3  # share of a window's pixels below which it is not worth matching
 LEAST_SIDE_PX = 64  # of the part of a partner that shows the window
 FEW_COMMON = 3  # points that tell how two partners' heights differ
@@ -38,7 +38,7 @@ class Partner:
 
     number: int
     image: Image
-    geometry: PairGeometry
+    geometry: TilePairGeometry
     step: int = 1
 
 
@@ -49,8 +49,8 @@ class Cell:
     own : of each window, the part whose points count: windows overlap, their own parts do not
     """
 
-    windows: tuple[Window, ...]
-    own: tuple[Window, ...]
+    windows: tuple[ImageWindow, ...]
+    own: tuple[ImageWindow, ...]
     enough: int
     most: int  #: points that are kept of a window, 0 for all
 
@@ -63,7 +63,7 @@ class StarJob:
     reference: Image
     cells: tuple[Cell, ...]
     partners: tuple[Partner, ...]
-    options: MatchOptions
+    options: TileMatchOptions
     step: int = 1
 
 
@@ -101,7 +101,7 @@ def _match_cell(job: StarJob, cell: Cell) -> Iterator[Rows]:
         near = [replace(partner, geometry=local_geometry(partner.geometry, window)) for partner in lacking]
         places = [(partner, _place_in(partner, window)) for partner in near]
         seen = [(partner, place) for partner, place in places if place is not None]
-        tile = read_window(job.reference, window, job.step) if seen else None
+        tile = read_tile(job.reference, window, job.step) if seen else None
         if tile is None or tile.valid.mean() < LEAST_VALID:
             continue
         rows = _thinned(_match_window(job, tile, own, seen), cell.most)
@@ -110,9 +110,11 @@ def _match_cell(job: StarJob, cell: Cell) -> Iterator[Rows]:
         lacking = [partner for partner in lacking if partner.number not in satisfied]
 
 
-def _match_window(job: StarJob, tile: ImageTile, own: Window, places: Sequence[tuple[Partner, Window]]) -> list[Rows]:
+def _match_window(
+    job: StarJob, tile: ImageTile, own: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]]
+) -> list[Rows]:
     """Match one window with its places in partners, then transfer what only some of them gave."""
-    shown = [(partner, read_window(partner.image, place, partner.step)) for partner, place in places]
+    shown = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
     tiles = [(partner, other) for partner, other in shown if other is not None]
     found = []
     for partner, other in tiles:
@@ -128,7 +130,7 @@ def _completed(
     tile: ImageTile,
     tiles: Sequence[tuple[Partner, ImageTile]],
     found: Sequence[TileMatches],
-    options: MatchOptions,
+    options: TileMatchOptions,
 ) -> TileMatches:
     """Return a partner's matches with those added that the others' heights lead to."""
     own = found[index]
@@ -143,7 +145,7 @@ def _completed(
     partner, other = tiles[index]
     geometry = replace(partner.geometry, bias_px=tuple(own.bias_px.tolist())) if len(own) else partner.geometry
     added = transfer_points(tile, other, geometry, xy[new], height[first][new], options)
-    return joined([own, added]) if len(added) else own
+    return join_tile_matches([own, added]) if len(added) else own
 
 
 def _heights_in(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.ndarray]:
@@ -165,7 +167,7 @@ def _among(xy: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.isin(_keys(xy), _keys(known))
 
 
-def joined(tables: Sequence[TileMatches]) -> TileMatches:
+def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:
     """Return the rows of several matches of the same pair in one."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
     columns = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
@@ -193,9 +195,9 @@ def _thinned(rows: list[Rows], most: int) -> list[Rows]:
 # ---- where a window is in a partner --------------------------------------------------------------------------------
 
 
-def _place_in(partner: Partner, window: Window) -> Window | None:
+def _place_in(partner: Partner, window: ImageWindow) -> ImageWindow | None:
     """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
     assert partner.image.size is not None
-    border = BORDER_PX * partner.step
+    border = WINDOW_BORDER_PX * partner.step
     there = predicted_window(partner.geometry, window, border).inside(partner.image.size)
     return there if min(there.samples, there.lines) >= LEAST_SIDE_PX + border else None

@@ -8,13 +8,13 @@ import numpy as np
 
 from ...block.block import Image, Raster
 from ..tile_matching.epipolar import transfer
-from ..tile_matching.types import ImageTile, PairGeometry
+from ..tile_matching.types import ImageTile, TilePairGeometry
 
-SAFETY = 3.0  # sigmas of the height that a window is searched in
-STRIP_LINES = 1024  # of an image that cannot read itself at a lower resolution
+HEIGHT_SAFETY = 3.0  # sigmas of the height that a window is searched in
+OVERVIEW_STRIP_LINES = 1024  # of an image that cannot read itself at a lower resolution
 
 
-class Window(NamedTuple):
+class ImageWindow(NamedTuple):
     """Pixels of an image: first sample and line, number of samples and lines."""
 
     sample: int
@@ -22,15 +22,15 @@ class Window(NamedTuple):
     samples: int
     lines: int
 
-    def inside(self, size: tuple[int, int]) -> Window:
+    def inside(self, size: tuple[int, int]) -> ImageWindow:
         """Return the part that lies in an image of a size; without samples or lines where there is none."""
         sample, line = max(self.sample, 0), max(self.line, 0)
         right, bottom = min(self.sample + self.samples, size[0]), min(self.line + self.lines, size[1])
-        return Window(sample, line, max(right - sample, 0), max(bottom - line, 0))
+        return ImageWindow(sample, line, max(right - sample, 0), max(bottom - line, 0))
 
-    def grown(self, border: int) -> Window:
+    def grown(self, border: int) -> ImageWindow:
         """Return the window with a border on all sides."""
-        return Window(self.sample - border, self.line - border, self.samples + 2 * border, self.lines + 2 * border)
+        return ImageWindow(self.sample - border, self.line - border, self.samples + 2 * border, self.lines + 2 * border)
 
     def contains(self, xy: np.ndarray) -> np.ndarray:
         """Tell which positions ``(n, 2)`` lie in the window."""
@@ -50,7 +50,7 @@ class PyramidRaster(Raster, Protocol):
         """Return the whole image as means of ``step`` x ``step`` pixels, and where they are valid."""
 
 
-def read_window(image: Image, window: Window, step: int = 1) -> ImageTile | None:
+def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | None:
     """Return a window's pixels, means of ``step`` x ``step`` of them; None where it holds no valid pixel."""
     here = window.inside(cast(tuple[int, int], image.size))
     if here.samples < step or here.lines < step:
@@ -71,7 +71,7 @@ def read_overview(image: Image, step: int) -> ImageTile:
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
     if isinstance(image.raster, PyramidRaster):
         return ImageTile(*image.raster.read_reduced(step), origin, float(step))
-    parts, lines = [], step * max(STRIP_LINES // step, 1)
+    parts, lines = [], step * max(OVERVIEW_STRIP_LINES // step, 1)
     for line in range(0, step * (image.size[1] // step), lines):
         strip = image.raster.read(0, line, image.size[0], min(lines, image.size[1] - line))
         parts.append(block_means(*strip, step))
@@ -89,7 +89,7 @@ def block_means(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndar
     return np.where(whole, mean, np.float32(0.0)), whole
 
 
-def predicted_window(geometry: PairGeometry, window: Window, border: int) -> Window:
+def predicted_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
     """Return the window of the second image that shows a window of the first; empty where it is nowhere."""
     corners = np.array(
         [(window.sample + s * (window.samples - 1), window.line + t * (window.lines - 1))
@@ -99,15 +99,15 @@ def predicted_window(geometry: PairGeometry, window: Window, border: int) -> Win
     seen = transfer(geometry.first, geometry.second, np.concatenate([corners, corners]), heights)
     seen = seen[np.isfinite(seen).all(axis=1)] + geometry.bias_px
     if not len(seen):
-        return Window(0, 0, 0, 0)
+        return ImageWindow(0, 0, 0, 0)
     margin = max(geometry.margin_px) + border
     first, last = np.floor(seen.min(axis=0) - margin), np.ceil(seen.max(axis=0) + margin)
-    return Window(int(first[0]), int(first[1]), int(last[0] - first[0]) + 1, int(last[1] - first[1]) + 1)
+    return ImageWindow(int(first[0]), int(first[1]), int(last[0] - first[0]) + 1, int(last[1] - first[1]) + 1)
 
 
-def height_limits(geometry: PairGeometry, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest heights ``(n,)`` that points of the first image may have."""
     if geometry.heights is None or geometry.height_sigma_m is None:
         return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)
-    height, reach = geometry.heights_at(xy), SAFETY * geometry.height_sigma_m
+    height, reach = geometry.heights_at(xy), HEIGHT_SAFETY * geometry.height_sigma_m
     return height - reach, height + reach

@@ -17,7 +17,7 @@ Layers, each importing only those above it::
     matching       all of it: `match_windows`
 """
 
-from .matching import MatchOptions, MatchResult, match_windows
+from .matching import ControlNetworkMatch, ControlNetworkOptions, match_windows
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH
 
-__all__ = ["AMBIGUOUS", "FOUND", "NO_MATCH", "MatchOptions", "MatchResult", "match_windows"]
+__all__ = ["AMBIGUOUS", "FOUND", "NO_MATCH", "ControlNetworkMatch", "ControlNetworkOptions", "match_windows"]

@@ -5,29 +5,39 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from .views import View
+from .views import NetworkWindow
 
-HALF_PX = 8  # patches of 17 x 17 pixels
+PATCH_HALF_PX = 8  # patches of 17 x 17 pixels
 LEAST_USABLE = 0.75  # share of a patch's pixels that must be usable in both images
-ROWS_PER_BATCH = 1800  # OpenCV's maps have less than 32768 lines
+PATCHES_PER_BATCH = 1800  # OpenCV's maps have less than 32768 lines
 
 
 def patch_correlation(
-    first: View, second: View, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray, half_px: int = HALF_PX
+    first: NetworkWindow,
+    second: NetworkWindow,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    A: np.ndarray,
+    half_px: int = PATCH_HALF_PX,
 ) -> np.ndarray:
     """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
 
     0 where too few pixels of the patch are usable.
     """
     result = np.empty(len(first_xy))
-    for start in range(0, len(first_xy), ROWS_PER_BATCH):
-        part = slice(start, start + ROWS_PER_BATCH)
+    for start in range(0, len(first_xy), PATCHES_PER_BATCH):
+        part = slice(start, start + PATCHES_PER_BATCH)
         result[part] = _correlation(first, second, first_xy[part], second_xy[part], A[part], half_px)
     return result
 
 
 def _correlation(
-    first: View, second: View, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray, half_px: int
+    first: NetworkWindow,
+    second: NetworkWindow,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    A: np.ndarray,
+    half_px: int,
 ) -> np.ndarray:
     y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
     offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
@@ -37,7 +47,7 @@ def _correlation(
     return _coefficient(ours, theirs, our_usable & their_usable)
 
 
-def _sampled(view: View, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sampled(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return grey values and usability of positions ``(n, k, 2)``, bilinear."""
     places = xy.astype(np.float32)
     grey = cv2.remap(view.grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

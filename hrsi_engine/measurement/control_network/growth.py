@@ -23,9 +23,9 @@ from .local_affine import LocalAffine, local_affine
 from .network import Network
 from .polar import turned, wrapped
 from .thresholds import Tolerance
-from .views import View
+from .views import NetworkWindow
 
-CANDIDATES = 12
+CANDIDATES_PER_NODE = 12
 MOST_ROUNDS = 200
 CLOSER = 0.75  # a point is matched again under a node that is nearer by this factor
 
@@ -51,7 +51,9 @@ class GrowthOptions:
     consistency_px: float = 1.5
 
 
-def grown(network: Network, first: View, second: View, options: GrowthOptions, progress: Progress = silent) -> Network:
+def grown(
+    network: Network, first: NetworkWindow, second: NetworkWindow, options: GrowthOptions, progress: Progress = silent
+) -> Network:
     """Return the network with all interest points that can be matched."""
     rounds = 0
     for stage in options.stages:
@@ -83,7 +85,12 @@ def consistent(network: Network, allowed_px: float, first_new: int = 0) -> np.nd
 
 
 def _one_round(
-    network: Network, first: View, second: View, options: GrowthOptions, stage: Stage, tried: np.ndarray
+    network: Network,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    options: GrowthOptions,
+    stage: Stage,
+    tried: np.ndarray,
 ) -> Network:
     """Return the new nodes of one round; notes in ``tried`` how far its node was."""
     free = np.ones(len(first.xy), dtype=bool)
@@ -109,7 +116,12 @@ def _one_round(
 
 
 def _candidates(
-    network: Network, first: View, second: View, rows: np.ndarray, node: np.ndarray, tolerance: Tolerance
+    network: Network,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    rows: np.ndarray,
+    node: np.ndarray,
+    tolerance: Tolerance,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return index into ``rows`` and row in the second view of every pair within both tolerances."""
     free = np.ones(len(second.xy), dtype=bool)
@@ -123,7 +135,7 @@ def _candidates(
     allowed = tolerance.at(distance) * np.maximum(scale[node], 1.0)
     predicted = network.second[node] + turned(arm, rotation[node], scale[node])
     near, place = cKDTree(second.xy[others]).query(
-        predicted, k=min(CANDIDATES, len(others)), distance_upper_bound=float(1.5 * allowed.max())
+        predicted, k=min(CANDIDATES_PER_NODE, len(others)), distance_upper_bound=float(1.5 * allowed.max())
     )
     place = place.reshape(len(rows), -1)
     point, column = np.nonzero(np.isfinite(near.reshape(len(rows), -1)))

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ...foundation.robust_scale import robust_sigma
 from .polar import turned
 
-NEIGHBOURS = 12
+AFFINE_NEIGHBOURS = 12
 PULL = 0.5  # weight of the whole network's similarity, in nodes at the neighbours' mean distance
 ITERATIONS = 5
 SCALE_PX = 1.0  # of the Cauchy weights: what neighbours differ by where all are right
@@ -69,7 +69,7 @@ def local_affine(
 
 def _neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
     """Return the rows ``(n, k)`` of the nearest nodes, without those left out."""
-    count = min(NEIGHBOURS, len(nodes) - (leave_out is not None))
+    count = min(AFFINE_NEIGHBOURS, len(nodes) - (leave_out is not None))
     _, near = cKDTree(nodes).query(points, k=count + (leave_out is not None))
     near = near.reshape(len(points), -1)
     if leave_out is None:

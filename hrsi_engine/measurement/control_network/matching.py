@@ -15,17 +15,17 @@ from .network import Network
 from .refinement import Positions, refined
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
-from .thresholds import Tolerance, tolerance
-from .views import View, view_of
+from .thresholds import Tolerance, tolerance_of
+from .views import NetworkWindow, network_window
 
 STEEP_DEG = 30.0  # slope of the later stages of growth
 NEAR_PX, FAR_PX = 60.0, 150.0  # from the closest node
 REDUCED_FROM = 1.25  # ratio of pixel sizes above which the finer window is reduced to the coarser one
-LARGEST_PX = 8192 * 8192
+LARGEST_WINDOW_PX = 8192 * 8192
 
 
 @dataclass(frozen=True)
-class MatchOptions:
+class ControlNetworkOptions:
     """How two windows are matched.
 
     detectors : of `DETECTORS`; radius_px : of the local maxima; share : of the local maxima that become interest points
@@ -54,7 +54,7 @@ class MatchOptions:
         """Return the tolerances of position and angle for a slope, by default the steepest expected one."""
         window_px = self.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
         both = self.incidence_deg, self.incidence_deg
-        return tolerance(window_px, both, self.max_slope_deg if slope_deg is None else slope_deg)
+        return tolerance_of(window_px, both, self.max_slope_deg if slope_deg is None else slope_deg)
 
     def growth(self) -> GrowthOptions:
         """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
@@ -69,7 +69,7 @@ class MatchOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class MatchResult:
+class ControlNetworkMatch:
     """Correspondences of two images, and how sure they are.
 
     status : ``found``, ``ambiguous`` or ``no match``; message : what that means here, empty where found
@@ -117,15 +117,15 @@ def scale_ladder(lowest: float, highest: float, gradient: float) -> tuple[float,
 
 
 def match_windows(
-    first: Raster, second: Raster, options: MatchOptions | None = None, first_window: Area | None = None,
+    first: Raster, second: Raster, options: ControlNetworkOptions | None = None, first_window: Area | None = None,
     second_window: Area | None = None, progress: Progress = silent,
-) -> MatchResult:  # fmt: skip
+) -> ControlNetworkMatch:  # fmt: skip
     """Match two images, or a window of each.
 
     Raises `InputError` for an unknown detector and for windows without pixels or too large for the memory, `Cancelled`
     where ``progress`` asks to stop. Windows that cannot be matched are a status of the result.
     """
-    options = options or MatchOptions()
+    options = options or ControlNetworkOptions()
     for name in options.detectors:
         if name not in DETECTORS:
             raise InputError(f"no interest point detector {name!r}: choose one of {', '.join(DETECTORS)}")
@@ -142,26 +142,28 @@ def match_windows(
     return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0))
 
 
-def _view(raster: Raster, window: Area | None, options: MatchOptions, reduction: float, progress: Progress) -> View:
+def _view(
+    raster: Raster, window: Area | None, options: ControlNetworkOptions, reduction: float, progress: Progress
+) -> NetworkWindow:
     area = inside(window, raster)
     samples, lines = area.right - area.left, area.bottom - area.top
-    if samples * lines > LARGEST_PX:
+    if samples * lines > LARGEST_WINDOW_PX:
         raise InputError(
             f"a window of {samples} x {lines} pixels is too large to match at once: "
             "choose windows of at most 8192 x 8192, or use tie-points for whole scenes with RPCs"
         )
     corners = CornerOptions(radius_px=options.radius_px, interest_share=options.share)
     settings = DetectionOptions(corners=corners, mask_saturated=options.mask_saturated, threads=options.threads)
-    return view_of(raster, area, options.detectors, settings, reduction, progress)
+    return network_window(raster, area, options.detectors, settings, reduction, progress)
 
 
 def match_views(
-    first: View, second: View, options: MatchOptions, scales: tuple[float, float] = (1.0, 1.0),
-    progress: Progress = silent,
-) -> MatchResult:  # fmt: skip
+    first: NetworkWindow, second: NetworkWindow, options: ControlNetworkOptions,
+    scales: tuple[float, float] = (1.0, 1.0), progress: Progress = silent,
+) -> ControlNetworkMatch:  # fmt: skip
     """Match two windows with their interest points; ``scales`` are those between the windows' own pixels."""
     seen: list[SuperMatch] = []
-    best: MatchResult | None = None
+    best: ControlNetworkMatch | None = None
     for seed in seeds(first, second, options.seeding(scales), seen, stage(progress, 0.0, 0.4)):
         network = grown(seed.network, first, second, options.growth(), stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
@@ -174,7 +176,9 @@ def match_views(
     return _failed(first, second, seen, 0 if best is None else len(best))
 
 
-def _result(seed: Seed, network: Network, positions: Positions, first: View, second: View) -> MatchResult:
+def _result(
+    seed: Seed, network: Network, positions: Positions, first: NetworkWindow, second: NetworkWindow
+) -> ControlNetworkMatch:
     there, here = first.in_image(positions.first), second.in_image(positions.second)
     scaled = {
         "first": there, "second": here, "sigma_px": positions.sigma_px * second.reduction,
@@ -184,13 +188,13 @@ def _result(seed: Seed, network: Network, positions: Positions, first: View, sec
     design = np.column_stack([there, np.ones(len(there))])
     affine = np.linalg.lstsq(design, here, rcond=None)[0].T if len(there) >= 3 else np.full((2, 3), np.nan)
     assert seed.match.best is not None
-    return MatchResult(
+    return ControlNetworkMatch(
         FOUND, "", positions._replace(**scaled), first.points.kind[network.first_row], network.generation,
         network.father, seed.match.best.count, seed.match.runner_up, (len(first.xy), len(second.xy)), affine,
     )  # fmt: skip
 
 
-def _failed(first: View, second: View, seen: list[SuperMatch], most: int) -> MatchResult:
+def _failed(first: NetworkWindow, second: NetworkWindow, seen: list[SuperMatch], most: int) -> ControlNetworkMatch:
     """Return the result without correspondences, and why."""
     ambiguous = [match for match in seen if match.status == AMBIGUOUS and match.best is not None]
     nothing = np.empty((0, 2))
@@ -204,13 +208,13 @@ def _failed(first: View, second: View, seen: list[SuperMatch], most: int) -> Mat
             f"the texture repeats: {network} super points fit in one place, {runner_up} in another; "
             "choose larger windows or others with something that is there once"
         )
-    return MatchResult(
+    return ControlNetworkMatch(
         status, message, empty, np.empty(0, dtype="U9"), np.empty(0, dtype=int), np.empty(0, dtype=int), network,
         runner_up, (len(first.xy), len(second.xy)), np.full((2, 3), np.nan),
     )  # fmt: skip
 
 
-def _why(first: View, second: View, most: int) -> str:
+def _why(first: NetworkWindow, second: NetworkWindow, most: int) -> str:
     for name, view in (("first", first), ("second", second)):
         if len(view.xy) < 20:
             return f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"

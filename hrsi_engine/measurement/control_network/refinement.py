@@ -11,15 +11,15 @@ from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions
 from .local_affine import LocalAffine, local_affine
 from .network import Network
-from .views import View
+from .views import NetworkWindow
 
 LSM = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small
-LEAST_CORRELATION = 0.75  # of windows that lie on each other to a fraction of a pixel
+REFINED_LEAST_CORRELATION = 0.75  # of windows that lie on each other to a fraction of a pixel
 MOST_MOVED_PX = 2.0  # from where the interest points are: a strongest response repeats to a pixel or two
 MOST_SIGMA_PX = 0.3
-FLOOR_PX = 0.75  # residuals below are never called outliers
+OUTLIER_FLOOR_PX = 0.75  # residuals below are never called outliers
 ROBUST_SIGMAS = 4.0
-ROUNDS = 8
+REFINEMENT_ROUNDS = 8
 
 
 class Positions(NamedTuple):
@@ -37,7 +37,9 @@ class Positions(NamedTuple):
     epipolar_px: np.ndarray
 
 
-def refined(network: Network, first: View, second: View, consistency_px: float) -> tuple[Network, Positions]:
+def refined(
+    network: Network, first: NetworkWindow, second: NetworkWindow, consistency_px: float
+) -> tuple[Network, Positions]:
     """Return the nodes that least-squares matching confirms, and their positions."""
     around = local_affine(network.first, network.first, network.second, network.matrix)
     centre = np.floor(network.first + 0.5)
@@ -45,7 +47,7 @@ def refined(network: Network, first: View, second: View, consistency_px: float) 
     found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, LSM)
     sigma = found.sigma_px
     moved = np.hypot(*(found.xy - start).T)
-    good = (found.status == DONE) & (found.correlation >= LEAST_CORRELATION) & (moved <= MOST_MOVED_PX)
+    good = (found.status == DONE) & (found.correlation >= REFINED_LEAST_CORRELATION) & (moved <= MOST_MOVED_PX)
     good &= np.nan_to_num(sigma, nan=np.inf) <= MOST_SIGMA_PX
     good, residual, across = agreeing(centre, found.xy, good, network.matrix, consistency_px)
     positions = Positions(centre, found.xy, sigma, found.correlation, residual, across)
@@ -58,7 +60,7 @@ def agreeing(
     """Return the mask of good pairs that agree with their neighbours and the epipolar geometry, and both residuals."""
     good = good.copy()
     residual, across = np.full(len(first), np.nan), np.full(len(first), np.nan)
-    for _ in range(ROUNDS):
+    for _ in range(REFINEMENT_ROUNDS):
         rows = np.flatnonzero(good)
         if len(rows) < 6:
             return np.zeros(len(first), dtype=bool), residual, across
@@ -67,7 +69,7 @@ def agreeing(
         across[rows] = epipolar_residuals(first[rows], second[rows])
         sigma = robust_sigma(across[rows])
         keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
-        keep &= np.abs(across[rows]) <= max(ROBUST_SIGMAS * sigma, FLOOR_PX)
+        keep &= np.abs(across[rows]) <= max(ROBUST_SIGMAS * sigma, OUTLIER_FLOOR_PX)
         good[rows[~keep]] = False
         if keep.all():
             break

@@ -24,7 +24,7 @@ from .local_affine import similarity_matrix
 from .network import NO_FATHER, Network
 from .super_points import (
     AMBIGUOUS,
-    RIVAL_SHARE,
+    RIVAL_CORRESPONDENCES_SHARE,
     Hypothesis,
     SuperMatch,
     candidates,
@@ -33,11 +33,11 @@ from .super_points import (
     match_super_points,
 )
 from .thresholds import Tolerance
-from .views import View
+from .views import NetworkWindow
 
-CELL_PX, PER_CELL = 100.0, 7  # of super points: about 110 in 400 x 400 pixels, as in the thesis
+SEEDING_CELL_PX, PER_CELL = 100.0, 7  # of super points: about 110 in 400 x 400 pixels, as in the thesis
 PART_PX = 400.0
-LEAST_POINTS = 8
+LEAST_SUPER_POINTS = 8
 LEAST_NODES, LEAST_SHARE = 8, 0.3  # of the nodes must look alike; by chance one in twenty does
 SEED_CONSISTENCY_PX = 4.0  # far nodes on relief
 GREY_REACHES = 1.0, 0.6  # shares of the reach: near leaves are fewer, and fit less by chance
@@ -65,25 +65,29 @@ def super_point_rows(points: InterestPoints) -> np.ndarray:
 
     The thesis takes the strongest of a whole window; cells do the same for windows of any size.
     """
-    return spread_over_grid(points, CELL_PX, PER_CELL)
+    return spread_over_grid(points, SEEDING_CELL_PX, PER_CELL)
 
 
-def parts(view: View, rows: np.ndarray) -> list[np.ndarray]:
+def parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
     """Return the super points of each part of the first window, parts near the middle first."""
     count = np.maximum(np.rint(view.size / PART_PX), 1).astype(int)
     number = np.minimum((view.xy[rows] / (view.size / count)).astype(int), count - 1)
     every = np.stack(np.meshgrid(*map(np.arange, count)), axis=-1).reshape(-1, 2)
     from_middle = np.hypot(*(((every + 0.5) / count - 0.5) * view.size).T)
     found = [rows[(number == every[part]).all(axis=1)] for part in np.argsort(from_middle, kind="stable")]
-    return [part for part in found if len(part) >= LEAST_POINTS]
+    return [part for part in found if len(part) >= LEAST_SUPER_POINTS]
 
 
 def seeds(
-    first: View, second: View, options: SeedOptions, seen: list[SuperMatch], progress: Progress = silent
+    first: NetworkWindow,
+    second: NetworkWindow,
+    options: SeedOptions,
+    seen: list[SuperMatch],
+    progress: Progress = silent,
 ) -> Iterator[Seed]:
     """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``."""
     ours, theirs = super_point_rows(first.points), super_point_rows(second.points)
-    every = parts(first, ours) if len(theirs) >= LEAST_POINTS else []
+    every = parts(first, ours) if len(theirs) >= LEAST_SUPER_POINTS else []
     for number, rows in enumerate(every):
         part = stage(progress, number / len(every), (number + 1) / len(every))
         match = match_super_points(
@@ -101,7 +105,12 @@ def seeds(
 
 
 def grey_seeds(
-    match: SuperMatch, first: View, second: View, rows: np.ndarray, theirs: np.ndarray, options: SeedOptions
+    match: SuperMatch,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    rows: np.ndarray,
+    theirs: np.ndarray,
+    options: SeedOptions,
 ) -> Iterator[Seed]:
     """Yield the network of the hypothesis of which most nodes look alike, if no other has nearly as many."""
     tested, hypotheses = [], []
@@ -118,7 +127,7 @@ def grey_seeds(
         return
     most, network, best = max(tested, key=lambda entry: entry[0])
     rivals = [count for count, _, other in tested if is_rival(sets, best, other)]
-    if max(rivals, default=0) < RIVAL_SHARE * most:
+    if max(rivals, default=0) < RIVAL_CORRESPONDENCES_SHARE * most:
         yield Seed(network, replace(match, best=best, runner_up=max(rivals, default=0)))
 
 
@@ -126,7 +135,9 @@ def _enough(network: Network, hypothesis: Hypothesis) -> bool:
     return len(network) >= max(LEAST_NODES, LEAST_SHARE * hypothesis.count)
 
 
-def as_network(best: Hypothesis, first: View, second: View, rows: np.ndarray, theirs: np.ndarray) -> Network:
+def as_network(
+    best: Hypothesis, first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray
+) -> Network:
     """Return a hypothesis as a network: the root, and its leaves."""
     a, b = rows[best.pairs[:, 0]], theirs[best.pairs[:, 1]]
     father, generation = np.zeros(len(a), dtype=int), np.ones(len(a), dtype=int)
@@ -135,7 +146,7 @@ def as_network(best: Hypothesis, first: View, second: View, rows: np.ndarray, th
     return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
 
 
-def verified(network: Network, first: View, second: View, least: float) -> Network:
+def verified(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
     """Return the nodes that look alike under the network's rotation and scale and agree with their neighbours."""
     matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
     correlation = patch_correlation(first, second, network.first, network.second, matrices)

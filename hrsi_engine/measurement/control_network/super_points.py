@@ -33,7 +33,7 @@ from .polar import Leaves, leaves_of, turned, wrapped
 from .thresholds import Tolerance
 from .voting import vote_bounds
 
-RIVAL_SHARE = 0.75  # of the winner's correspondences: a rival with more makes the match ambiguous
+RIVAL_CORRESPONDENCES_SHARE = 0.75  # of the winner's correspondences: a rival with more makes the match ambiguous
 SHARED = 0.3  # of a hypothesis's correspondences that are the winner's too: then it is no rival
 LOG10_NFA = -3.0  # larger ones are chance
 CELLS_PER_BATCH = 2_000_000
@@ -139,7 +139,7 @@ def _agreeing_pairs(pairs: LeafPairs) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class RootPairs:
     """Two sets of super points and the bounds of all pairs of roots, ``(scales, m, n)``, roots included."""
 
     first: np.ndarray
@@ -185,14 +185,14 @@ class Candidates:
 def candidates(
     first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float, scales: tuple[float, ...],
     progress: Progress = silent,
-) -> Candidates:  # fmt: skip
+) -> RootPairs:  # fmt: skip
     """Return two sets of super points with the bounds of all pairs of roots; arguments as `match_super_points`."""
     reach_px = min(reach_px, max(float(np.hypot(*np.ptp(first, axis=0))), 1.0))
     bounds = []
     for number, scale in enumerate(scales):
         advance(progress, number / len(scales), "control network: voting")
         bounds.append(vote_bounds(first, second, tolerance, reach_px, scale) + 1)
-    return Candidates(first, second, tolerance, reach_px, scales, np.stack(bounds))
+    return RootPairs(first, second, tolerance, reach_px, scales, np.stack(bounds))
 
 
 def match_super_points(
@@ -211,11 +211,11 @@ def match_super_points(
     if best is None:
         return SuperMatch(NO_MATCH, None, 0, 0.0, evaluated)
     runner_up = _runner_up(sets, best)
-    status = AMBIGUOUS if runner_up >= RIVAL_SHARE * best.count else FOUND
+    status = AMBIGUOUS if runner_up >= RIVAL_CORRESPONDENCES_SHARE * best.count else FOUND
     return SuperMatch(status, best, runner_up, log10_false_alarms(sets, best), evaluated)
 
 
-def _winner(sets: Candidates, progress: Progress) -> tuple[Hypothesis | None, int]:
+def _winner(sets: RootPairs, progress: Progress) -> tuple[Hypothesis | None, int]:
     """Return the best hypothesis if it is more than chance, and how many pairs of roots were evaluated."""
     best: Hypothesis | None = None
     least = significant_counts(sets)
@@ -233,7 +233,7 @@ def _winner(sets: Candidates, progress: Progress) -> tuple[Hypothesis | None, in
 
 
 def _better(
-    sets: Candidates, roots: tuple[int, int], scale: float, wanted: int, best: Hypothesis | None
+    sets: RootPairs, roots: tuple[int, int], scale: float, wanted: int, best: Hypothesis | None
 ) -> Hypothesis | None:
     """Return the best hypothesis of two roots if it has as many correspondences as wanted and beats ``best``."""
     for support, evaluate in sets.hypotheses(roots, scale, wanted):
@@ -245,7 +245,7 @@ def _better(
     return best
 
 
-def likely_hypotheses(sets: Candidates, most: int) -> list[Hypothesis]:
+def likely_hypotheses(sets: RootPairs, most: int) -> list[Hypothesis]:
     """Return the best hypothesis of each of the pairs of roots with the largest bounds, chance or not."""
     found = (_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.ranked(), most))
     return sorted((hypothesis for hypothesis in found if hypothesis is not None), key=_rank)
@@ -256,9 +256,9 @@ def _rank(hypothesis: Hypothesis) -> tuple:
     return -hypothesis.count, hypothesis.cost, hypothesis.scale, hypothesis.roots, hypothesis.starts
 
 
-def _runner_up(sets: Candidates, best: Hypothesis) -> int:
+def _runner_up(sets: RootPairs, best: Hypothesis) -> int:
     """Return the most correspondences of another hypothesis, 0 where none has nearly as many or all are chance."""
-    most, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_SHARE * best.count)))
+    most, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_CORRESPONDENCES_SHARE * best.count)))
     for bound, roots, scale in sets.ranked():
         if bound <= most or bound < least.min():
             break
@@ -271,7 +271,7 @@ def _runner_up(sets: Candidates, best: Hypothesis) -> int:
     return most
 
 
-def is_rival(sets: Candidates, best: Hypothesis, other: Hypothesis) -> bool:
+def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
     """Return whether a hypothesis puts its root or its leaves elsewhere than the winner does.
 
     One that shares leaf pairs with the winner is the same match, seen from a root on a roof or a slope.
@@ -286,7 +286,7 @@ def is_rival(sets: Candidates, best: Hypothesis, other: Hypothesis) -> bool:
     return away > 2.0 * sets.tolerance.base_px + RIVAL_GRADIENT * np.hypot(*offset) or turn > RIVAL_TURN_RAD
 
 
-def log10_false_alarms(sets: Candidates, best: Hypothesis) -> float:
+def log10_false_alarms(sets: RootPairs, best: Hypothesis) -> float:
     """Return log10 of how many hypotheses with as many correspondences chance is expected to make.
 
     A leaf finds a partner by chance as often as a point of the second set falls into its tolerance.
@@ -296,7 +296,7 @@ def log10_false_alarms(sets: Candidates, best: Hypothesis) -> float:
     return float(np.log10(_tests(sets)) + chance / np.log(10.0))
 
 
-def significant_counts(sets: Candidates) -> np.ndarray:
+def significant_counts(sets: RootPairs) -> np.ndarray:
     """Return for each root of the first set from how many correspondences a hypothesis is more than chance, (m,)."""
     leaves, share = np.array([_chances(sets, root) for root in range(len(sets.first))]).T
     return binom.isf(10.0**LOG10_NFA / _tests(sets), leaves, share).astype(int) + 1 + GIVEN
@@ -305,13 +305,13 @@ def significant_counts(sets: Candidates) -> np.ndarray:
 GIVEN = 2  # root and starting point correspond by construction
 
 
-def _tests(sets: Candidates) -> float:
+def _tests(sets: RootPairs) -> float:
     """Return how many hypotheses there are: roots and starting points of both sets."""
     m, n = len(sets.first), len(sets.second)
     return float(sets.bounds.size) * m * n
 
 
-def _chances(sets: Candidates, root: int) -> tuple[int, float]:
+def _chances(sets: RootPairs, root: int) -> tuple[int, float]:
     """Return how many leaves of a root are free, and how often one finds a partner by chance."""
     leaves = leaves_of(sets.first, root, sets.reach_px)
     area = max(float(np.prod(np.ptp(sets.second, axis=0))), 1.0) / sets.scales[0] ** 2

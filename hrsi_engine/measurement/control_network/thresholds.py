@@ -49,7 +49,7 @@ class Tolerance(NamedTuple):
         return self.at(distance_px) / distance_px
 
 
-def tolerance(radius_px: float, incidence_deg: tuple[float, float], slope_deg: float) -> Tolerance:
+def tolerance_of(radius_px: float, incidence_deg: tuple[float, float], slope_deg: float) -> Tolerance:
     """Return the tolerance for local maxima of a radius, incidence angles and the steepest slope, up or down."""
     up, down = (abs(float(distance_difference(1.0, incidence_deg, sign * slope_deg))) for sign in (1.0, -1.0))
     return Tolerance(RADIUS_SHARE * radius_px, max(up, down))

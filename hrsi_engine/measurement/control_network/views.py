@@ -12,14 +12,14 @@ import numpy as np
 from ...block.block import ArrayRaster, Raster
 from ...foundation.progress import Progress, silent, stage
 from ..interest_points import Area, DetectionOptions, InterestPoints, detect_interest_points
-from ..interest_points.points import joined
+from ..interest_points.points import join_points
 from ..window_matching.windows import MatchImage
 
-SMOOTH_PX = 0.7  # before least-squares matching, against noise
+WINDOW_SMOOTH_PX = 0.7  # before least-squares matching, against noise
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class NetworkWindow:
     """One window: ``grey`` float32 and ``usable`` bool (lines, samples); points have (0, 0) at its first pixel.
 
     origin : sample and line of the window's first pixel in the image; reduction : pixels of the image for one of the
@@ -45,17 +45,17 @@ class View:
     @cached_property
     def match_image(self) -> MatchImage:
         """The window prepared for least-squares matching."""
-        return MatchImage(self.grey, self.usable, SMOOTH_PX)
+        return MatchImage(self.grey, self.usable, WINDOW_SMOOTH_PX)
 
     def in_image(self, xy: np.ndarray) -> np.ndarray:
         """Return positions ``(n, 2)`` of the window as sample and line of the image."""
         return (xy + 0.5) * self.reduction - 0.5 + self.origin
 
 
-def view_of(
+def network_window(
     raster: Raster, area: Area, detectors: Sequence[str], options: DetectionOptions, reduction: float = 1.0,
     progress: Progress = silent,
-) -> View:  # fmt: skip
+) -> NetworkWindow:  # fmt: skip
     """Return a window of an image with its interest points; the window must lie within the image.
 
     reduction : by how much the pixels are enlarged first, averaged over their area
@@ -68,7 +68,9 @@ def view_of(
         )
         for k, name in enumerate(detectors)
     ]
-    return View(pixels.grey, pixels.valid, joined(parts), np.array([area.left, area.top], dtype=float), reduction)
+    return NetworkWindow(
+        pixels.grey, pixels.valid, join_points(parts), np.array([area.left, area.top], dtype=float), reduction
+    )
 
 
 def _reduced(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:

@@ -16,7 +16,7 @@ import numpy as np
 
 from .statistics import HALO_PX as STATISTICS_HALO_PX
 from .statistics import ImageStatistics, normalised
-from .windows import Window
+from .windows import DetectionWindow
 
 DERIVATIVE_PX, PATCH_PX = 1.0, 2.0  # standard deviations of the Gaussians of derivative and patch
 SUPPORT_PX = 12  # what the strength at a pixel depends on
@@ -95,12 +95,14 @@ def foerstner_strength(tensor: Tensor, options: CornerOptions) -> np.ndarray:
 Strength = Callable[[Tensor, CornerOptions], np.ndarray]
 
 
-def halo_px(options: CornerOptions) -> int:
+def corner_halo_px(options: CornerOptions) -> int:
     """Return how far a window must reach beyond its core."""
     return STATISTICS_HALO_PX + SUPPORT_PX + int(np.ceil(options.radius_px)) + 1
 
 
-def corner_peaks(window: Window, statistics: ImageStatistics, options: CornerOptions, strength_of: Strength) -> Peaks:
+def corner_peaks(
+    window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions, strength_of: Strength
+) -> Peaks:
     """Return the local maxima of a window's core with positive strength, all above 0; thresholds come later."""
     tensor = structure_tensor(normalised(window, statistics))
     strength = strength_of(tensor, options)

@@ -19,12 +19,12 @@ from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
 from .corners import CornerOptions, Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
-from .corners import halo_px as corner_halo_px
+from .corners import corner_halo_px as corner_halo_px
 from .gravity_centres import Centre, CentreOptions, gravity_centres
-from .gravity_centres import halo_px as centre_halo_px
-from .points import CORNER, SUPER, InterestPoints, joined, no_points, spread_over_grid
+from .gravity_centres import centre_halo_px as centre_halo_px
+from .points import CORNER, SUPER, InterestPoints, join_points, no_points, spread_over_grid
 from .statistics import ImageStatistics, image_statistics, sample_areas
-from .windows import Area, Window, cores, read_window
+from .windows import Area, DetectionWindow, cores, read_window
 
 SMALLEST_IMAGE_PX = 32
 SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
@@ -54,7 +54,7 @@ class Detector(Protocol):
 
     def prepared(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
-    ) -> Callable[[Window], InterestPoints]:
+    ) -> Callable[[DetectionWindow], InterestPoints]:
         """Return the function that finds the points of a window."""
 
 
@@ -69,7 +69,7 @@ class CornerDetector:
 
     def prepared(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
-    ) -> Callable[[Window], InterestPoints]:
+    ) -> Callable[[DetectionWindow], InterestPoints]:
         known: dict[tuple[int, int, int, int], Peaks] = {}
         thresholds = self._thresholds(raster, region, statistics, options.corners, known)
         return partial(self._find, statistics=statistics, options=thresholds, known=known)
@@ -103,7 +103,7 @@ class CornerDetector:
         )
 
     def _find(
-        self, window: Window, statistics: ImageStatistics, options: CornerOptions,
+        self, window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions,
         known: dict[tuple[int, int, int, int], Peaks],
     ) -> InterestPoints:  # fmt: skip
         peaks = known.pop(window.core.bounds, None) or corner_peaks(window, statistics, options, self.strength)
@@ -131,7 +131,7 @@ class CentreDetector:
 
     def prepared(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
-    ) -> Callable[[Window], InterestPoints]:
+    ) -> Callable[[DetectionWindow], InterestPoints]:
         return lambda window: _centre_table(gravity_centres(window, statistics, options.centres))
 
 
@@ -183,7 +183,7 @@ def detect_interest_points(
     for number, found in enumerate(_in_order(of_core, areas, options.threads)):
         parts.append(found)
         advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")
-    points = joined(parts)
+    points = join_points(parts)
     if options.per_cell is not None:
         points = points.select(spread_over_grid(points, options.cell_px, options.per_cell))
     return points

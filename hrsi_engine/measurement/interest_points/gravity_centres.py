@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 
 from .level_regions import EVEN, compact_regions
 from .outlines import Outlines, Slopes, bilinear, measure_outlines
-from .shapes import POLYGON_TOLERANCE, SHAPES, SIDES_SHARE, Shapes, tolerance
+from .shapes import POLYGON_TOLERANCE, SHAPES, SIDES_SHARE, Shapes, size_tolerance
 from .statistics import HALO_PX as STATISTICS_HALO_PX
 from .statistics import ImageStatistics, normalised
-from .windows import Window
+from .windows import DetectionWindow
 
 LARGEST_GAP = 0.12  # of the outline without a clear edge
 CENTROID_AGREEMENT = (0.4, 0.05)  # weighted centroid and shape's centre: px, and share of the diameter
@@ -28,7 +28,7 @@ BOX_BEYOND_PX = 1.5  # of that raster: the blurred edge belongs to it
 BESIDE_PX = 2.5  # the surroundings begin so far outside the edge
 SAME_OUTLINE_PX, SAME_RADIUS = 0.75, 0.06  # centre, and logarithm of the mean radius, of outlines taken as one
 SAME_CENTRE = 0.1  # share of the diameter
-MARGIN_PX = 24  # what a window needs around half of the largest object
+OBJECT_MARGIN_PX = 24  # what a window needs around half of the largest object
 STRONG_QUALITY = 0.75  # as super points among corners: what another view has too
 CANDIDATE_QUALITY = 0.5  # what matching gets: the partner of a strong one may be weaker
 SUPPORT_OF_SCORE_1, CONTRAST_OF_SCORE_1, SIGMA_OF_SCORE_0_PX = 4, 8.0, 0.25
@@ -86,12 +86,12 @@ class _Found:
     row: np.ndarray
 
 
-def halo_px(options: CentreOptions) -> int:
+def centre_halo_px(options: CentreOptions) -> int:
     """Return how far a window must reach beyond its core."""
-    return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + MARGIN_PX
+    return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + OBJECT_MARGIN_PX
 
 
-def gravity_centres(window: Window, statistics: ImageStatistics, options: CentreOptions) -> list[Centre]:
+def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> list[Centre]:
     """Return the gravity centres in a window's core, in image pixels."""
     regions = compact_regions(normalised(window, statistics), window.usable, options.largest_px)
     regions = regions.select(_near_core(window, regions.centres()))
@@ -118,10 +118,10 @@ def gravity_centres(window: Window, statistics: ImageStatistics, options: Centre
     return [centre for centre, here in zip(made, inside, strict=True) if here]
 
 
-def _near_core(window: Window, centres: np.ndarray) -> np.ndarray:
+def _near_core(window: DetectionWindow, centres: np.ndarray) -> np.ndarray:
     """Return the mask of regions (n, 2) whose shape's centre may lie inside the core."""
-    low = np.array([window.core.left, window.core.top]) - window.origin - MARGIN_PX
-    high = np.array([window.core.right, window.core.bottom]) - window.origin + MARGIN_PX
+    low = np.array([window.core.left, window.core.top]) - window.origin - OBJECT_MARGIN_PX
+    high = np.array([window.core.right, window.core.bottom]) - window.origin + OBJECT_MARGIN_PX
     return np.asarray(np.all((centres >= low) & (centres < high), axis=1))
 
 
@@ -207,7 +207,7 @@ def _scores(shapes: Shapes, relative: np.ndarray) -> np.ndarray:
     scores = (
         relative / CONTRAST_OF_SCORE_1,
         (shapes.closed - CLOSED_OF_SCORE_0) / (1.0 - CLOSED_OF_SCORE_0),
-        1.0 - shapes.rmse_px / tolerance(POLYGON_TOLERANCE, shapes.size_px),
+        1.0 - shapes.rmse_px / size_tolerance(POLYGON_TOLERANCE, shapes.size_px),
         1.0 - sigma / SIGMA_OF_SCORE_0_PX,
     )
     return np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))

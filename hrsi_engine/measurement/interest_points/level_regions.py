@@ -17,7 +17,7 @@ import numpy as np
 from .corners import gaussian_kernels
 
 BRIGHT, DARK, EVEN = 1, -1, 0
-SCALES = (1, 4)
+REGION_SCALES = (1, 4)
 SMOOTHING_PX = 0.7
 LEVEL_STEP = 0.05  # of the grey levels in standard deviations, from -6.4 to 6.4
 STABLE_STEPS = 4  # levels outwards and inwards over which a region must change little
@@ -70,7 +70,7 @@ def compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Reg
 
 
 def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[Regions]:
-    for scale in SCALES:
+    for scale in REGION_SCALES:
         if scale > 1 and largest_px < SMALLEST_AT_SCALE_PX * scale:
             break
         reduced, closed = _reduced(z, usable, scale)
@@ -78,7 +78,7 @@ def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> It
         level = _in_steps(reduced)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
             yield _compact(_stable(steps, STABLE_STEPS, LARGEST_CHANGE, reach), closed, reach, scale, sign)
-        if scale == SCALES[0]:
+        if scale == REGION_SCALES[0]:
             even = _stable(_evenness(reduced), EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE, reach)
             yield _compact(even, closed, reach - 2.0 * EVEN_WITHIN_PX, scale, EVEN)
 
@@ -127,7 +127,7 @@ def _compact(
     keep = (width <= reach) & (height <= reach) & (left > 0) & (top > 0)
     keep &= (left + width < usable.shape[1]) & (top + height < usable.shape[0])
     keep &= count > 0.3 * width * height  # an ellipse fills 0.785 of an upright box, a square on its corner 0.5
-    if scale > SCALES[0]:
+    if scale > REGION_SCALES[0]:
         keep &= count >= SMALLEST_AT_SCALE_PX**2 // 2
     chosen = [pixels[k] for k in np.flatnonzero(keep)]
     if not chosen:

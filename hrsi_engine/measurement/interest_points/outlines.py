@@ -19,13 +19,13 @@ from .level_regions import EVEN, EVEN_WITHIN_PX, Regions
 
 SLOPE_PX = 0.7  # standard deviation of the Gaussian: little of what lies beside an edge is mixed in
 STEP_PX = 0.5  # between samples along a normal
-REACH_PX = 2.5  # along a normal to each side, in pixels of the region's scale
-FINE_REACH = 0.75  # of the scale, from an edge measured in the reduced image
+NORMAL_REACH_PX = 2.5  # along a normal to each side, in pixels of the region's scale
+FINE_REACH_OF_SCALE = 0.75  # of the scale, from an edge measured in the reduced image
 FIRST_SHARE = 0.5  # of the largest slope, from which an edge of an even region is its edge
 SMOOTHED_POINTS = 1.5  # standard deviation of the outline's smoothing, in points
 OPENED_PIXELS = 60
 FEWEST_POINTS, MOST_POINTS = 16, 96
-SLOPE_TO_NOISE = 4.0
+OUTLINE_SLOPE_TO_NOISE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Slopes:
     @property
     def threshold(self) -> float:
         """Smallest slope of a clear edge."""
-        return SLOPE_TO_NOISE * self.noise * slope_noise()
+        return OUTLINE_SLOPE_TO_NOISE * self.noise * slope_noise()
 
     def reduced(self, scale: int) -> Slopes:
         """Return the same of the image reduced by averaging ``scale`` x ``scale`` pixels."""
@@ -94,10 +94,10 @@ def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
     for factor in np.unique(scale).tolist():
         here = scale == factor
         level = slopes.reduced(factor)
-        at, steep, clear = edges_along(level, points[here], normals[here], sign[here], REACH_PX)
+        at, steep, clear = edges_along(level, points[here], normals[here], sign[here], NORMAL_REACH_PX)
         at = (at + 0.5) * factor - 0.5
         if factor > 1:
-            at, steep, fine = edges_along(slopes, at, normals[here], sign[here], FINE_REACH * factor)
+            at, steep, fine = edges_along(slopes, at, normals[here], sign[here], FINE_REACH_OF_SCALE * factor)
             clear &= fine
         points[here], slope[here], found[here] = at, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)

@@ -55,7 +55,7 @@ class InterestPoints(Columns):
         )
 
 
-def joined(tables: Sequence[InterestPoints]) -> InterestPoints:
+def join_points(tables: Sequence[InterestPoints]) -> InterestPoints:
     """Return tables under each other; an empty one for none."""
     if not tables:
         return no_points()

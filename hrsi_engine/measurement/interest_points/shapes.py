@@ -60,7 +60,7 @@ class Shapes(NamedTuple):
         return Shapes(*(column[keep] for column in self))
 
 
-def tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarray:
+def size_tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarray:
     """Return the tolerable rmse ``(n,)`` of shapes of ``size_px (n, 2)``."""
     return np.asarray(limits[0] + limits[1] * np.sqrt(np.prod(size_px, axis=1)))
 
@@ -90,7 +90,7 @@ def fit_ellipses(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes
     Q = np.where(good[:, None, None], Q, np.eye(2))
     residual = distances(xy, centre, Q)
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
-    good &= rmse < 1.5 * tolerance(ELLIPSE_TOLERANCE, 2.0 * axes_of(Q)[0])  # quick: most outlines are no ellipses
+    good &= rmse < 1.5 * size_tolerance(ELLIPSE_TOLERANCE, 2.0 * axes_of(Q)[0])  # quick: most outlines are no ellipses
     tried[tried] = good
     return _spread_out(_remeasured_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
 
@@ -113,7 +113,7 @@ def _remeasured_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: Slopes, sign
     covariance = centre_covariances(edges, weight, centre, Q) * np.maximum(CORRELATED_PX / spacing, 1.0)[:, None, None]
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
     closed = _share(on_shape, ELLIPSE_POINTS)
-    good = (rmse <= tolerance(ELLIPSE_TOLERANCE, size)) & (closed >= CLOSED_SHARE)
+    good = (rmse <= size_tolerance(ELLIPSE_TOLERANCE, size)) & (closed >= CLOSED_SHARE)
     return Shapes(good, centre, _floored(covariance), size, azimuth, rmse, closed, edges, on_shape)
 
 
@@ -244,7 +244,7 @@ def _rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
     rmse = np.sqrt(np.sum(on_side * lines.residual**2, axis=(1, 2)) / counted.sum(axis=1))
     closed = on_side.mean(axis=(1, 2))
     good = lines.good & (closed >= SIDES_SHARE) & (on_side.mean(axis=2).min(axis=1) >= SIDE_SHARE)
-    good &= rmse <= tolerance(RECTANGLE_TOLERANCE, size)
+    good &= rmse <= size_tolerance(RECTANGLE_TOLERANCE, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
         good, lines.corners.mean(axis=1), _floored(covariance), size, azimuth, rmse, closed,
@@ -274,7 +274,7 @@ def fit_polygons(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes
     variance = 2.0 * rmse**2 / POLYGON_INDEPENDENT  # as of a circle
     azimuth = (np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) + np.pi / 2.0) % np.pi - np.pi / 2.0
     closed = count / np.maximum(outlines.count, 1)
-    good = (closed >= CLOSED_SHARE) & (area > 1.0) & (rmse <= tolerance(POLYGON_TOLERANCE, size))
+    good = (closed >= CLOSED_SHARE) & (area > 1.0) & (rmse <= size_tolerance(POLYGON_TOLERANCE, size))
     for row in np.flatnonzero(good):
         hull = cv2.convexHull(xy[row, : count[row]].astype(np.float32))
         good[row] = area[row] >= SOLIDITY * cv2.contourArea(hull)

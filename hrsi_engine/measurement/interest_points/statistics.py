@@ -14,11 +14,11 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.robust_scale import MAD_TO_SIGMA
-from .windows import GRID_PX, SATURATED_SHARE, Area, Window, read_window
+from .windows import GRID_PX, SATURATED_SHARE, Area, DetectionWindow, read_window
 
-CELL_PX = GRID_PX
+STATISTICS_CELL_PX = GRID_PX
 CELLS_AVERAGED = 5
-HALO_PX = CELL_PX * (CELLS_AVERAGED // 2 + 1)  # what the local mean of a pixel depends on
+HALO_PX = STATISTICS_CELL_PX * (CELLS_AVERAGED // 2 + 1)  # what the local mean of a pixel depends on
 SAMPLE_PX, SAMPLES_PER_SIDE = 512, 4
 NOISE_FLOOR = 4.0  # local deviations below so many times the noise are noise
 CONTRAST_FLOOR = 0.15  # or below this share of the image's median deviation
@@ -61,7 +61,7 @@ def _starts(first: int, end: int) -> list[int]:
     return sorted({int(start) // GRID_PX * GRID_PX for start in np.linspace(first, last, count)} | {first})[:count]
 
 
-def _saturation(samples: list[Window]) -> float | None:
+def _saturation(samples: list[DetectionWindow]) -> float | None:
     """Return the largest grey value where suspiciously many pixels share it."""
     greys = [window.grey[window.usable] for window in samples if window.usable.any()]
     if not greys:
@@ -71,39 +71,41 @@ def _saturation(samples: list[Window]) -> float | None:
     return largest if share > SATURATED_SHARE else None
 
 
-def _noise(window: Window) -> float:
+def _noise(window: DetectionWindow) -> float:
     """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
     curved = np.abs(cv2.filter2D(window.grey, cv2.CV_32F, _LAPLACIAN)) / 6.0
-    lines, samples = (length // CELL_PX * CELL_PX for length in curved.shape)
-    cells = curved[:lines, :samples].reshape(lines // CELL_PX, CELL_PX, samples // CELL_PX, CELL_PX)
+    lines, samples = (length // STATISTICS_CELL_PX * STATISTICS_CELL_PX for length in curved.shape)
+    cells = curved[:lines, :samples].reshape(
+        lines // STATISTICS_CELL_PX, STATISTICS_CELL_PX, samples // STATISTICS_CELL_PX, STATISTICS_CELL_PX
+    )
     usable = window.usable[:lines, :samples].reshape(cells.shape).all(axis=(1, 3))
     if not usable.any():
         return 0.0
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=(1, 3))[usable], 25.0))
 
 
-def normalised(window: Window, statistics: ImageStatistics) -> np.ndarray:
+def normalised(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
     """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
     mean, deviation = (_interpolated(values) for values in _local_moments(window))
     relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)
     return np.where(np.isfinite(relative), relative, 0.0).astype(np.float32)
 
 
-def _cell_sums(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cell_sums(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return number of usable pixels, sum and sum of squares of each cell, float64."""
-    lines, samples = (length // CELL_PX for length in window.grey.shape)
-    shape = lines, CELL_PX, samples, CELL_PX
-    area = np.s_[: lines * CELL_PX, : samples * CELL_PX]
+    lines, samples = (length // STATISTICS_CELL_PX for length in window.grey.shape)
+    shape = lines, STATISTICS_CELL_PX, samples, STATISTICS_CELL_PX
+    area = np.s_[: lines * STATISTICS_CELL_PX, : samples * STATISTICS_CELL_PX]
     weight = window.usable[area].astype(np.float64)
     grey = window.grey[area] * weight
     return tuple(layer.reshape(shape).sum(axis=(1, 3)) for layer in (weight, grey, grey * grey))
 
 
-def _cell_moments(window: Window) -> tuple[np.ndarray, np.ndarray]:
+def _cell_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
     return _moments(*_cell_sums(window))
 
 
-def _local_moments(window: Window) -> tuple[np.ndarray, np.ndarray]:
+def _local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and deviation of the usable pixels in the cells around each cell."""
     kernel = np.ones(CELLS_AVERAGED)
     sums = [
@@ -124,4 +126,4 @@ def _interpolated(cells: np.ndarray) -> np.ndarray:
     """Return cell values at every pixel, bilinear between the cells' middles."""
     known = np.isfinite(cells)
     filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
-    return cv2.resize(filled, None, fx=CELL_PX, fy=CELL_PX, interpolation=cv2.INTER_LINEAR)
+    return cv2.resize(filled, None, fx=STATISTICS_CELL_PX, fy=STATISTICS_CELL_PX, interpolation=cv2.INTER_LINEAR)

@@ -45,7 +45,7 @@ class Area:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class DetectionWindow:
     """Pixels around a core: ``grey`` float32 and ``usable`` bool ``(lines, samples)``, beginning at ``area``.
 
     Not usable are invalid pixels, saturated areas and everything outside the image.
@@ -73,7 +73,7 @@ def cores(region: Area, step: int = CORE_PX) -> list[Area]:
     ]
 
 
-def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | None) -> Window:
+def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | None) -> DetectionWindow:
     """Return the window of a core; ``saturation`` is the grey value from which pixels are saturated."""
     left, top = (max(start - halo_px, 0) // GRID_PX * GRID_PX for start in (core.left, core.top))
     right, bottom = (
@@ -88,10 +88,10 @@ def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | No
     if grey.shape != (bottom - top, right - left):
         edges = ((l0 - top, bottom - l1), (s0 - left, right - s1))
         grey, usable = np.pad(grey, edges, mode="edge"), np.pad(usable, edges)
-    return Window(Area(left, top, right, bottom), core, grey, usable)
+    return DetectionWindow(Area(left, top, right, bottom), core, grey, usable)
 
 
-def windows(raster: Raster, region: Area, halo_px: int, saturation: float | None) -> Iterator[Window]:
+def windows(raster: Raster, region: Area, halo_px: int, saturation: float | None) -> Iterator[DetectionWindow]:
     """Yield the windows of all cores of a region, one in memory at a time."""
     for core in cores(region):
         yield read_window(raster, core, halo_px, saturation)

@@ -18,15 +18,15 @@ from ..window_matching.orientation_correlation import Peak, correlation_sums, or
 from .predicted_patches import image_patch, predicted_patch
 
 FIRST_SEARCH_PX = 64.0
-GROWTH = 4.0
-REACH = 32  # working pixels to each side at the coarsest step
+SEARCH_GROWTH = 4.0
+SEARCH_REACH = 32  # working pixels to each side at the coarsest step
 LEAST_SIDE = 128  # working pixels along the shorter side of an image; fewer show too little
-FINE_REACH = 8
+FINE_SEARCH_REACH_PX = 8
 SITE = 160  # side of a part in working pixels
 SITES = 4  # parts along each side of a large image
-CONTRAST = 9.0  # robust standard deviations by which a peak must stand out
+PEAK_CONTRAST = 9.0  # robust standard deviations by which a peak must stand out
 CLEAR = 0.75  # a second peak above this share of the first makes it unclear
-NODE_PX = 8.0
+BIAS_NODE_PX = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +48,17 @@ def search_bias(
     assert image.size is not None
     reach = min(FIRST_SEARCH_PX * max(step, 1.0), search_px)
     while True:
-        coarse = max(step, min(reach / REACH, min(image.size) / LEAST_SIDE))
+        coarse = max(step, min(reach / SEARCH_REACH, min(image.size) / LEAST_SIDE))
         peak = _peak(image, reference, surface, gsd_m, coarse, np.zeros(2), int(np.ceil(reach / coarse)))
-        if peak is not None and peak.contrast >= CONTRAST and peak.rival <= CLEAR:
+        if peak is not None and peak.contrast >= PEAK_CONTRAST and peak.rival <= CLEAR:
             break
         if reach >= search_px:
             return None
-        reach = min(reach * GROWTH, search_px)
+        reach = min(reach * SEARCH_GROWTH, search_px)
     offset = peak.shift
     while coarse > step:
-        coarse = max(coarse / GROWTH, step)
-        finer = _peak(image, reference, surface, gsd_m, coarse, offset, FINE_REACH)
+        coarse = max(coarse / SEARCH_GROWTH, step)
+        finer = _peak(image, reference, surface, gsd_m, coarse, offset, FINE_SEARCH_REACH_PX)
         if finer is None:
             return None
         offset = finer.shift
@@ -72,7 +72,7 @@ def _peak(
     """Return the peak over all parts of the image; its ``shift`` is the whole offset in image pixels."""
     total, energy = np.zeros((2 * reach + 1, 2 * reach + 1)), 0.0
     for origin, shape in _sites(image, step):
-        template = predicted_patch(image, reference, surface, origin, shape, step, offset, NODE_PX, gsd_m)
+        template = predicted_patch(image, reference, surface, origin, shape, step, offset, BIAS_NODE_PX, gsd_m)
         if not template.valid.any():
             continue
         window = (shape[0] + 2 * reach, shape[1] + 2 * reach)

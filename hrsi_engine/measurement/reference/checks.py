@@ -1,8 +1,9 @@
 """Whether a reference can be trusted: against the accuracy that the RPCs state, and against surveyed GCPs.
 
 The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
-it exceeds `LIMIT` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to hundreds of
-metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be measured.
+it exceeds `REFERENCE_LIMIT` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to
+hundreds of metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be
+measured.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ import numpy as np
 from ...block.block import Image
 from .matching import ImageControl, ReferenceControl
 
-LIMIT = 3.5  # standard deviations; 0.2 % of good references exceed it
+REFERENCE_LIMIT = 3.5  # standard deviations; 0.2 % of good references exceed it
 UNKNOWN_BIAS_M = 15.0  # of an RPC that states no ERR_BIAS, each horizontal coordinate
 INDEPENDENT_POINTS = 4.0  # all points of a reference together count as so many: its errors are alike over wide areas
 
 
 @dataclass(frozen=True)
-class Accuracy:
+class ReferenceAccuracy:
     """Standard deviations of a reference: of each horizontal coordinate, and of the DEM's heights, in metres."""
 
     sigma_xy_m: float
@@ -58,7 +59,9 @@ class ReferenceShift:
         return self.length_m > self.limit_m
 
 
-def reference_shift(image: Image, found: ImageControl, ground: np.ndarray, accuracy: Accuracy) -> ReferenceShift | None:
+def reference_shift(
+    image: Image, found: ImageControl, ground: np.ndarray, accuracy: ReferenceAccuracy
+) -> ReferenceShift | None:
     """Return an image's shift against the reference in its middle; None where it does not show the reference at all.
 
     ``ground (m, 3)`` are the places of the reference.
@@ -72,7 +75,7 @@ def reference_shift(image: Image, found: ImageControl, ground: np.ndarray, accur
     own = image.rpc.err_bias or UNKNOWN_BIAS_M
     # heights that are wrong move the ground along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
-    limit = LIMIT * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
+    limit = REFERENCE_LIMIT * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
     return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
 
 
@@ -141,7 +144,7 @@ def contradiction(
     images: Sequence[Image],
     control: ReferenceControl,
     gcps: Sequence[MeasuredGcps],
-    accuracy: Accuracy,
+    accuracy: ReferenceAccuracy,
 ) -> Contradiction | None:
     """Return how surveyed GCPs and the reference differ; None where no image has both."""
     by_id = {image.id: image for image in images}
@@ -162,7 +165,7 @@ def contradiction(
         return None
     every, variance = np.concatenate(differences), np.concatenate(variances)
     east, north = np.median(every, axis=0)
-    limit = LIMIT * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
+    limit = REFERENCE_LIMIT * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
     return Contradiction(float(east), float(north), limit, len(every))
 
 

@@ -31,14 +31,14 @@ from .places import choose_places
 from .predicted_patches import Patch, image_patch, predicted_patch
 from .robust_offsets import Agreement, agree
 
-COARSER = 1.25  # an orthoimage this much coarser than the image sets the working resolution
+COARSER_THAN_IMAGE = 1.25  # an orthoimage this much coarser than the image sets the working resolution
 CONVINCING_LOG10 = -6.0
-TOLERANCE = 2.0  # working pixels within which matches belong together at first: heights of the DEM are not exact
+AGREEMENT_PX = 2.0  # working pixels within which matches belong together at first: heights of the DEM are not exact
 SIGMA_FLOOR_PX = 0.05  # no match of different images is better
 SIGMA_BY_DIRECTIONS_PX = 0.4  # of a peak of gradient directions where grey values do not match
 CORRELATION = 0.5  # of grey values, below which least-squares matching is not trusted
 LSM_REACH_PX, LSM_SMOOTHING_PX = 1.5, 0.7
-BORDER = 4  # working pixels around a template, for smoothing and slopes
+TEMPLATE_BORDER = 4  # working pixels around a template, for smoothing and slopes
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _match_image(
 ) -> ImageControl:
     gsd = ground_sample_m(image, places[0]) if len(places) else 1.0
     ratio = reference.gsd_m / gsd
-    step = ratio if ratio > COARSER else 1.0
+    step = ratio if ratio > COARSER_THAN_IMAGE else 1.0
     if not len(places):
         return _nothing(image, gsd, step, "no textured place of the reference, with a height, lies below it")
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
@@ -186,7 +186,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
         task.image.centre_px,
         task.image.half_size_px,
         task.step * options.reach_px,
-        TOLERANCE * task.step,
+        AGREEMENT_PX * task.step,
     )
     refusal = ""
     if agreement is None or agreement.chance_log10 > CONVINCING_LOG10:
@@ -203,34 +203,35 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     """Return where a place is found near its expected position ``(2,)``; None where it is not."""
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
-    origin = expected - task.step * (half + BORDER)
+    origin = expected - task.step * (half + TEMPLATE_BORDER)
     template = predicted_patch(
-        task.image, task.reference, task.surface, origin, (side + 2 * BORDER, side + 2 * BORDER), task.step,
-        task.bias.offset_px, options.node_px, task.gsd_m,
+        task.image, task.reference, task.surface, origin,
+        (side + 2 * TEMPLATE_BORDER, side + 2 * TEMPLATE_BORDER), task.step, task.bias.offset_px,
+        options.node_px, task.gsd_m,
     )  # fmt: skip
     if template.valid.mean() < 0.9:
         return None
-    corner = expected - task.step * (half + reach + BORDER)
+    corner = expected - task.step * (half + reach + TEMPLATE_BORDER)
     corner = np.round(corner) if task.step == 1.0 else corner
-    window = side + 2 * (reach + BORDER)
+    window = side + 2 * (reach + TEMPLATE_BORDER)
     assert task.image.raster is not None
     search = image_patch(task.image.raster, corner, (window, window), task.step)
     if not search.valid.any():
         return None
-    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    inner = np.s_[TEMPLATE_BORDER:-TEMPLATE_BORDER, TEMPLATE_BORDER:-TEMPLATE_BORDER]
     surface = scores(
         orientation_field(template.grey, template.valid)[inner], orientation_field(search.grey, search.valid)[inner]
     )
     peak = peak_of(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak lies outside
-    at = peak.shift + BORDER + half  # of the place's centre in the searched window
-    return _refined(template, search, at, peak.score, half + BORDER, task.step)
+    at = peak.shift + TEMPLATE_BORDER + half  # of the place's centre in the searched window
+    return _refined(template, search, at, peak.score, half + TEMPLATE_BORDER, task.step)
 
 
 def _refined(template: Patch, search: Patch, at: np.ndarray, score: float, middle: int, step: float) -> _Match:
     """Return the match after least-squares matching, or as it is where grey values do not correlate."""
-    settings = LsmOptions(window_px=2 * (middle - BORDER) + 1, reach_px=LSM_REACH_PX)
+    settings = LsmOptions(window_px=2 * (middle - TEMPLATE_BORDER) + 1, reach_px=LSM_REACH_PX)
     first = MatchImage(template.grey, template.valid, LSM_SMOOTHING_PX)
     second = MatchImage(search.grey, search.valid, LSM_SMOOTHING_PX)
     made = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)

@@ -9,13 +9,13 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
-from ...surface.dem import HeightSurface, Status, intersect, surface_heights
+from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .predicted_patches import read_reduced
 
 LOOKED_AT_PX = 192  # side of the part of a cell in which the place is chosen, working pixels
 FLAT = 0.02  # of the median texture, below which a place shows nothing
 OUTLINE = 40  # rays across an image, by which its ground is known
-MOST_CELLS = 20_000
+MOST_PLACE_CELLS = 20_000
 
 
 def choose_places(
@@ -45,7 +45,7 @@ def choose_places(
 
 
 def _ground_below(image: Image, surface: HeightSurface) -> np.ndarray:
-    ground, status = intersect(image.rpc, image.grid_px(OUTLINE, OUTLINE), surface)
+    ground, status = intersect_surface(image.rpc, image.grid_px(OUTLINE, OUTLINE), surface)
     return ground[status == Status.FOUND]
 
 
@@ -68,7 +68,7 @@ def _cells(reference: Orthoimage, below: Sequence[np.ndarray], cell: float) -> n
     dense = np.unique(np.floor(_densified(pixels[inside], cell) / cell).astype(np.int64), axis=0)
     last = np.floor((size - 1) / cell)
     dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
-    return dense[:: max(len(dense) // MOST_CELLS, 1)]
+    return dense[:: max(len(dense) // MOST_PLACE_CELLS, 1)]
 
 
 def _densified(pixels: np.ndarray, cell: float) -> np.ndarray:

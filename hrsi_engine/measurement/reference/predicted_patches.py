@@ -14,13 +14,13 @@ import numpy as np
 
 from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
-from ...surface.dem import HeightSurface, Status, intersect
+from ...surface.dem import HeightSurface, Status, intersect_surface
 
 BLUR = 0.45  # standard deviation of the low-pass filter, in pixels of the coarser image
-STRIP_LINES = 2048  # read at a time where the pixels are averaged
+PATCH_STRIP_LINES = 2048  # read at a time where the pixels are averaged
 VALID = 0.999
 LEAST_KNOWN = 0.5  # share of a patch's rays that meet the DEM; fewer leave the patch as it is
-LARGEST_PX = 64_000_000  # working pixels of a source window; more is a patch that lies across half the world
+LARGEST_PATCH_PX = 64_000_000  # working pixels of a source window; more is a patch that lies across half the world
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ def read_reduced(
     """
     width, height = max(samples // factor, 1), max(lines // factor, 1)
     grey, valid = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=bool)
-    rows = max(STRIP_LINES // factor, 1)
+    rows = max(PATCH_STRIP_LINES // factor, 1)
     for row in range(0, height, rows):
         count = min(rows, height - row)
         part = _read_padded(raster, sample, line + row * factor, width * factor, count * factor)
@@ -87,7 +87,7 @@ def sampled(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> tuple[
     margin = 4 * factor + int(4 * step)
     left, top = (int(np.floor(c[known].min())) - margin for c in (x, y))
     right, bottom = (int(np.ceil(c[known].max())) + margin + factor for c in (x, y))
-    if (right - left) / factor * (bottom - top) / factor > LARGEST_PX or max(abs(left), abs(top)) > 2**30:
+    if (right - left) / factor * (bottom - top) / factor > LARGEST_PATCH_PX or max(abs(left), abs(top)) > 2**30:
         return nothing
     grey, valid = read_reduced(raster, left, top, right - left, bottom - top, factor)
     if not valid.any():
@@ -135,7 +135,7 @@ def predicted_patch(
     lines, samples = shape
     nodes = [int(np.ceil((count - 1) / node_px)) + 1 for count in (samples, lines)]
     grid = np.stack(np.meshgrid(*(np.arange(count) * node_px for count in nodes)), axis=-1).reshape(-1, 2)
-    ground, status = intersect(image.rpc, origin + step * grid - offset_px, surface)
+    ground, status = intersect_surface(image.rpc, origin + step * grid - offset_px, surface)
     place = np.full((len(grid), 2), np.nan)
     found = status == Status.FOUND
     if found.any():

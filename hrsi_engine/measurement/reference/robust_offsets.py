@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-ROUNDS = 20
+OFFSET_ROUNDS = 20
 LEAST_AGREEING = 6
 TUKEY = 4.685
 OUTLIER = 3.5  # robust standard deviations
@@ -61,7 +61,7 @@ def agree(
     coefficients = np.zeros((2, 3))
     coefficients[:, 0] = np.median(offset[start], axis=0)
     residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
-    for _ in range(ROUNDS):
+    for _ in range(OFFSET_ROUNDS):
         columns = 3 if used.sum() >= AFFINE_FROM else 1
         weight = _tukey(np.hypot(*residual.T) / (spread * np.sqrt(2.0)))
         coefficients = _fit(design, offset, weight, columns)

@@ -14,8 +14,8 @@ import numpy as np
 from ..interest_points.corners import gaussian_kernels
 from ..interest_points.outlines import SLOPE_PX, bilinear, slope_noise
 
-SLOPE_TO_NOISE = 5.0
-WEAKEST_SHARE = 0.15  # of the strongest slope in the window
+EDGE_SLOPE_TO_NOISE = 5.0
+WEAKEST_EDGE_SHARE = 0.15  # of the strongest slope in the window
 NEAR_LINE_PX, SAME_DIRECTION_DEG, LARGEST_GAP_PX = 0.8, 20.0, 2.5
 
 
@@ -38,7 +38,9 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     by_y = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
     strength = np.hypot(by_x, by_y)
     clear = cv2.erode(usable.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-    threshold = max(SLOPE_TO_NOISE * noise * slope_noise(), WEAKEST_SHARE * float(strength[clear].max(initial=0.0)))
+    threshold = max(
+        EDGE_SLOPE_TO_NOISE * noise * slope_noise(), WEAKEST_EDGE_SHARE * float(strength[clear].max(initial=0.0))
+    )
     rows, columns = np.nonzero(clear & (strength > threshold))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
     rows, columns = rows[inner], columns[inner]

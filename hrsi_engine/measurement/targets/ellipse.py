@@ -15,7 +15,7 @@ import numpy as np
 
 from ...foundation.errors import SolveError
 
-FEWEST_POINTS = 6  # five determine an ellipse: the sixth tells how good it is
+FEWEST_ON_ELLIPSE = 6  # five determine an ellipse: the sixth tells how good it is
 _ITERATIONS = 20
 _STEP_PX = 1e-5
 
@@ -75,7 +75,7 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
     ellipse = _fit(xy, near, FITS[method])
     for _ in range(3):
         near = np.abs(ellipse.residual_px) < tolerance_px
-        if near.sum() < FEWEST_POINTS or np.array_equal(near, ellipse.used):
+        if near.sum() < FEWEST_ON_ELLIPSE or np.array_equal(near, ellipse.used):
             break
         ellipse = _fit(xy, near, FITS[method])
     return ellipse
@@ -86,25 +86,25 @@ def _largest_agreement(xy: np.ndarray, tolerance_px: float, rng: np.random.Gener
     chosen = np.zeros((trials, len(xy)))
     chosen[0] = 1.0
     for trial in range(1, trials):
-        chosen[trial, rng.choice(len(xy), FEWEST_POINTS, replace=False)] = 1.0
+        chosen[trial, rng.choice(len(xy), FEWEST_ON_ELLIPSE, replace=False)] = 1.0
     every = np.broadcast_to(xy, (trials, *xy.shape))
     centre, Q, good = direct_ellipses(every, chosen)
     near = (np.abs(distances(every, centre, Q)) < tolerance_px) & good[:, None]
     agreeing = near.sum(axis=1)
     best = near[0] if agreeing[0] > 0.95 * len(xy) else near[np.argmax(agreeing)]
-    if best.sum() < FEWEST_POINTS:
+    if best.sum() < FEWEST_ON_ELLIPSE:
         raise SolveError(
-            f"no ellipse passes within {tolerance_px:g} px of {FEWEST_POINTS} of the {len(xy)} edge points"
+            f"no ellipse passes within {tolerance_px:g} px of {FEWEST_ON_ELLIPSE} of the {len(xy)} edge points"
         )
     return np.asarray(best)
 
 
 def _require_points(count: int) -> None:
-    if count < FEWEST_POINTS:
-        raise SolveError(f"an ellipse needs {FEWEST_POINTS} edge points or more, {count} were given: measure more")
+    if count < FEWEST_ON_ELLIPSE:
+        raise SolveError(f"an ellipse needs {FEWEST_ON_ELLIPSE} edge points or more, {count} were given: measure more")
 
 
-def _fit(xy: np.ndarray, used: np.ndarray, fit: Fit) -> Ellipse:
+def _fit(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
     _require_points(int(used.sum()))
     _require_spread(xy[used])
     every = np.ones((1, int(used.sum())))
@@ -233,6 +233,6 @@ def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(A) @ b
 
 
-Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+EllipseFit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 #: Ways to fit ellipses to points with weights.
-FITS: dict[str, Fit] = {"geometric": geometric_ellipses, "direct": direct_ellipses}
+FITS: dict[str, EllipseFit] = {"geometric": geometric_ellipses, "direct": direct_ellipses}

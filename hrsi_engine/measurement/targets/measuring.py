@@ -15,16 +15,16 @@ from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
 from ..interest_points.gravity_centres import STRONG_QUALITY, Centre, CentreOptions, gravity_centres
 from ..interest_points.statistics import ImageStatistics, image_statistics
-from ..interest_points.windows import Area, Window, read_window
+from ..interest_points.windows import Area, DetectionWindow, read_window
 from .edge_points import EdgePoints, find_edge_points, straight_segments
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
 from .line_corner import Corner, Line, fit_line, intersect_lines, split_into_lines
 
-CENTER, CORNER = "center", "corner"
+TARGET_CENTER, TARGET_CORNER = "center", "corner"
 WORST_SIGMA_PX = 0.5
 WORST_QUALITY = 0.4  # of a region whose centre was asked for
 WORST_EDGE_RMSE_PX = 0.5
-SMALLEST_ANGLE_DEG = 30.0
+SMALLEST_CORNER_DEG = 30.0
 SHORTEST_EDGE_PX = 3.0
 LARGEST_TURN_DEG = 20.0  # of the slope along an edge
 EDGE_USED_PX = 20.0  # edges are used up to this far from the corner
@@ -77,7 +77,7 @@ def refused(kind: str, reason: str) -> TargetMeasurement:
 
 
 def measure_target(
-    raster: Raster, approximate: np.ndarray, kind: str = CENTER, options: TargetOptions | None = None
+    raster: Raster, approximate: np.ndarray, kind: str = TARGET_CENTER, options: TargetOptions | None = None
 ) -> TargetMeasurement:
     """Return the target nearest to an approximate position ``(2,)``; ``kind`` is one of `MEASURES`.
 
@@ -102,7 +102,7 @@ def _around(raster: Raster, middle: np.ndarray, half: float) -> Area:
     return Area(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tuple[Window, ImageStatistics]:
+def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tuple[DetectionWindow, ImageStatistics]:
     statistics = image_statistics(raster, _around(raster, middle, STATISTICS_PX))
     window = read_window(raster, _around(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
     return window, statistics
@@ -154,7 +154,7 @@ def _from_ellipse(centre: Centre) -> TargetMeasurement:
 
 def _ellipse_measurement(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
     return TargetMeasurement(
-        CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
+        TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
         (_closed(ellipse.outline()),), quality,
     )  # fmt: skip
 
@@ -162,8 +162,8 @@ def _ellipse_measurement(ellipse: Ellipse, edges: np.ndarray, quality: float) ->
 def _from_outline(centre: Centre) -> TargetMeasurement:
     used = np.ones(len(centre.outline), dtype=bool)
     return TargetMeasurement(
-        CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used, (_closed(centre.outline),),
-        centre.quality,
+        TARGET_CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used,
+        (_closed(centre.outline),), centre.quality,
     )  # fmt: skip
 
 
@@ -204,7 +204,7 @@ def _crossings(
     offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
     i, j = np.triu_indices(len(lines), 1)
     sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    steep = np.abs(sine) > np.sin(np.radians(SMALLEST_ANGLE_DEG - LARGEST_TURN_DEG / 2.0))
+    steep = np.abs(sine) > np.sin(np.radians(SMALLEST_CORNER_DEG - LARGEST_TURN_DEG / 2.0))
     i, j, sine = i[steep], j[steep], sine[steep, None]
     across = np.column_stack([normal[:, 1], -normal[:, 0]])
     crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
@@ -228,7 +228,7 @@ def _corner_of(
     except SolveError:
         return None
     away = float(np.hypot(*(corner.position - approximate)))
-    good = corner.angle_deg >= SMALLEST_ANGLE_DEG and corner.rmse_px <= WORST_EDGE_RMSE_PX
+    good = corner.angle_deg >= SMALLEST_CORNER_DEG and corner.rmse_px <= WORST_EDGE_RMSE_PX
     good &= all(_turn_deg(points, segment, rough) < LARGEST_TURN_DEG for segment in (first, second))
     if away > search_px or not good or corner.sigma_px > WORST_SIGMA_PX:
         return None
@@ -273,7 +273,14 @@ def _corner_measurement(corner: Corner, edges: np.ndarray, origin: np.ndarray) -
     curves = tuple(np.array([corner.position, _far_end(line, corner.position)]) + origin for line in corner.lines)
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
-        CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, used, curves, quality
+        TARGET_CORNER,
+        corner.position + origin,
+        corner.covariance_px2,
+        corner.rmse_px,
+        edges + origin,
+        used,
+        curves,
+        quality,
     )
 
 
@@ -285,7 +292,7 @@ def _far_end(line: Line, position: np.ndarray) -> np.ndarray:
 
 Measure = Callable[[Raster, np.ndarray, TargetOptions], TargetMeasurement]
 #: How a target of each kind is measured on the image.
-MEASURES: dict[str, Measure] = {CENTER: measure_centre, CORNER: measure_corner}
+MEASURES: dict[str, Measure] = {TARGET_CENTER: measure_centre, TARGET_CORNER: measure_corner}
 
 
 # ---- hand-measured edge points ---------------------------------------------------------------------------------
@@ -304,12 +311,12 @@ def corner_from_hand_edges(edges: np.ndarray) -> TargetMeasurement:
 
 
 EDGE_FITS: dict[str, Callable[[np.ndarray], TargetMeasurement]] = {
-    CENTER: centre_from_edges,
-    CORNER: corner_from_hand_edges,
+    TARGET_CENTER: centre_from_edges,
+    TARGET_CORNER: corner_from_hand_edges,
 }
 
 
-def measure_edges(edges: np.ndarray, kind: str = CENTER) -> TargetMeasurement:
+def measure_edges(edges: np.ndarray, kind: str = TARGET_CENTER) -> TargetMeasurement:
     """Return the target of hand-measured edge points ``(n, 2)``, or a refusal with the reason."""
     if kind not in EDGE_FITS:
         raise InputError(f"target kind {kind!r} is not one of {', '.join(EDGE_FITS)}: correct it")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-CONTRAST = 0.01  # SIFT's contrast threshold: low, for satellite images of 11 bit and little texture
-STRETCH_PERCENT = (1.0, 99.0)
+SIFT_CONTRAST = 0.01  # SIFT's contrast threshold: low, for satellite images of 11 bit and little texture
+TILE_STRETCH_PERCENT = (1.0, 99.0)
 
 
 def stretch_to_byte(grey: np.ndarray, valid: np.ndarray) -> np.ndarray | None:
     """Return the window as 8 bit between the 1st and 99th percentile; None where it holds no texture at all."""
     if not valid.any():
         return None
-    low, high = np.percentile(grey[valid][::7], STRETCH_PERCENT)
+    low, high = np.percentile(grey[valid][::7], TILE_STRETCH_PERCENT)
     if not high > low:
         return None
     return np.clip((grey.astype(np.float32) - low) * (255.0 / (high - low)), 0.0, 255.0).astype(np.uint8)

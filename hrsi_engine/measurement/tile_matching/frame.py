@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from .epipolar import HEIGHT_STEP_M, MIN_STRETCH, transfer
-from .types import ImageTile, PairGeometry
+from .types import ImageTile, TilePairGeometry
 
-NODE_PX = 32  # the prediction is exact at nodes so far apart and bilinear between them
+FRAME_NODE_PX = 32  # the prediction is exact at nodes so far apart and bilinear between them
 WIDEST_PAD_PX = 512
 
 
@@ -25,7 +25,7 @@ class TileFrame:
 
     first: ImageTile
     second: ImageTile
-    geometry: PairGeometry
+    geometry: TilePairGeometry
 
     def predict(self, points: np.ndarray, raised_m: float = 0.0, heights_m: np.ndarray | None = None) -> np.ndarray:
         """Return columns and rows in the second tile of points of the first.
@@ -93,8 +93,8 @@ class TileFrame:
     def resampled(self) -> ImageTile:
         """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both counted in pixels of the first tile."""
         rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
-        count = [max(2, -(-(length - 1) // NODE_PX) + 1) for length in (columns, rows)]
-        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(NODE_PX) for n in count)), axis=-1).reshape(-1, 2)
+        count = [max(2, -(-(length - 1) // FRAME_NODE_PX) + 1) for length in (columns, rows)]
+        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(FRAME_NODE_PX) for n in count)), axis=-1).reshape(-1, 2)
         seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2)
         by_row, by_column = _between_nodes(rows, count[1]), _between_nodes(columns, count[0])
         x, y = (np.nan_to_num(by_row @ seen[..., k] @ by_column.T, nan=-1e4).astype(np.float32) for k in (0, 1))
@@ -107,8 +107,8 @@ class TileFrame:
 
 
 def _between_nodes(length: int, nodes: int) -> np.ndarray:
-    """Return the matrix of linear interpolation from nodes ``NODE_PX`` apart to every pixel."""
-    position = np.arange(length) / NODE_PX
+    """Return the matrix of linear interpolation from nodes ``FRAME_NODE_PX`` apart to every pixel."""
+    position = np.arange(length) / FRAME_NODE_PX
     node = np.minimum(position.astype(np.int64), nodes - 2)
     weights = np.zeros((length, nodes))
     weights[np.arange(length), node] = 1.0 - (position - node)

@@ -15,43 +15,43 @@ import cv2
 import numpy as np
 
 from ...block.block import ArrayRaster
-from ..control_network.matching import MatchOptions as NetworkOptions
+from ..control_network.matching import ControlNetworkOptions as NetworkOptions
 from ..control_network.matching import match_windows
-from .features import CONTRAST, root_sift, stretch_to_byte
+from .features import SIFT_CONTRAST, root_sift, stretch_to_byte
 from .patch_finder import distinct_places, seek
 from .rpc_consistency import mutual_matches
-from .types import ImageTile, MatchOptions
+from .types import ImageTile, TileMatchOptions
 
-RATIO = 0.9  # lenient: geometry rejects what is wrong
+LENIENT_RATIO = 0.9  # lenient: geometry rejects what is wrong
 
 
-class Candidates(NamedTuple):
+class CandidateMatches(NamedTuple):
     """Positions ``(n, 2)`` (column, row) of possibly equal points, both in pixels of the first window."""
 
     first: np.ndarray
     second: np.ndarray
 
 
-Finder = Callable[[ImageTile, ImageTile, float, MatchOptions], Candidates]
+Finder = Callable[[ImageTile, ImageTile, float, TileMatchOptions], CandidateMatches]
 
 
-def no_candidates() -> Candidates:
+def no_candidates() -> CandidateMatches:
     """Return an empty table."""
-    return Candidates(np.empty((0, 2)), np.empty((0, 2)))
+    return CandidateMatches(np.empty((0, 2)), np.empty((0, 2)))
 
 
-def find_sift(first: ImageTile, second: ImageTile, reach_px: float, options: MatchOptions) -> Candidates:
+def find_sift(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """SIFT (Lowe 2004) with square-rooted descriptors, mutual nearest neighbours and a lenient ratio test."""
-    detector = cv2.SIFT_create(options.features, contrastThreshold=CONTRAST)
+    detector = cv2.SIFT_create(options.features, contrastThreshold=SIFT_CONTRAST)
     found = [_features(tile, detector) for tile in (first, second)]
     if any(len(xy) < 2 for xy, _ in found):
         return no_candidates()
     (xy1, d1), (xy2, d2) = found
-    i, j = mutual_matches(root_sift(d1), root_sift(d2), RATIO)
+    i, j = mutual_matches(root_sift(d1), root_sift(d2), LENIENT_RATIO)
     return _near(xy1[i], xy2[j], reach_px)
 
 
-def find_akaze(first: ImageTile, second: ImageTile, reach_px: float, options: MatchOptions) -> Candidates:
+def find_akaze(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """AKAZE (Alcantarilla 2013) with binary descriptors, mutual nearest neighbours."""
     detector = cv2.AKAZE_create(threshold=2e-4, max_points=options.features)
     found = [_features(tile, detector) for tile in (first, second)]
@@ -63,16 +63,16 @@ def find_akaze(first: ImageTile, second: ImageTile, reach_px: float, options: Ma
     return _near(xy1[i], xy2[j], reach_px)
 
 
-def find_patches(first: ImageTile, second: ImageTile, reach_px: float, options: MatchOptions) -> Candidates:
+def find_patches(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """A few distinct windows sought by correlation: quick where the prediction is known to some ten pixels."""
     places = distinct_places(first.pixels, first.valid)
     number, where = seek(first.pixels, places, second.pixels, second.valid, second.origin_px, reach_px)
-    return Candidates(places[number].astype(np.float64), where)
+    return CandidateMatches(places[number].astype(np.float64), where)
 
 
 def find_by_network(
-    detectors: tuple[str, ...], first: ImageTile, second: ImageTile, reach_px: float, options: MatchOptions
-) -> Candidates:
+    detectors: tuple[str, ...], first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions
+) -> CandidateMatches:
     """Control networks (thesis chapter 3) of the given interest points: geometry first, then grey values.
 
     Both windows have nearly the same geometry here, so that only what differs by height is left to the tolerances.
@@ -93,9 +93,9 @@ def _features(tile: ImageTile, detector: cv2.Feature2D) -> tuple[np.ndarray, np.
     return np.array([point.pt for point in keypoints], dtype=np.float64) + tile.origin_px, descriptors
 
 
-def _near(first: np.ndarray, second: np.ndarray, reach_px: float) -> Candidates:
+def _near(first: np.ndarray, second: np.ndarray, reach_px: float) -> CandidateMatches:
     near = np.linalg.norm(first - second, axis=1) <= 1.5 * reach_px
-    return Candidates(first[near], second[near])
+    return CandidateMatches(first[near], second[near])
 
 
 MATCHERS: dict[str, Finder] = {

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import robust_sigma
-from ..window_matching.bands import BANDS, SEARCH_BAND
+from ..window_matching.bands import MATCHING_BANDS, SEARCH_BAND
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
@@ -27,13 +27,19 @@ from .frame import TileFrame
 from .matchers import MATCHERS
 from .points import tile_points
 from .rpc_consistency import FEWEST, Consistency, rpc_consistency
-from .types import HeightGrid, ImageTile, MatchOptions, PairGeometry, TileMatches, no_matches
+from .types import HeightGrid, ImageTile, TileMatches, TileMatchOptions, TilePairGeometry, no_matches
 
 __all__ = [
-    "HeightGrid", "ImageTile", "MatchOptions", "PairGeometry", "TileMatches", "match_tile", "no_matches",
+    "HeightGrid",
+    "ImageTile",
+    "TileMatchOptions",
+    "TileMatches",
+    "TilePairGeometry",
+    "match_tile",
+    "no_matches",
     "transfer_points",
 ]  # fmt: skip
-NEIGHBOURS = 8
+PAIR_NEIGHBOURS = 8
 SPREAD_SEARCHED = 0.7  # of the neighbours' range of parallax, to both sides
 SLOPE_SEARCHED = 0.02  # px of parallax per px of distance to the neighbours
 SEARCH_MARGIN_PX = 3  # windows of the search are so much smaller on each side than those of least squares
@@ -45,10 +51,10 @@ LARGEST_NORMAL = 4.0  # sigmas of its own that a match may deviate across the ep
 
 
 def match_tile(
-    first: ImageTile, second: ImageTile, geometry: PairGeometry, options: MatchOptions | None = None
+    first: ImageTile, second: ImageTile, geometry: TilePairGeometry, options: TileMatchOptions | None = None
 ) -> TileMatches:
     """Return the interest points of the first tile that are found in the second."""
-    options = options or MatchOptions()
+    options = options or TileMatchOptions()
     task = _Task(TileFrame(first, second, geometry), options, tile_points(first, options))
     if not len(task.points):
         return no_matches()
@@ -71,10 +77,10 @@ def match_tile(
 def transfer_points(
     first: ImageTile,
     second: ImageTile,
-    geometry: PairGeometry,
+    geometry: TilePairGeometry,
     first_xy: np.ndarray,
     height_m: np.ndarray,
-    options: MatchOptions | None = None,
+    options: TileMatchOptions | None = None,
 ) -> TileMatches:
     """Return where given points of the first tile with known heights appear in the second; those that are found.
 
@@ -82,7 +88,7 @@ def transfer_points(
     heights, known from a match in another image. ``geometry.bias_px`` should be that of the pair, as the height is
     known by the other pair; points are sought a few pixels around.
     """
-    options = options or MatchOptions()
+    options = options or TileMatchOptions()
     frame = TileFrame(first, second, geometry)
     points = np.round(first.to_tile(first_xy)).astype(np.int64).reshape(-1, 2)
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
@@ -106,7 +112,7 @@ class _Task:
     """Two windows, the interest points of the first, and what is derived from both when it is first needed."""
 
     frame: TileFrame
-    options: MatchOptions
+    options: TileMatchOptions
     points: np.ndarray
 
     @cached_property
@@ -133,8 +139,8 @@ class _Task:
         if name not in self._images:
             first, second, scale = self.frame.first, self.frame.second, self.frame.scale
             self._images[name] = (
-                BANDS[name].image(first.pixels, first.valid, max(1.0, 1.0 / scale)),
-                BANDS[name].image(second.pixels, second.valid, max(1.0, scale)),
+                MATCHING_BANDS[name].image(first.pixels, first.valid, max(1.0, 1.0 / scale)),
+                MATCHING_BANDS[name].image(second.pixels, second.valid, max(1.0, scale)),
             )
         return self._images[name]
 
@@ -205,7 +211,7 @@ def _expected(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
         reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
         return _Expected(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
-    count = min(NEIGHBOURS, len(seeds.points))
+    count = min(PAIR_NEIGHBOURS, len(seeds.points))
     distance, near = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
     along, across = (np.sort(np.einsum("nki,ni->nk", seeds.shift[near], axis), axis=1) for axis in (direction, normal))
     middle = np.median(along, axis=1)[:, None] * direction + np.median(across, axis=1)[:, None] * normal
@@ -231,7 +237,7 @@ def _find(
     start = frame.predict(sought.xy[hits] - pad)
     if not task.chosen:
         task.chosen.append(_best_band(task, rows[hits], start, sought.correlation[hits], window))
-    band = BANDS[task.chosen[0]]
+    band = MATCHING_BANDS[task.chosen[0]]
     images = task.images(task.chosen[0])
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _lsm(task, window))
     inner = match_patches(*images, points[hits], fine.xy, fine.affine, _lsm(task, int(window * INNER)))

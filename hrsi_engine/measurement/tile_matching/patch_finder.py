@@ -9,17 +9,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-HALF_PX = 12  # half the side of the windows
+FINDER_HALF_PX = 12  # half the side of the windows
 MOST = 36
 QUALITY = 0.02  # of the strongest corner, below which a place is not distinct
-LEAST_CORRELATION = 0.6
-RIVAL_SHARE = 0.9  # a second peak this high makes the first one doubtful
+FOUND_LEAST_CORRELATION = 0.6
+RIVAL_PEAK_SHARE = 0.9  # a second peak this high makes the first one doubtful
 RIVAL_AWAY_PX = 4
 
 
 def distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = MOST) -> np.ndarray:
     """Return columns and rows ``(n, 2)`` of distinct corners whose window lies on valid pixels, evenly spread."""
-    usable = cv2.erode(valid.astype(np.uint8), np.ones((2 * HALF_PX + 1,) * 2, np.uint8), borderValue=0)
+    usable = cv2.erode(valid.astype(np.uint8), np.ones((2 * FINDER_HALF_PX + 1,) * 2, np.uint8), borderValue=0)
     if not usable.any():
         return np.empty((0, 2), dtype=np.int64)
     distance = np.sqrt(pixels.size / (2.0 * most))
@@ -45,16 +45,19 @@ def seek(
     place: np.ndarray
     at: np.ndarray
     for number, (place, at) in enumerate(zip(places, middle, strict=True)):
-        low = np.maximum(at - HALF_PX - reach, 0)
-        high = np.minimum(at + HALF_PX + reach + 1, other.shape[::-1])
-        if ((high - low) < 2 * HALF_PX + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
+        low = np.maximum(at - FINDER_HALF_PX - reach, 0)
+        high = np.minimum(at + FINDER_HALF_PX + reach + 1, other.shape[::-1])
+        if ((high - low) < 2 * FINDER_HALF_PX + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
             continue
-        window = pixels[place[1] - HALF_PX : place[1] + HALF_PX + 1, place[0] - HALF_PX : place[0] + HALF_PX + 1]
+        window = pixels[
+            place[1] - FINDER_HALF_PX : place[1] + FINDER_HALF_PX + 1,
+            place[0] - FINDER_HALF_PX : place[0] + FINDER_HALF_PX + 1,
+        ]
         surface = cv2.matchTemplate(other[low[1] : high[1], low[0] : high[0]], window, cv2.TM_CCOEFF_NORMED)
         peak = _clear_peak(surface)
         if peak is not None:
             found.append(number)
-            where.append(peak + low + HALF_PX + np.round(offset))
+            where.append(peak + low + FINDER_HALF_PX + np.round(offset))
     return np.array(found, dtype=np.int64), np.array(where, dtype=np.float64).reshape(-1, 2)
 
 
@@ -63,13 +66,13 @@ def _clear_peak(surface: np.ndarray) -> np.ndarray | None:
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     best = surface[row, column]
     rows, columns = surface.shape
-    if not best > LEAST_CORRELATION or not (0 < row < rows - 1 and 0 < column < columns - 1):
+    if not best > FOUND_LEAST_CORRELATION or not (0 < row < rows - 1 and 0 < column < columns - 1):
         return None
     around = surface[row - 1 : row + 2, column - 1 : column + 2]
     top, left = max(row - RIVAL_AWAY_PX, 0), max(column - RIVAL_AWAY_PX, 0)
     rest = surface.copy()
     rest[top : row + RIVAL_AWAY_PX + 1, left : column + RIVAL_AWAY_PX + 1] = -1.0
-    if rest.max() > RIVAL_SHARE * best:
+    if rest.max() > RIVAL_PEAK_SHARE * best:
         return None
     return np.array([column + _vertex(around[1]), row + _vertex(around[:, 1])])
 

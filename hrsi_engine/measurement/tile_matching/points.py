@@ -13,12 +13,12 @@ import numpy as np
 
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from ..interest_points.corners import Tensor, far_from_unusable, local_maxima, structure_tensor
-from .types import ImageTile, MatchOptions
+from .types import ImageTile, TileMatchOptions
 
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
 NOISE_CELL_PX = 32
 LARGEST_EXPECTED_SIGMA_PX = 0.1
-WEAKEST_SHARE = 0.02  # of the median strength of the corners: below, noise that the estimate did not see
+WEAKEST_CORNER_SHARE = 0.02  # of the median strength of the corners: below, noise that the estimate did not see
 EDGE_PX = 4  # filters see the mirror image at the tile's edge
 SPREAD_CELLS = 16
 
@@ -37,7 +37,7 @@ def tile_noise(tile: ImageTile) -> float:
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
 
 
-def tile_points(tile: ImageTile, options: MatchOptions) -> np.ndarray:
+def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     """Return columns and rows ``(n, 2)``, int64, of the interest points of a tile; they depend on this tile alone."""
     half = max(options.windows_px) // 2
     if min(tile.pixels.shape) <= 2 * half + 2 * EDGE_PX:
@@ -52,7 +52,7 @@ def tile_points(tile: ImageTile, options: MatchOptions) -> np.ndarray:
     noise = tile_noise(tile)
     expected = _expected_sigma(tensor, rows, columns, smallest, noise)
     at = strength[rows, columns]
-    good = (expected < LARGEST_EXPECTED_SIGMA_PX) & (at > WEAKEST_SHARE * np.median(at) if len(at) else True)
+    good = (expected < LARGEST_EXPECTED_SIGMA_PX) & (at > WEAKEST_CORNER_SHARE * np.median(at) if len(at) else True)
     points = np.column_stack([columns, rows])[good].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
         points = points[

@@ -11,15 +11,17 @@ from ...camera.rpc import RPC
 from ...foundation.robust_scale import robust_sigma
 from .epipolar import EpipolarMiss, epipolar_miss
 
-RATIO = 0.8
-ROWS_PER_BATCH = 2048
+CONSISTENCY_RATIO = 0.8
+DESCRIPTORS_PER_BATCH = 2048
 MODE_WIDTH_PX = 3.0  # the true matches of a pair lie this close to one another across the epipolar lines
-NEIGHBOURS = 12
+CONSISTENCY_NEIGHBOURS = 12
 FEWEST, FEWEST_FOR_TREND = 6, 30  # matches that an offset, and a plane, can be judged by
 PARALLAX_JUMP_PX = 8.0  # difference of parallax to the neighbours' median that buildings and trees explain
 
 
-def mutual_matches(first: np.ndarray, second: np.ndarray, ratio: float = RATIO) -> tuple[np.ndarray, np.ndarray]:
+def mutual_matches(
+    first: np.ndarray, second: np.ndarray, ratio: float = CONSISTENCY_RATIO
+) -> tuple[np.ndarray, np.ndarray]:
     """Return index pairs of descriptors (unit length) that are each other's nearest and pass the ratio test."""
     if len(first) < 2 or len(second) < 2:
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -27,8 +29,8 @@ def mutual_matches(first: np.ndarray, second: np.ndarray, ratio: float = RATIO) 
     distinct = np.empty(len(first), bool)
     back_best = np.full(len(second), -np.inf, np.float32)
     back = np.zeros(len(second), np.int64)
-    for start in range(0, len(first), ROWS_PER_BATCH):
-        part = slice(start, min(start + ROWS_PER_BATCH, len(first)))
+    for start in range(0, len(first), DESCRIPTORS_PER_BATCH):
+        part = slice(start, min(start + DESCRIPTORS_PER_BATCH, len(first)))
         similarity = first[part] @ second.T
         column_best = similarity.argmax(axis=0)
         column_value = similarity[column_best, np.arange(len(second))]
@@ -111,10 +113,10 @@ def _like_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> 
     """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
     index = np.flatnonzero(good)
     result = np.zeros(len(xy), bool)
-    if len(index) <= NEIGHBOURS:
+    if len(index) <= CONSISTENCY_NEIGHBOURS:
         result[index] = True
         return result
-    _, near = cKDTree(xy[index]).query(xy[index], k=NEIGHBOURS + 1)
+    _, near = cKDTree(xy[index]).query(xy[index], k=CONSISTENCY_NEIGHBOURS + 1)
     around = parallax[index][near[:, 1:]]
     middle = np.median(around, axis=1)
     spread = robust_sigma(around - middle[:, None], axis=1)

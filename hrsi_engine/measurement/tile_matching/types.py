@@ -58,7 +58,7 @@ class HeightGrid:
 
 
 @dataclass(frozen=True, eq=False)
-class PairGeometry:
+class TilePairGeometry:
     """Where points of the first image appear in the second.
 
     bias_px : (2,) known offset (sample, line) in the second image, observed - predicted by the RPCs
@@ -85,7 +85,7 @@ class PairGeometry:
 
 
 @dataclass(frozen=True)
-class MatchOptions:
+class TileMatchOptions:
     """How two windows are matched. Lengths are in pixels of the first tile unless said otherwise.
 
     finders : names in `MATCHERS` whose candidates are joined to learn the bias and the shape of the ground

@@ -33,7 +33,7 @@ class Band:
         return MatchImage(pixels, valid, smooth, self.remove_px * coarser)
 
 
-BANDS: dict[str, Band] = {
+MATCHING_BANDS: dict[str, Band] = {
     "fine": Band(0.0, 1.0, 0.77),
     "middle": Band(0.5, 2.0, 0.97),
     "coarse": Band(0.9, 5.0, 1.75),

@@ -26,7 +26,7 @@ import numpy as np
 
 from ...foundation import compiled_code
 from .lsm_arrays import match_in_parts
-from .windows import DONE, OUTSIDE, UNFINISHED, LsmOptions, MatchImage, Patches, Results
+from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, Patches, Results
 
 
 def match_patches(
@@ -73,7 +73,7 @@ def _mark_unclear(
     """Set the status of windows that meet invalid pixels of the second image."""
     if second.valid.all() or not len(xy):
         return
-    matched = np.flatnonzero((status == DONE) | (status == UNFINISHED))
+    matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
     size = np.ceil(options.half * np.abs(affine[matched]).sum(axis=2).max(axis=1)).astype(np.int64) + 1
     pixel = np.floor(xy[matched] + 0.5).astype(np.int64)
     for reach in np.unique(size):

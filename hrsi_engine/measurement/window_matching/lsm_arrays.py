@@ -7,25 +7,25 @@ import numpy as np
 from .windows import (
     DIVERGED,
     DONE,
+    ITERATIONS_USED_UP,
     OUTSIDE,
     SMALLEST_GAIN,
     TERMS,
-    UNFINISHED,
     WEAK,
     LsmOptions,
     MatchImage,
     Results,
 )
 
-PART = 256  # windows in memory
+MATCHED_AT_A_TIME = 256  # windows in memory
 
 
 def match_in_parts(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     """Match windows whose templates are inside the first image; results are changed in place."""
-    for begin in range(0, len(centre), PART):
-        part = slice(begin, begin + PART)
+    for begin in range(0, len(centre), MATCHED_AT_A_TIME):
+        part = slice(begin, begin + MATCHED_AT_A_TIME)
         _match_part(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
 
 
@@ -38,7 +38,7 @@ def _match_part(
     A = _designs(first, centre, offset, weight)
     N = np.einsum("npi,p,npj->nij", A, weight, A)
     solvable = _solvable(N)
-    status[:] = np.where(solvable, UNFINISHED, WEAK)
+    status[:] = np.where(solvable, ITERATIONS_USED_UP, WEAK)
     inverse = np.full_like(N, np.nan)
     inverse[solvable] = np.linalg.inv(N[solvable])
     begin = xy.copy()
@@ -52,7 +52,7 @@ def _match_part(
         right = np.einsum("npi,p,np->ni", A[going], weight, seen[going])
         solution[going] = np.einsum("nij,nj->ni", inverse[going], right)
         going = _move(xy, affine, begin, status, solution, going, options)
-    matched = np.flatnonzero((status == DONE) | (status == UNFINISHED))
+    matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
     _figures(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]

@@ -12,9 +12,7 @@ import numpy as np
 from numba import njit
 
 from ...foundation.compiled_code import OPTIONS, Arrays
-from .windows import DIVERGED, DONE, OUTSIDE, SMALLEST_GAIN, TERMS, UNFINISHED, WEAK
-
-RIVAL_PX = 3  # as in `window_search`
+from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, SMALLEST_GAIN, TERMS, WEAK
 
 
 @njit(**OPTIONS)
@@ -139,7 +137,7 @@ def match_range(
     wx, wy = np.empty(4), np.empty(4)
     total_weight = weight.sum()
     for n in range(begin, end):
-        status[n] = UNFINISHED
+        status[n] = ITERATIONS_USED_UP
         _template(first, by_x, by_y, centre[n, 0], centre[n, 1], weight, A, N)
         variance = N[6, 6]
         if not variance > 0.0 or not _factor(N):
@@ -204,7 +202,7 @@ def match_range(
             if abs(tx) + abs(ty) + half * (abs(i00 - 1.0) + abs(i01) + abs(i10) + abs(i11 - 1.0)) * 0.25 < closure:
                 status[n] = DONE
                 break
-        if status[n] == UNFINISHED or status[n] == DONE:
+        if status[n] == ITERATIONS_USED_UP or status[n] == DONE:
             left = 0.0
             pixel = 0
             for j in range(side):

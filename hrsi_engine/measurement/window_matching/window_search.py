@@ -12,13 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation import compiled_code
-from .windows import MatchImage
+from .windows import RIVAL_PX, MatchImage
 
-RIVAL_PX = 3  # peaks nearer to the best one belong to it
-PART = 64  # windows in memory at a time (NumPy)
+SEARCHED_AT_A_TIME = 64  # windows in memory at a time (NumPy)
 
 
-class Found(NamedTuple):
+class PeaksFound(NamedTuple):
     """Best positions ``xy (n, 2)``, their correlation, that of the best other peak (-1 without), and whether the best
     position lies inside its box rather than on the edge (then the true one may be outside)."""
 
@@ -36,7 +35,7 @@ def search_windows(
     direction: np.ndarray,
     reach: np.ndarray,
     half: int,
-) -> Found:
+) -> PeaksFound:
     """Search windows of ``2 half + 1`` pixels around whole pixels ``centre (n, 2)`` of the first image in the second.
 
     predicted : (n, 2) positions in the second image; direction : (n, 2) unit vectors along the boxes
@@ -54,7 +53,7 @@ def search_windows(
         search = _by_compiled_loops if compiled_code.wanted() else _by_arrays
         search(first, second, inputs, half, part)
         best[rows], figures[rows] = part
-    return Found(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
+    return PeaksFound(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
 
 
 Inputs = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -75,8 +74,8 @@ def _by_arrays(
     size = 2 * np.ceil(np.hypot(*inputs[3].T)).astype(np.int64) + 1
     for length in np.unique(size):
         same = np.flatnonzero(size == length)
-        for begin in range(0, len(same), PART):
-            rows = same[begin : begin + PART]
+        for begin in range(0, len(same), SEARCHED_AT_A_TIME):
+            rows = same[begin : begin + SEARCHED_AT_A_TIME]
             part = tuple(column[rows] for column in inputs)
             scores, corner = _scores(first, second, part, half, int(length))
             results[0][rows], results[1][rows] = _judged(scores, corner, part[1])

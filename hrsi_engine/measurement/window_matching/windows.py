@@ -11,9 +11,10 @@ import numpy as np
 from scipy import ndimage
 
 #: What became of a window: matched; leaves the images or their valid pixels; no texture; ran away; iterations used up.
-DONE, OUTSIDE, WEAK, DIVERGED, UNFINISHED = 0, 1, 2, 3, 4
+DONE, OUTSIDE, WEAK, DIVERGED, ITERATIONS_USED_UP = 0, 1, 2, 3, 4
 TERMS = 8  # two shifts, four affine terms, gain, offset
 SMALLEST_GAIN = 0.05
+RIVAL_PX = 3  # peaks nearer to the best one belong to it
 TAPER = 0.6  # of half the window: standard deviation of the Gaussian weights
 
 
