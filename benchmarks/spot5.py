@@ -66,7 +66,7 @@ class Spot5:
     def _disturbed(self, case: int) -> Image:
         position, attitude = CASES[case]
         error = OrientationError(position_m=(position,) * 3, attitude_rad=(attitude,) * 3)
-        return Image("spot5", fit_camera(self.camera.disturbed(error), HEIGHTS_M).rpc, SIZE)
+        return Image("spot5", fit_camera(self.camera.disturb(error), HEIGHTS_M).rpc, SIZE)
 
     def control(self, count: int) -> tuple[Control, Control]:
         """Return control and check points of the experiment with ``count`` GCPs."""

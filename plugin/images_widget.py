@@ -16,7 +16,7 @@ from qgis.gui import (
 from qgis.PyQt.QtWidgets import QHBoxLayout, QLineEdit, QToolButton, QWidget
 
 from .dialog_fields import DialogField
-from .layer_sources import listed
+from .layer_sources import list_sources
 
 
 class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
@@ -40,7 +40,7 @@ class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
         return widget
 
     def setWidgetValue(self, value: Any, context: QgsProcessingContext) -> None:
-        self._select([str(source) for source in listed(value)])
+        self._select([str(source) for source in list_sources(value)])
         self.widgetValueHasChanged.emit(self)
 
     def widgetValue(self) -> list[str]:

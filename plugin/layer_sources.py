@@ -36,10 +36,10 @@ def raster_source(value: Any, context: QgsProcessingContext) -> str:
 
 def raster_sources(values: Any, context: QgsProcessingContext) -> list[str]:
     """Return the sources of several rasters or RPC files."""
-    return [raster_source(value, context) for value in listed(_static(values))]
+    return [raster_source(value, context) for value in list_sources(_static(values))]
 
 
-def listed(values: Any) -> list[Any]:
+def list_sources(values: Any) -> list[Any]:
     """Return one or several values as a list; a text may hold several, separated by semicolons."""
     if values is None or values == NULL:
         return []

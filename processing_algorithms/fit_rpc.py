@@ -23,7 +23,7 @@ SEED = 1  # of the choice of check points: the same ones every time
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
     from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.io.output_dir import staged
+    from ..hrsi_engine.io.output_dir import stage_folder
     from ..hrsi_engine.io.position_tables import read_correspondences
     from ..hrsi_engine.io.report import write_report_json
     from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
@@ -43,7 +43,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         "height_min_m": low, "height_max_m": high,
         "warnings": [*table.warnings, *fit.warnings, *_height_warnings(options, low, high, check is None)],
     }  # fmt: skip
-    with staged(options["output_dir"], [options["points"].partition("|")[0]]) as folder:
+    with stage_folder(options["output_dir"], [options["points"].partition("|")[0]]) as folder:
         write_rpc_text(str(folder / name), fit.rpc)
         report["read_back_px"] = read_back_px(str(folder / name), fit.rpc)
         write_report_json(str(folder / "report.json"), report)

@@ -133,12 +133,12 @@ def _write(
     from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.io.csv_tables import write_csv
     from ..hrsi_engine.io.layers import write_geopackage
-    from ..hrsi_engine.io.output_dir import staged
+    from ..hrsi_engine.io.output_dir import stage_folder
     from ..hrsi_engine.io.pages import write_page
     from ..hrsi_engine.io.report import write_report_json
 
     layers = _layers(options, images, found)
-    with staged(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
         write_geopackage(str(folder / LAYERS_FILE), layers)
         columns = layers[0].fields
         rows = zip(*(column.tolist() for column in columns.values()), strict=True)

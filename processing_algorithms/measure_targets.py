@@ -177,13 +177,13 @@ def _write(
     from ..hrsi_engine.drawing.target_chips import chip_svg
     from ..hrsi_engine.foundation.progress import advance, stage
     from ..hrsi_engine.io.layers import write_geopackage
-    from ..hrsi_engine.io.output_dir import staged
+    from ..hrsi_engine.io.output_dir import stage_folder
     from ..hrsi_engine.io.pages import write_page
     from ..hrsi_engine.io.report import write_report_json
     from .files.target_chip import chip_of
 
     by_id = {image.id: image for image in images}
-    with staged(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
         write_geopackage(
             str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
         )

@@ -130,11 +130,11 @@ def _write(
 ) -> None:  # fmt: skip
     from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.io.layers import write_geopackage
-    from ..hrsi_engine.io.output_dir import staged
+    from ..hrsi_engine.io.output_dir import stage_folder
     from ..hrsi_engine.io.pages import write_page
     from ..hrsi_engine.io.report import write_report_json
 
-    with staged(options["output_dir"], [*(options["images"] or []), options["image_points"]]) as folder:
+    with stage_folder(options["output_dir"], [*(options["images"] or []), options["image_points"]]) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
         if options["report"]:
             write_page(

@@ -15,7 +15,7 @@ SENSOR_CHOICES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wi
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Simulate a block and write its files."""
     from ..hrsi_engine.foundation.progress import stage
-    from ..hrsi_engine.io.output_dir import check_output_dir, staged
+    from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
     from ..hrsi_engine.io.report import write_report_json
     from ..hrsi_engine.simulation import simulate_block
     from .simulation_steps import inputs as simulation_inputs
@@ -25,7 +25,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     check_output_dir(folder, options["overwrite"])
     simulated = simulate_block(*simulation_inputs.arguments(options), stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.block_report(simulated, options)
-    with staged(folder, []) as temporary:
+    with stage_folder(folder, []) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))
         report["outputs"] = [os.path.join(folder, name) for name in names]

@@ -23,7 +23,7 @@ POINTS_LAYER, MEASUREMENTS_LAYER = "tie_points", "image_points"
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Find the tie points of the images and write them."""
     from ..hrsi_engine.foundation.progress import advance, stage
-    from ..hrsi_engine.io.output_dir import check_output_dir, staged
+    from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
     from ..hrsi_engine.io.report import write_report_json
     from .block_steps.outputs import Clock
 
@@ -34,7 +34,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     clock.lap("read")
     found, finished = find(images, options, surface, Context(stage(context.progress, 0.0, 0.95), context.log))
     clock.lap("tie_points")
-    with staged(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
         outputs = _write_points(folder, found, options)
         report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)

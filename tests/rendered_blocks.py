@@ -41,7 +41,7 @@ def rendered(view: int, texture: np.ndarray, bias_px=(0.0, 0.0), half: float = H
     row = (centre - metres[:, 1]).astype(np.float32).reshape(size, size)
     grey = cv2.remap(texture, column, row, cv2.INTER_CUBIC)
     grey += np.random.default_rng(view).normal(0, 3, grey.shape)
-    return Image(f"view{view}", rpc.shifted(*bias_px), (size, size), raster=ArrayRaster(grey.astype(np.uint16)))
+    return Image(f"view{view}", rpc.shift(*bias_px), (size, size), raster=ArrayRaster(grey.astype(np.uint16)))
 
 
 def triplet(texture: np.ndarray | None = None, half: float = HALF) -> list[Image]:

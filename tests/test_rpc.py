@@ -257,7 +257,7 @@ def test_an_rpc_is_a_value() -> None:
     rpc = synthetic_rpc(12.0, 48.0)
     assert rpc == synthetic_rpc(12.0, 48.0)
     assert hash(rpc) == hash(synthetic_rpc(12.0, 48.0))
-    moved = rpc.shifted(3.0, -2.0)
+    moved = rpc.shift(3.0, -2.0)
     assert moved != rpc
     ground = np.array([[12.0, 48.0, 100.0]])
     np.testing.assert_allclose(moved.project(ground) - rpc.project(ground), [[3.0, -2.0]], atol=1e-11)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..foundation.errors import named
+from ..foundation.errors import list_ids
 from ..ground.geodesy import ground_difference_m
 from .delivery import Delivered, delivered
 from .gauss_newton import GaussNewton, Solution
@@ -235,7 +235,7 @@ def _undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) 
                 key = tuple(name for name, bad in zip(names, which, strict=True) if bad)
                 by_set.setdefault(key, []).append(observations.images[index].id)
     return [
-        f"{', '.join(key)} of image {named(ids)} follow from their priors: the GCPs and tie points do not "
+        f"{', '.join(key)} of image {list_ids(ids)} follow from their priors: the GCPs and tie points do not "
         "determine them"
         for key, ids in by_set.items()
     ]

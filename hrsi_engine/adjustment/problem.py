@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ..block.block import Block
-from ..foundation.errors import NAMED, InputError, SolveError, named
+from ..foundation.errors import NAMED, InputError, SolveError, list_ids
 from ..refinement import MODELS, RefinementModel
 from ..refinement.image_space import ImagePolynomial, with_drift
 from .dem_heights import DemHeights
@@ -144,7 +144,7 @@ def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
     place = {image.id: index for index, image in enumerate(block.images)}
     unknown = [name for name in ids if name not in place]
     if unknown:
-        raise InputError(f"{what} names image {named(unknown)}, not in the block (images: {named(place)})")
+        raise InputError(f"{what} names image {list_ids(unknown)}, not in the block (images: {list_ids(place)})")
     return [place[name] for name in ids]
 
 
@@ -183,14 +183,14 @@ def _part_warnings(observations: Observations, parts: Sequence[Part]) -> list[st
     warnings = []
     alone = [names[part.images[0]] for part in parts if len(part.images) == 1 and not part.gcps and not part.ties]
     if alone:
-        warnings.append(f"no GCP and no tie point on image {named(alone)}: its RPC stays as it is")
+        warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
     rest = [part for part in parts if part.gcps or part.ties]
     if len(rest) > 1:
-        listed = "; ".join(f"{named(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:NAMED])
+        listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:NAMED])
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
     free = [part for part in rest if not part.gcps]
     if free:
-        listed = "; ".join(named(names[i] for i in part.images) for part in free[:NAMED])
+        listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:NAMED])
         warnings.append(f"no GCP holds {listed}: its position follows from the RPCs' own accuracy (priors)")
     return warnings
 
@@ -213,7 +213,7 @@ def _starting_points(
     lost = ~np.isfinite(ground).all(axis=1)
     if not lost.any():
         return observations, ground, []
-    ids = named(block.points.ids[observations.points[lost]])
+    ids = list_ids(block.points.ids[observations.points[lost]])
     message = f"{lost.sum()} points could not be intersected and are left out: {ids}"
     return observations.without(lost), ground[~lost], [message]
 
@@ -247,7 +247,7 @@ def _prior_weight(
     place = {image.id: index for index, image in enumerate(observations.images)}
     unknown = [name for name in options.fixed_images if name not in place]
     if unknown:
-        raise InputError(f"fixed image {named(unknown)} is not in the block (images: {named(place)})")
+        raise InputError(f"fixed image {list_ids(unknown)} is not in the block (images: {list_ids(place)})")
     weight[[observations.camera_of_image[place[name]] for name in options.fixed_images]] = np.inf
     return weight
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..block.block import Block
-from ..foundation.errors import named
+from ..foundation.errors import list_ids
 from ..foundation.progress import Progress, silent, stage
 from .cross_validation import cross_validate
 from .drift_prior import DriftPrior
@@ -151,7 +151,7 @@ class Adjuster:
             self.survey_weight[suspect.point] = 0.0
         elif clear:
             self.found.decision[suspect.row] = int(Decision.BLUNDER)
-        rivals = named(points.ids[observations.points[list(suspect.rivals)]])
+        rivals = list_ids(points.ids[observations.points[list(suspect.rivals)]])
         consequence = "it is left out" if clear else f"but {rivals} may be the wrong one instead: all are kept"
         message = f"GCP {name}: {what} disagrees with the rest by {suspect.statistic:.1f} sigma; {consequence}"
         self.found.findings.append(Finding(name, image or "ground", suspect.statistic, clear, message))

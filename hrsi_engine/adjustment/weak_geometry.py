@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..foundation.errors import named
+from ..foundation.errors import list_ids
 from ..refinement.ground_area import px_per_m
 from ..surface.dem import HeightSurface, surface_heights
 from .equations import PointPriors
@@ -56,7 +56,7 @@ def _weak_warnings(observations: Observations, weak: np.ndarray, open_height: np
         images = _weak_images(observations, points)
         if images:
             found.append(
-                f"most rays of image {named(images)} converge by {consequence}; give a DEM to hold them better"
+                f"most rays of image {list_ids(images)} converge by {consequence}; give a DEM to hold them better"
             )
     return found
 

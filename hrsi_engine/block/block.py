@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..foundation.errors import InputError, named
+from ..foundation.errors import InputError, list_ids
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
 
 
@@ -157,7 +157,7 @@ def assemble(
     known, unmeasured = _measured_only(known, ids)
     if len(unmeasured):
         warnings.append(
-            f"{len(unmeasured)} ground points are measured on no image and are left out: {named(unmeasured)}"
+            f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured)}"
         )
     role = _roles(known, gcp_ids, check_ids)
     points = _all_points(ids, known, role, defaults)
@@ -172,7 +172,7 @@ def assemble(
 def _require_unique(image_ids: list[str]) -> None:
     twice = sorted({name for name in image_ids if image_ids.count(name) > 1})
     if twice:
-        raise InputError(f"image id {named(twice)} occurs more than once: rename one of the files")
+        raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
 
 
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
@@ -191,7 +191,9 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     away = np.abs(merged.ground - merged.ground[first[inverse]]) * [1e5, 1e5, 1.0]
     if np.any(away > 0.1):
         wrong = np.unique(merged.ids[np.any(away > 0.1, axis=1)])
-        raise InputError(f"ground point {named(wrong)} is given with different positions in {merged.source}: keep one")
+        raise InputError(
+            f"ground point {list_ids(wrong)} is given with different positions in {merged.source}: keep one"
+        )
     return merged.select(first)
 
 
@@ -220,8 +222,8 @@ def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
     if unknown:
         where = f" of {rows.source}" if rows.source else ""
         raise InputError(
-            f"image {named(map(repr, map(str, unknown)))} in the image points{where} is not in the block "
-            f"(images: {named(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
+            f"image {list_ids(map(repr, map(str, unknown)))} in the image points{where} is not in the block (images: "
+            f"{list_ids(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
 
@@ -236,12 +238,12 @@ def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequen
         missing = sorted(set(chosen or ()) - set(known.ids.tolist()))
         if missing:
             raise InputError(
-                f"{option} names {named(missing)}, not among the measured ground points"
+                f"{option} names {list_ids(missing)}, not among the measured ground points"
                 f"{f' of {known.source}' if known.source else ''}: correct the ids"
             )
     both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
     if both:
-        raise InputError(f"{named(both)} is in --gcp-ids and in --check-ids: a point is control or check, not both")
+        raise InputError(f"{list_ids(both)} is in --gcp-ids and in --check-ids: a point is control or check, not both")
     role = np.where(known.role == UNSET, Role.GCP, known.role)
     if gcp_ids:
         role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))
@@ -267,7 +269,7 @@ def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults
     bad = ids[~(points.sigma_m > 0.0).all(axis=1)]
     if len(bad):
         raise InputError(
-            f"ground point {named(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
+            f"ground point {list_ids(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
         )
     return points
 
@@ -284,8 +286,8 @@ def _require_covariances(known: GroundPoints) -> None:
     bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
     if len(bad):
         raise InputError(
-            f"ground point {named(bad)} has a covariance that is not positive definite: correlations must lie between "
-            "-1 and 1 and agree with each other"
+            f"ground point {list_ids(bad)} has a covariance that is not positive definite: correlations must lie "
+            "between -1 and 1 and agree with each other"
         )
 
 
@@ -297,7 +299,9 @@ def _without_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str
     repeated = np.r_[False, same_point & np.all(rows.xy[1:] == rows.xy[:-1], axis=1)]
     if not repeated.any():
         return rows
-    warnings.append(f"{repeated.sum()} image points are given twice and used once: {named(ids[rows.point[repeated]])}")
+    warnings.append(
+        f"{repeated.sum()} image points are given twice and used once: {list_ids(ids[rows.point[repeated]])}"
+    )
     return rows.select(~repeated)
 
 

@@ -116,7 +116,7 @@ class RPC:
         """Lowest and highest ellipsoidal height (m) that the RPC was made for."""
         return self.height_off - abs(self.height_scale), self.height_off + abs(self.height_scale)
 
-    def shifted(self, sample: float, line: float) -> RPC:
+    def shift(self, sample: float, line: float) -> RPC:
         """Return the RPC whose image coordinates are larger by ``sample`` and ``line`` pixels; exact."""
         return replace(self, samp_off=self.samp_off + sample, line_off=self.line_off + line)
 

@@ -311,7 +311,7 @@ class _System:
     denominator: np.ndarray
     ridge: float
 
-    def unpacked(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def unpack(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return full numerator and denominator ``(20,)`` of the estimated coefficients."""
         numerator, denominator = np.zeros(20), np.zeros(20)
         numerator[self.numerator], denominator[0], denominator[self.denominator] = a, 1.0, b
@@ -339,10 +339,10 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
         solution = _solve_linear(system, axes, divisor)
         count = len(system.numerator)
         b = solution[count * len(axes) :]
-        candidate = [system.unpacked(solution[i * count : (i + 1) * count], b) for i in range(len(axes))]
+        candidate = [system.unpack(solution[i * count : (i + 1) * count], b) for i in range(len(axes))]
         divisor = system.terms @ candidate[0][1]
         if divisor.min() <= 0.0:  # a pole among the points: keep what came before, the caller sees the residuals
-            return polynomials or [system.unpacked(a[system.numerator], 0.0 * b) for a, _ in candidate]
+            return polynomials or [system.unpack(a[system.numerator], 0.0 * b) for a, _ in candidate]
         polynomials = candidate
         computed = (system.terms @ np.array([a for a, _ in polynomials]).T) / divisor[:, None]
         residuals = (system.target[:, axes] - computed) * scale_px * system.root_weights[:, None]

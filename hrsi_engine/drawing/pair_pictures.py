@@ -34,7 +34,7 @@ def pair_svg(first: PictureSide, second: PictureSide) -> str:
     scale = LONGEST_PX / float(max(*first.grey.shape, *second.grey.shape))
     sizes = [np.array(side.grey.shape[::-1]) * scale for side in (first, second)]
     width, height = sizes[0][0] + PICTURES_GAP + sizes[1][0], max(size[1] for size in sizes)
-    colours, numbered = _colours(first), _numbered(first)
+    colours, numbered = _colours(first), _number_points(first)
     parts = [f'<svg class="plot" viewBox="0 0 {width:.1f} {height:.1f}">']
     for left, side, size in zip((0.0, sizes[0][0] + PICTURES_GAP), (first, second), sizes, strict=True):
         places = (side.points - side.origin + 0.5) * scale + (left, 0.0)
@@ -68,7 +68,7 @@ def _marks(places: np.ndarray, colours: list[str]) -> list[str]:
     ]
 
 
-def _numbered(side: PictureSide) -> np.ndarray:
+def _number_points(side: PictureSide) -> np.ndarray:
     """Return the rows of some correspondences spread over the window: the first one of every cell."""
     cell = np.floor((side.points - side.origin) / (max(side.grey.shape) / LABEL_CELLS)).astype(int)
     return (

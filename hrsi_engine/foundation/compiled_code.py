@@ -16,7 +16,7 @@ OPTIONS: dict[str, Any] = {
 Arrays = tuple[Any, ...]
 
 
-def wanted(worth_it: bool = True) -> bool:
+def is_wanted(worth_it: bool = True) -> bool:
     """Tell whether to use compiled loops: numba is there, HRSI_COMPILED is not 0, and is 1 or the work is worth it."""
     setting = os.environ.get("HRSI_COMPILED")
     return setting != "0" and find_spec("numba") is not None and (setting == "1" or worth_it)

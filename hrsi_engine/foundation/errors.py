@@ -5,7 +5,7 @@ from collections.abc import Iterable
 NAMED = 8  # most ids in a message
 
 
-def named(ids: Iterable[object], most: int = NAMED) -> str:
+def list_ids(ids: Iterable[object], most: int = NAMED) -> str:
     """Return ids for a message, a long list shortened."""
     listed = [str(item) for item in ids]
     return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")

@@ -116,7 +116,7 @@ class _Call:
 def open_scheduler(address: str | None = None, threads: int = 0) -> Scheduler:
     """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores)."""
     if address:
-        return _distributed(address)
+        return _run_distributed(address)
     return _threads(threads or os.cpu_count() or 1)
 
 
@@ -143,7 +143,7 @@ def _threads(count: int) -> Scheduler:
     return run
 
 
-def _distributed(address: str) -> Scheduler:
+def _run_distributed(address: str) -> Scheduler:
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
         try:
             from distributed import Client, as_completed
@@ -152,7 +152,7 @@ def _distributed(address: str) -> Scheduler:
                 "--scheduler needs the Python package distributed: install it here and on the workers "
                 "(pip install 'hrsi[distributed]'), or leave --scheduler out"
             ) from None
-        client = _connected(Client, address)
+        client = _connect(Client, address)
         with client:
             futures = client.get(graph, list(wanted), sync=False)
             try:
@@ -166,7 +166,7 @@ def _distributed(address: str) -> Scheduler:
     return run
 
 
-def _connected(client: Callable[..., Any], address: str) -> Any:
+def _connect(client: Callable[..., Any], address: str) -> Any:
     try:
         return client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -19,12 +19,12 @@ def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:
         high = np.array([column + columns - 1 + cells, row + rows - 1 + cells])
         first_row, first_column, heights = surface.window(low, high)
         top, left = row - first_row, column - first_column
-        return _filled(heights, cells)[top : top + rows, left : left + columns]
+        return _fill_gaps(heights, cells)[top : top + rows, left : left + columns]
 
     return GridSurface(surface.shape, read, surface.grid_coordinates)
 
 
-def _filled(heights: np.ndarray, cells: int) -> np.ndarray:
+def _fill_gaps(heights: np.ndarray, cells: int) -> np.ndarray:
     """Return heights with their gaps (NaN) filled where there are others within reach."""
     known = np.isfinite(heights)
     if known.all() or not known.any():

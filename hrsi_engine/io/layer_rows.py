@@ -79,14 +79,14 @@ def _replace_styles(database: sqlite3.Connection, layers: Sequence[Layer], style
 
 def layer_names(path: str) -> dict[str, int]:
     """Return the layers of a vector file with their numbers of rows; raise `InputError` where it cannot be opened."""
-    dataset = _opened(path)
+    dataset = _open_layer(path)
     layers = [dataset.GetLayer(index) for index in range(dataset.GetLayerCount())]
     return {layer.GetName(): layer.GetFeatureCount() for layer in layers}
 
 
 def text_columns(path: str, layer: str, fields: Sequence[str]) -> dict[str, list[str]]:
     """Return columns of a layer as text; raise `InputError` for a layer or field that is not there."""
-    dataset = _opened(path)
+    dataset = _open_layer(path)
     table = dataset.GetLayerByName(layer)
     for field in fields:
         if table is None or table.GetLayerDefn().GetFieldIndex(field) < 0:
@@ -94,7 +94,7 @@ def text_columns(path: str, layer: str, fields: Sequence[str]) -> dict[str, list
     return {field: [str(feature.GetField(field) or "") for feature in table] for field in fields}
 
 
-def _opened(path: str) -> gdal.Dataset:
+def _open_layer(path: str) -> gdal.Dataset:
     dataset = None
     with gdal_messages():
         dataset = gdal.OpenEx(path, gdal.OF_VECTOR)

@@ -63,7 +63,7 @@ def _residuals(fields: LayerColumns) -> Style:
     good = np.asarray(fields["flag"]) != "outlier"
     ground = _typical(fields["residual_east_m"], fields["residual_north_m"], (level == "ground") & good)
     image = _typical(fields["residual_sample_px"], fields["residual_line_px"], (level == "image") & good)
-    return _rendered(
+    return _render_style(
         "residuals.qml.j2", "Residual arrows (observed - computed)",
         ground_scale=_scale(ground, GROUND_ARROW_MM), ground_key=_key(ground, GROUND_ARROW_MM, "m"),
         image_scale=_scale(image, IMAGE_ARROW_MM), image_key=_key(image, IMAGE_ARROW_MM, "px"),
@@ -75,7 +75,7 @@ def _residuals(fields: LayerColumns) -> Style:
 def _image_points(fields: LayerColumns) -> Style:
     good = ~np.isin(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
-    return _rendered(
+    return _render_style(
         "image_points.qml.j2", "Image residuals", image_shares=shares(len(good)),
         image_scale=_scale(typical, IMAGE_ARROW_MM), image_key=_key(typical, IMAGE_ARROW_MM, "px"),
     )  # fmt: skip
@@ -84,7 +84,7 @@ def _image_points(fields: LayerColumns) -> Style:
 def _misregistration(fields: LayerColumns) -> Style:
     before = np.asarray(fields["state"]) == "before"
     typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
-    return _rendered(
+    return _render_style(
         "misregistration.qml.j2", "Shifts between orthoimages (second - first)",
         ground_scale=_scale(typical, GROUND_ARROW_MM), ground_key=_key(typical, GROUND_ARROW_MM, "m"),
         has_before=bool(before.any()),
@@ -93,18 +93,18 @@ def _misregistration(fields: LayerColumns) -> Style:
 
 def _ground_points(fields: LayerColumns) -> Style:
     ties = int(np.sum(np.asarray(fields["role"]) == "tie"))
-    return _rendered("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties))
+    return _render_style("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties))
 
 
 def _tie_points(fields: LayerColumns) -> Style:
     pairs = int(np.sum(np.asarray(fields["views"]) == 2)) if "views" in fields else 0
-    return _rendered("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs))
+    return _render_style("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs))
 
 
 def _interest_points(fields: LayerColumns) -> Style:
     kind = np.asarray(fields.get("kind", np.empty(0, dtype=str)))
     corner, strong = kind == "corner", kind == "super"
-    return _rendered(
+    return _render_style(
         "interest_points.qml.j2", "Corners and gravity centres", corner_shares=shares(int(corner.sum())),
         super_shares=shares(int(strong.sum())), centre_shares=shares(int(np.sum(~corner & ~strong))),
     )  # fmt: skip
@@ -115,7 +115,7 @@ def _thinned_points(color: str, size_mm: float) -> Callable[[LayerColumns], Styl
 
     def style(fields: LayerColumns) -> Style:
         count = len(next(iter(fields.values()), ()))
-        return _rendered(
+        return _render_style(
             "points.qml.j2", "Points", color=LAYER_COLORS[color], size=size_mm, point_shares=shares(count),
         )  # fmt: skip
 
@@ -128,7 +128,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "image_points": frozenset({"flag", "residual_sample_px", "residual_line_px"}),
 }
 STYLES: dict[str, Callable[[LayerColumns], Style]] = {
-    "images": lambda _fields: _rendered("images.qml.j2", "Footprints"),
+    "images": lambda _fields: _render_style("images.qml.j2", "Footprints"),
     "ground_points": _ground_points,
     "image_points": _image_points,
     "interest_points": _interest_points,
@@ -159,7 +159,7 @@ def _key(typical: float, arrow_mm: float, unit: str) -> str:
     return f"{arrow_mm:g} mm = {typical:.2g} {unit}"
 
 
-def _rendered(template: str, description: str, **values: Any) -> Style:
+def _render_style(template: str, description: str, **values: Any) -> Style:
     text = _environment().get_template(template).render(**LAYER_COLORS, **values)
     return Style("\n".join(line for line in text.splitlines() if line.strip()), description)
 

@@ -77,7 +77,7 @@ def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None
     return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= ALIGNED_PX else None
 
 
-def regridded(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
+def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
     """Return an orthoimage on the pixels of another, over that one's extent; warped when it is read, cubic."""
     path = f"/vsimem/hrsi-{secrets.token_hex(8)}.vrt"
     result = None

@@ -39,7 +39,7 @@ def check_output_dir(path: str, overwrite: bool) -> None:
 
 
 @contextmanager
-def staged(path: str, protected: list[str]) -> Iterator[Path]:
+def stage_folder(path: str, protected: list[str]) -> Iterator[Path]:
     """Yield a temporary folder whose files move into ``path`` when the block ends without an exception.
 
     ``protected`` files (the inputs) are never replaced: `InputError` when a result would take the place of one.

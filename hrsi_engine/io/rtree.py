@@ -28,7 +28,7 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bou
     """
     if not len(rowids):
         return
-    order = _tiled(bounds)
+    order = _tile(bounds)
     levels = [(rowids[order], _rounded_outwards(bounds[order]))]
     while len(levels[-1][0]) > _MOST_CELLS:
         levels.append(_parents(levels[-1][1]))
@@ -58,7 +58,7 @@ def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
     database.execute(f'INSERT INTO "{rtree}_node" (nodeno, data) VALUES ({_ROOT}, zeroblob(?))', (size,))
 
 
-def _tiled(bounds: np.ndarray) -> np.ndarray:
+def _tile(bounds: np.ndarray) -> np.ndarray:
     """Return the order that puts neighbours together: vertical slices, each from bottom to top."""
     x, y = bounds[:, :2].sum(axis=1), bounds[:, 2:].sum(axis=1)
     slices = int(np.ceil(np.sqrt(len(x) / _MOST_CELLS)))

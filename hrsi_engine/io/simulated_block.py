@@ -105,16 +105,16 @@ def _rows_of_tiles(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int,
                         jobs.append((band, sample, pool.submit(raster.read, sample, line, width, height)))
                 waiting.append((line, jobs))
                 if len(waiting) > 1:
-                    yield _finished(*waiting.popleft())
+                    yield _finish(*waiting.popleft())
             while waiting:
-                yield _finished(*waiting.popleft())
+                yield _finish(*waiting.popleft())
         finally:
             for _, jobs in waiting:
                 for _, _, job in jobs:
                     job.cancel()
 
 
-def _finished(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[PixelStrip]]:
+def _finish(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[PixelStrip]]:
     return line, [(band, sample, job.result()[0]) for band, sample, job in jobs]
 
 

@@ -111,7 +111,7 @@ def measure_shifts(
     found = []
     with ThreadPoolExecutor(threads) as pool:
         try:
-            for number, shift in enumerate(pool.map(lambda at: _matched(first, second, at, options), centres.tolist())):
+            for number, shift in enumerate(pool.map(lambda at: _match(first, second, at, options), centres.tolist())):
                 if tell is not None and number % 32 == 0:
                     tell(number / len(centres))
                 found.append(shift)
@@ -123,17 +123,17 @@ def measure_shifts(
     return WindowShifts(centres, shifts, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
 
 
-def _matched(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
+def _match(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
     """Return the shift of the window around column, row."""
     (column, row), side = centre, options.window_px // 2 + SEARCH_BORDER
     reach = side + options.search_px
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
-        return _failed(WindowOutcome.NODATA)
+        return _fail(WindowOutcome.NODATA)
     return shift_between(template, second(column - reach, row - reach, 2 * reach, 2 * reach), options)
 
 
-def _failed(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
+def _fail(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
     return Shift(np.full(2, np.nan), correlation, np.nan, outcome)
 
 
@@ -141,10 +141,10 @@ def shift_between(
     template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MisregistrationOptions
 ) -> Shift:
     """Return the shift of a window: pixels and mask of it (with `SEARCH_BORDER`), and of the area it is sought in."""
-    grey, place = _smoothed(template[0]), _smoothed(np.where(area[1], area[0], np.mean(area[0])))
+    grey, place = _smooth(template[0]), _smooth(np.where(area[1], area[0], np.mean(area[0])))
     core = grey[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER]
     if not core.std() > 1e-6 * max(1.0, abs(float(core.mean()))):
-        return _failed(WindowOutcome.FLAT)
+        return _fail(WindowOutcome.FLAT)
     score = cv2.matchTemplate(
         place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER], core, cv2.TM_CCOEFF_NORMED
     )
@@ -152,20 +152,20 @@ def shift_between(
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, column])
     if best < options.min_correlation:
-        return _failed(WindowOutcome.UNLIKE, best)
+        return _fail(WindowOutcome.UNLIKE, best)
     if row in (0, score.shape[0] - 1) or column in (0, score.shape[1] - 1):
-        return _failed(WindowOutcome.FAR, best)
+        return _fail(WindowOutcome.FAR, best)
     side = grey.shape[0]
     if not area[1][row : row + side, column : column + side].all():
-        return _failed(WindowOutcome.NODATA, best)
-    return _refined(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
+        return _fail(WindowOutcome.NODATA, best)
+    return _refine(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
 
 
-def _smoothed(grey: np.ndarray) -> np.ndarray:
+def _smooth(grey: np.ndarray) -> np.ndarray:
     return cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SHIFT_SMOOTH_PX)
 
 
-def _refined(
+def _refine(
     grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float, options: MisregistrationOptions
 ) -> Shift:
     """Return the shift by least squares from the best whole pixel on; both windows have a border."""
@@ -178,19 +178,19 @@ def _refined(
         misfit = (T - gain * S - offset).ravel()
         N = (A * weight) @ A.T
         if np.linalg.cond(N / np.sqrt(np.outer(np.diag(N), np.diag(N)))) > 1e8:
-            return _failed(WindowOutcome.UNSTEADY, best)
+            return _fail(WindowOutcome.UNSTEADY, best)
         step = np.linalg.solve(N, (A * weight) @ misfit)
         misfit -= step @ A
         d, gain, offset = d + step[:2], gain + step[2], offset + step[3]
         if np.abs(d).max() > LEAST_SQUARES_REACH_PX or gain <= 0.0:
-            return _failed(WindowOutcome.UNSTEADY, best)
+            return _fail(WindowOutcome.UNSTEADY, best)
         if np.hypot(*step[:2]) < SHIFT_CLOSURE_PX:
             break
     variance = float(weight @ misfit**2 / weight.sum())
     Q = _covariance(A * weight, N) * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
-        return _failed(WindowOutcome.UNSTEADY, best)
+        return _fail(WindowOutcome.UNSTEADY, best)
     return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
 
 

@@ -59,7 +59,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     keep = _plausible(xy, ground[:, 2], variance)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
-    return _gridded(points, scale), int(np.sum(~keep))
+    return _grid_nodes(points, scale), int(np.sum(~keep))
 
 
 def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ class _Points:
         return float(np.sqrt(np.prod(np.maximum(np.ptp(self.xy, axis=0), 1.0)) / len(self.xy)))
 
 
-def _gridded(points: _Points, scale: np.ndarray) -> GridSurface:
+def _grid_nodes(points: _Points, scale: np.ndarray) -> GridSurface:
     """Return the surface on a grid of degrees; ``scale (2,)`` is metres per degree."""
     extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
     reach = np.minimum(MARGIN_SPACINGS * spacing, extent.max())
@@ -135,7 +135,7 @@ def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
         part = slice(start, start + FITTED_AT_A_TIME)
         inside = hull.find_simplex(nodes[part]) >= 0
         found = points.height[points.tree.query(nodes[part])[1]]
-        found[inside] = _fitted(points, nodes[part][inside])
+        found[inside] = _fit(points, nodes[part][inside])
         heights[part] = found
     return heights
 
@@ -148,7 +148,7 @@ def _hull(xy: np.ndarray) -> np.ndarray:
         raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
 
 
-def _fitted(points: _Points, nodes: np.ndarray) -> np.ndarray:
+def _fit(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
     count = min(FITTED, len(points.xy))
     distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))

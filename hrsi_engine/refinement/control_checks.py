@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..block.block import Image
-from ..foundation.errors import InputError, named
+from ..foundation.errors import InputError, list_ids
 from ..ground.geodesy import ground_difference_m
 from .estimate import Control
 from .ground_area import ground_area
@@ -43,32 +43,36 @@ def _require_numbers(image: Image, control: Control) -> None:
     finite = np.isfinite(control.ground).all(axis=1) & np.isfinite(control.xy).all(axis=1)
     sigmas = (control.sigma_px > 0.0) & (control.sigma_m > 0.0).all(axis=1)
     if not finite.all():
-        raise InputError(f"{image.id}: GCP {named(control.ids[~finite])} has no number as coordinate: complete it")
+        raise InputError(f"{image.id}: GCP {list_ids(control.ids[~finite])} has no number as coordinate: complete it")
     if not sigmas.all():
-        raise InputError(f"{image.id}: GCP {named(control.ids[~sigmas])} has a sigma that is not above 0: correct it")
+        raise InputError(
+            f"{image.id}: GCP {list_ids(control.ids[~sigmas])} has a sigma that is not above 0: correct it"
+        )
     ids, count = np.unique(control.ids, return_counts=True)
     if (count > 1).any():
-        raise InputError(f"{image.id}: GCP {named(ids[count > 1])} is given more than once: keep one measurement of it")
-    wild = (np.abs(control.ground[:, 0]) > 540.0) | (np.abs(control.ground[:, 1]) > 90.0)
-    if wild.any() and not _swapped(image, control.ground)[wild].all():
         raise InputError(
-            f"{image.id}: GCP {named(control.ids[wild])} is at no longitude and latitude "
+            f"{image.id}: GCP {list_ids(ids[count > 1])} is given more than once: keep one measurement of it"
+        )
+    wild = (np.abs(control.ground[:, 0]) > 540.0) | (np.abs(control.ground[:, 1]) > 90.0)
+    if wild.any() and not _find_swapped(image, control.ground)[wild].all():
+        raise InputError(
+            f"{image.id}: GCP {list_ids(control.ids[wild])} is at no longitude and latitude "
             f"({control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
         )
 
 
 def _require_near(image: Image, control: Control) -> None:
-    swapped = _swapped(image, control.ground)
+    swapped = _find_swapped(image, control.ground)
     if swapped.any():
         raise InputError(
-            f"{image.id}: longitude and latitude of GCP {named(control.ids[swapped])} are swapped: exchange them"
+            f"{image.id}: longitude and latitude of GCP {list_ids(control.ids[swapped])} are swapped: exchange them"
         )
     distance = _distance_m(image, control.ground)
     far = distance > FARTHEST_M
     if far.any():
         raise InputError(
-            f"{image.id}: GCP {named(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: check "
-            "its coordinates and the CRS"
+            f"{image.id}: GCP {list_ids(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: "
+            "check its coordinates and the CRS"
         )
 
 
@@ -77,7 +81,7 @@ def _distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
     return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
 
 
-def _swapped(image: Image, ground: np.ndarray) -> np.ndarray:
+def _find_swapped(image: Image, ground: np.ndarray) -> np.ndarray:
     """Return which points come to the image when longitude and latitude are exchanged, and are far off without."""
     return (_distance_m(image, ground) > FARTHEST_M) & (_distance_m(image, ground[:, [1, 0, 2]]) < FARTHEST_M)
 
@@ -91,7 +95,7 @@ def _outside_image(image: Image, control: Control) -> list[str]:
     outside = (np.abs(control.xy - image.centre_px) > image.half_size_px + 0.5).any(axis=1)
     if not outside.any():
         return []
-    return [f"{image.id}: GCP {named(control.ids[outside])} lies outside the image; it is used all the same"]
+    return [f"{image.id}: GCP {list_ids(control.ids[outside])} lies outside the image; it is used all the same"]
 
 
 def _outside_heights(image: Image, control: Control) -> list[str]:
@@ -102,7 +106,7 @@ def _outside_heights(image: Image, control: Control) -> list[str]:
         return []
     worst = control.ground[outside, 2][np.argmax(np.abs(control.ground[outside, 2] - (low + high) / 2.0))]
     return [
-        f"{image.id}: the height of GCP {named(control.ids[outside])} (up to {worst:.0f} m) is outside the RPC's "
+        f"{image.id}: the height of GCP {list_ids(control.ids[outside])} (up to {worst:.0f} m) is outside the RPC's "
         f"{low:.0f} to {high:.0f} m: check the height datum and the unit (feet?)"
     ]
 
@@ -125,7 +129,7 @@ def _on_a_line(image: Image, control: Control) -> list[str]:
         return []
     where = "at one place" if along < NARROW * float(np.hypot(*image.half_size_px)) else "on a line"
     return [
-        f"{image.id}: the GCPs {named(control.ids)} lie {where}: they tell nothing of the rest of the image; "
+        f"{image.id}: the GCPs {list_ids(control.ids)} lie {where}: they tell nothing of the rest of the image; "
         "spread them, or trust a shift only"
     ]
 

@@ -82,7 +82,7 @@ class DirectRPC:
         root = self._root(image)
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            rpc = corrected(image.rpc, root @ values)
+            rpc = correct(image.rpc, root @ values)
             computed, by_ground = rpc.project_with_metric_jacobian(ground)
             return Equations(computed, by_coefficients(rpc, ground) @ root, by_ground)
 
@@ -96,7 +96,7 @@ class DirectRPC:
         """Return the RPC with the new coefficients: exact."""
         if not np.any(values):
             return RefinedRPC(image.rpc, 0.0)
-        return RefinedRPC(corrected(image.rpc, self._root(image) @ values), 0.0)
+        return RefinedRPC(correct(image.rpc, self._root(image) @ values), 0.0)
 
     def _root(self, image: Image) -> np.ndarray:
         """Return L; kept, because every pass asks for it again."""
@@ -108,7 +108,7 @@ class DirectRPC:
         return self.roots[key]
 
 
-def corrected(rpc: RPC, change: np.ndarray) -> RPC:
+def correct(rpc: RPC, change: np.ndarray) -> RPC:
     """Return an RPC with its coefficients changed by ``(78,)``, in the order of `SLICES`."""
     new = {}
     for name, where in SLICES.items():

@@ -194,13 +194,13 @@ UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, bool]]] = {
 }
 
 
-def _scaled(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
     """Return values in units of their priors, 0 for fixed ones."""
     return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
 
 
 def _cost(at: _Whitened, values: np.ndarray, sigmas: np.ndarray) -> float:
-    return float(np.sum(at.right**2) + np.sum(_scaled(values, sigmas) ** 2))
+    return float(np.sum(at.right**2) + np.sum(_scale(values, sigmas) ** 2))
 
 
 def _solve(
@@ -212,7 +212,7 @@ def _solve(
         return np.zeros(0)
     brake = np.diag(np.sqrt(damping * (np.sum(matrix**2, axis=0) + 1.0)))
     stacked = np.vstack([matrix, np.eye(p), brake])
-    target = np.concatenate([right, -_scaled(values, sigmas), np.zeros(p)])
+    target = np.concatenate([right, -_scale(values, sigmas), np.zeros(p)])
     return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
 
 

@@ -144,7 +144,7 @@ class PseudoSensor:
         basis = np.column_stack([np.ones(len(position)), (position - image.centre_px) / image.half_size_px])
         table = self._coefficients(values)
         change = basis @ table.T
-        aimed = _turned(rays, change[:, PSI_X : YAW + 1])
+        aimed = _turn(rays, change[:, PSI_X : YAW + 1])
         drop = rays.height + change[:, H] - z
         flat = rays.station + change[:, X : Y + 1] + drop[:, None] * aimed.tangent
         turn, turned = _plane_rotations(change[:, PSI_Z])
@@ -178,7 +178,7 @@ class Aimed(NamedTuple):
     by_image: np.ndarray
 
 
-def _turned(rays: PseudoRays, angles: np.ndarray) -> Aimed:
+def _turn(rays: PseudoRays, angles: np.ndarray) -> Aimed:
     """Return the rays with their directions turned by dpsi_x, dpsi_y and dyaw ``(n, 3)`` at their stations."""
     direction = np.column_stack([rays.tangent, np.full(len(angles), -1.0)])
     (roll, rolled), (pitch, pitched), (yaw, yawed) = (

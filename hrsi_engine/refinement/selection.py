@@ -95,7 +95,7 @@ def choose_model(block: Block, rule: str = "auto") -> Choice:
 
 def choose_by_number(controls: Controls) -> Choice:
     """Rule ``generic``: by the number of GCPs on the image that has fewest, simpler where they predict better so."""
-    suspects, warnings, clean = _judged(controls)
+    suspects, warnings, clean = _judge(controls)
     count = min((len(control) for _, control in clean), default=0)
     if count < FEW:
         reason = f"{_gcps(count)}: below {FEW} only constants of position, roll and pitch"
@@ -113,7 +113,7 @@ def choose_by_prediction(controls: Controls) -> Choice:
     """Rule ``auto``: see the module's docstring."""
     if not controls:
         return Choice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
-    suspects, warnings, clean = _judged(controls)
+    suspects, warnings, clean = _judge(controls)
     count = min(len(control) for _, control in clean)
     errors = {name: _prediction_errors(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATE_MODELS}
     if all(squared is None for squared in errors.values()):
@@ -127,7 +127,7 @@ def choose_by_prediction(controls: Controls) -> Choice:
     return Choice(model, reason, _scores(errors), suspects, warnings)
 
 
-def _judged(controls: Controls) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
+def _judge(controls: Controls) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
     """Return suspects, warnings, and the controls without the suspects."""
     suspects = [suspect for image, control in controls for suspect in find_suspects(image, control)]
     warnings = [warning for image, control in controls for warning in _doubts(image, control)]

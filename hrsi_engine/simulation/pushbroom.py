@@ -56,11 +56,11 @@ class PushbroomCamera:
     orbit_rad: float
     error: OrientationError = OrientationError()
 
-    def disturbed(self, error: OrientationError) -> PushbroomCamera:
+    def disturb(self, error: OrientationError) -> PushbroomCamera:
         """Return the same camera with other position and attitude errors."""
         return replace(self, error=error)
 
-    def coarsened(self, ratio: int) -> PushbroomCamera:
+    def coarsen(self, ratio: int) -> PushbroomCamera:
         """Return the camera of pixels that cover ``ratio`` x ``ratio`` of this one's, same upper left outer corner."""
         centre_shift = (ratio - 1) / 2.0
         return replace(

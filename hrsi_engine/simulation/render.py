@@ -66,7 +66,7 @@ class ImageRenderer:
         rng = np.random.default_rng([self.scene.spec.seed, 50, self.stream, row, column])
         noise = rng.standard_normal(grey.shape, dtype=np.float32)
         variance = np.float32(radiometry.noise_dn**2) + np.float32(radiometry.shot_dn) * np.maximum(grey, 0.0)
-        return _quantised(grey + noise * np.sqrt(variance), radiometry)
+        return _quantise(grey + noise * np.sqrt(variance), radiometry)
 
     def noise_free_tile(self, row: int, column: int) -> np.ndarray:
         """Return one tile's blurred grey values, float32, before gain and noise."""
@@ -103,10 +103,10 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
     index, band_index = simulated.index(image_id), SPECTRAL_BANDS.index(band)
     view, camera, scene = simulated.views[index], simulated.truth.cameras[index], simulated.scene
     if band_index:
-        camera = camera.coarsened(view.sensor.ms_ratio)
+        camera = camera.coarsen(view.sensor.ms_ratio)
     blur_m = view.radiometry.psf_px * float(np.sqrt(np.prod(camera.gsd_m())))
     painter = TilePainter.around(
-        camera.size, scene.texture.blurred(blur_m, band_index, view.date, scene.spec.change),
+        camera.size, scene.texture.blur(blur_m, band_index, view.date, scene.spec.change),
         scene.objects, camera.ground_to_image(scene.object_ground()), min(camera.gsd_m()), blur_m,
     )  # fmt: skip
     return ImageRenderer(scene, camera, view.radiometry, painter, len(SPECTRAL_BANDS) * index + band_index)
@@ -171,7 +171,7 @@ class OrthoRenderer:
         lines, samples = tile_shape(self.size, row, column)
         east = self.west_m + self.gsd_m * (column * RENDER_TILE + np.arange(samples))
         north = self.north_m - self.gsd_m * (row * RENDER_TILE + np.arange(lines))
-        return _quantised(self.painter.grey(row, column, *np.meshgrid(east, north)), Radiometry())
+        return _quantise(self.painter.grey(row, column, *np.meshgrid(east, north)), Radiometry())
 
 
 def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, band: str = "pan") -> OrthoRenderer:
@@ -180,12 +180,12 @@ def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, b
     corner = -half * gsd_m, half * gsd_m
     size = 2 * half + 1, 2 * half + 1
     centres = (scene.objects.position_m - corner) * [1.0, -1.0] / gsd_m
-    texture = scene.texture.blurred(ORTHO_BLUR_PX * gsd_m, SPECTRAL_BANDS.index(band))
+    texture = scene.texture.blur(ORTHO_BLUR_PX * gsd_m, SPECTRAL_BANDS.index(band))
     painter = TilePainter.around(size, texture, scene.objects, centres, gsd_m, ORTHO_BLUR_PX * gsd_m)
     return OrthoRenderer(scene, painter, *corner, gsd_m)
 
 
-def _quantised(grey: np.ndarray, radiometry: Radiometry) -> np.ndarray:
+def _quantise(grey: np.ndarray, radiometry: Radiometry) -> np.ndarray:
     return np.clip(np.rint(grey), 0, radiometry.largest_dn).astype(np.uint16)
 
 

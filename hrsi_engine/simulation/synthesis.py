@@ -91,14 +91,14 @@ def simulate_block(
     scene = make_scene(spec, views)
     cameras = tuple(view.camera(scene.chart, spec.mean_height_m) for view in views)
     vendor_cameras = tuple(
-        camera.disturbed(_vendor_error(view, spec, noise, index))
+        camera.disturb(_vendor_error(view, spec, noise, index))
         for index, (view, camera) in enumerate(zip(views, cameras, strict=True))
     )
     advance(progress, 0.2, "terrain simulated")
     scene = _with_targets(scene, cameras, points)
     ids, ground, role = _place_points(cameras, scene, points)
     known = role != Role.TIE
-    image_points = _sorted(observe(cameras, scene.terrain, ground))
+    image_points = _sort_ties(observe(cameras, scene.terrain, ground))
     advance(progress, 0.6, "points placed")
     vendor_rpcs = tuple(
         replace(fit, rpc=stated_accuracy(fit.rpc, camera, view.sensor.accuracy, noise.vendor))
@@ -142,7 +142,7 @@ def _with_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: Poin
     rng = np.random.default_rng([scene.spec.seed, 43])
     known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
     targets = scene.chart.from_ground(known)
-    terrain = scene.terrain.planed(targets, scene.target_radius_m + 1.5 * scene.terrain.post_m)
+    terrain = scene.terrain.plane_around(targets, scene.target_radius_m + 1.5 * scene.terrain.post_m)
     return replace(scene, terrain=terrain, targets_m=targets)
 
 
@@ -159,7 +159,7 @@ def _place_points(
     return np.array(ids, dtype=str), np.concatenate([table for table, _, _ in tables]), role
 
 
-def _sorted(points: TrueImagePoints) -> TrueImagePoints:
+def _sort_ties(points: TrueImagePoints) -> TrueImagePoints:
     """Return image points by point, then by image: the order of a block's measurements."""
     order = np.lexsort((points.image, points.point))
     return TrueImagePoints(points.point[order], points.image[order], points.xy[order])

@@ -90,7 +90,7 @@ class SimulatedTerrain:
         """Return the surface height ``(n,)`` at lon, lat(, height) points."""
         return self.height(*self.chart.from_ground(ground).T)
 
-    def planed(self, positions_m: np.ndarray, radius_m: float) -> SimulatedTerrain:
+    def plane_around(self, positions_m: np.ndarray, radius_m: float) -> SimulatedTerrain:
         """Return the terrain made plane within a radius of chart positions ``(n, 2)``, as steep as it is there.
 
         A disc on the ground then has its centre's image in the middle of its own.

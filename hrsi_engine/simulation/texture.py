@@ -76,7 +76,7 @@ class PeriodicField:
         """Return a field of the same strength that has a correlation of sqrt(1 - share²) with this one."""
         return PeriodicField(np.sqrt(1.0 - share**2) * self.spectrum + share * other.spectrum, self.cell_m)
 
-    def blurred(self, sigma_m: float) -> tuple[np.ndarray, float]:
+    def blur(self, sigma_m: float) -> tuple[np.ndarray, float]:
         """Return the field blurred by a Gaussian, float32, and its spacing: half the cell where the blur is fine."""
         count = self.spectrum.shape[0]
         frequency = np.hypot(fft.fftfreq(count)[:, None], fft.rfftfreq(count)[None, :]) / self.cell_m
@@ -134,7 +134,7 @@ class Texture:
         """Tree crowns of about 6 m."""
         return PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([self.landscape.seed, 32]))
 
-    def blurred(self, sigma_m: float, band: int, date: int = 0, change: float = 0.0) -> BlurredTexture:
+    def blur(self, sigma_m: float, band: int, date: int = 0, change: float = 0.0) -> BlurredTexture:
         """Return the ground as a sensor sees it whose blur on the ground has ``sigma_m``, in one of `BANDS`.
 
         At dates other than 0 the ``change``, 0 … 1, is how much of soil and plants looks different: their fine texture
@@ -149,7 +149,7 @@ class Texture:
             sun = change * np.random.default_rng([seed, 34, date]).uniform(-np.pi, np.pi)
             canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), sun)
             landscape = self.landscape.at_date(date, change)
-        fields = tuple(field.blurred(sigma) for field in (fine, self.broad, canopy))
+        fields = tuple(field.blur(sigma) for field in (fine, self.broad, canopy))
         return BlurredTexture(landscape, fields, sigma, band)
 
 

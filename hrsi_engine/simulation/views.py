@@ -42,7 +42,7 @@ class SceneView:
         """Return the true camera over a chart, aimed at a height."""
         target = chart.to_ground(np.array([self.offset_m]), np.array([height_m]))[0]
         camera = aim(self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg)
-        return camera.disturbed(self.jitter)
+        return camera.disturb(self.jitter)
 
     @property
     def half_diagonal_m(self) -> float:

@@ -16,7 +16,7 @@ class ChipLabel(QLabel):
 
     def show_chip(self, svg: str, text: str) -> None:
         self.setToolTip(text)
-        pixmap = rendered(svg)
+        pixmap = render_chip(svg)
         if pixmap.isNull():
             self.setText(text)
         else:
@@ -28,7 +28,7 @@ def _for_qt(svg: str) -> str:
     return svg.replace("<svg ", f"<svg {_NAMESPACES} ", 1).replace(' href="data:', ' xlink:href="data:')
 
 
-def rendered(svg: str) -> QPixmap:
+def render_chip(svg: str) -> QPixmap:
     """Return an SVG drawn at the label's size; a null pixmap where there is none."""
     renderer = QSvgRenderer(QByteArray(_for_qt(svg).encode("utf-8")))
     if not svg or not renderer.isValid():

@@ -15,7 +15,7 @@ from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.layer_styles import default_styles
 from ...hrsi_engine.io.layers import write_geopackage
-from ...hrsi_engine.io.output_dir import staged
+from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.refinement import RefinedRPC
@@ -88,7 +88,7 @@ def write_results(
         how = NOTHING
         report["warnings"].append(WITHHELD)
     clock.lap("judge")
-    with staged(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
         names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
         _name_outputs(report, options, how, images, names)
         advance(context.progress, 0.5, "writing layers")

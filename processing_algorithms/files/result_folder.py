@@ -33,11 +33,11 @@ def write_folder(
     """Write ``report.json`` and the layers' GeoPackage into the output directory of the options, if there is one."""
     from ...hrsi_engine.foundation.progress import advance, stage
     from ...hrsi_engine.io.layers import write_geopackage
-    from ...hrsi_engine.io.output_dir import staged
+    from ...hrsi_engine.io.output_dir import stage_folder
     from ...hrsi_engine.io.report import write_report_json
 
     if options["output_dir"]:
-        with staged(options["output_dir"], inputs) as folder:
+        with stage_folder(options["output_dir"], inputs) as folder:
             write_geopackage(str(folder / file), layers, progress=stage(context.progress, 0.9, 1.0))
             write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")

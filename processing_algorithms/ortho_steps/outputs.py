@@ -28,7 +28,7 @@ from ...hrsi_engine.io.orthoimages import (  # fmt: skip
     stored_figures,
     write_orthoimage,
 )
-from ...hrsi_engine.io.output_dir import staged
+from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.report import write_report_json
 from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.ortho.grid import MapGrid
@@ -189,7 +189,7 @@ def write_report(
     }  # fmt: skip
     for text in warnings:
         context.log(f"warning: {text}")
-    with staged(options["output_dir"], [image.path for image in plan.images]) as folder:
+    with stage_folder(options["output_dir"], [image.path for image in plan.images]) as folder:
         if options["report"]:
             from ...hrsi_engine.io.pages import write_page
 

@@ -18,8 +18,8 @@ from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.ground.geodesy import to_projected, utm_epsg
 from ...hrsi_engine.io.layers import Layer, write_geopackage
-from ...hrsi_engine.io.ortho_rasters import OrthoRaster, offset_of, open_ortho, regridded
-from ...hrsi_engine.io.output_dir import staged
+from ...hrsi_engine.io.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
+from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages import write_page
 from ...hrsi_engine.io.report import write_report_json
 from ...hrsi_engine.io.versions import versions
@@ -115,7 +115,7 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> OrthoRaster:
         f"{path} has other pixels than {base.path} and is resampled to them; that smooths it and may shift it by some "
         "hundredths of a pixel"
     )
-    return regridded(ortho, base)
+    return regrid(ortho, base)
 
 
 def _pair(
@@ -194,7 +194,7 @@ def write_results(
     for text in report["warnings"]:
         context.log(f"warning: {text}")
     protected = [*options["images"], *([options["reference"]] if options["reference"] else [])]
-    with staged(options["output_dir"], protected) as folder:
+    with stage_folder(options["output_dir"], protected) as folder:
         write_geopackage(str(folder / LAYERS_FILE), _layers(found), progress=stage(context.progress, 0.9, 1.0))
         if options["report"]:
             write_page(str(folder / "report.html"), "misregistration.html.j2", report, maps=_maps(found))

@@ -45,11 +45,11 @@ def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
     import numpy as np
 
     from ...hrsi_engine.drawing.target_chips import chip_svg
-    from ...hrsi_engine.measurement.targets.measuring import measure_target, refused
+    from ...hrsi_engine.measurement.targets.measuring import measure_target, refuse
 
     xy = np.array(click, dtype=np.float64)
     if kind == BY_HAND:
-        chip = "" if image.raster is None else chip_svg(chip_of(refused(kind, BY_HAND), xy, image.raster))
+        chip = "" if image.raster is None else chip_svg(chip_of(refuse(kind, BY_HAND), xy, image.raster))
         return Fit(Measured(float(xy[0]), float(xy[1]), kind=kind), "", chip)
     if image.raster is None:
         raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")

@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
 from hrsi.hrsi_engine.ground.geodesy import to_projected, utm_epsg
 from hrsi.hrsi_engine.io.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_styles
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.output_dir import staged
+from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.point_files import read_points
 
 RING = np.array([[147.18, -42.78], [147.38, -42.77], [147.40, -42.97], [147.19, -42.97]])
@@ -189,7 +189,7 @@ def test_the_log_of_a_replaced_file_is_not_played_into_the_new_one(tmp_path: Pat
     assert (tmp_path / "block.gpkg-wal").stat().st_size > 0
     layers = [Layer("q", "Point", 4326, positions(5)[:, :2], {"id": np.arange(5)})]
     if in_staged_folder:
-        with staged(str(tmp_path), []) as folder:
+        with stage_folder(str(tmp_path), []) as folder:
             write_geopackage(str(folder / path.name), layers)
     else:
         write_geopackage(str(path), layers)

@@ -172,7 +172,7 @@ def test_rpc_of_the_crop_beside_it_is_not_moved_again(tmp_path: Path) -> None:
     write_image(image, None, geotransform=(5000.0, 1.0, 0.0, 4000.0, 0.0, 1.0))
     write_rpc_text(str(tmp_path / "crop_RPC.TXT"), scene)
     crop = read_rpc(str(image))
-    assert crop.rpc == scene.shifted(-5000.0, -4000.0)
+    assert crop.rpc == scene.shift(-5000.0, -4000.0)
     write_rpc_text(str(tmp_path / "crop_RPC.TXT"), crop.rpc)
     assert read_rpc(str(image)).rpc == crop.rpc
     assert rpc_for_image(str(tmp_path / "crop_RPC.TXT"), str(image)).rpc == crop.rpc
@@ -183,12 +183,12 @@ def test_precedence_is_gdals(real_data: Path, tmp_path: Path) -> None:
     tag = sample_rpc(1)
     image = tmp_path / "x.tif"
     write_image(image, tag)
-    write_rpb(str(tmp_path / "x.RPB"), tag.shifted(1.0, 0.0))
-    write_rpc_text(str(tmp_path / "x_RPC.TXT"), tag.shifted(2.0, 0.0))
+    write_rpb(str(tmp_path / "x.RPB"), tag.shift(1.0, 0.0))
+    write_rpc_text(str(tmp_path / "x_RPC.TXT"), tag.shift(2.0, 0.0))
     shutil.copy(real_data / "formats" / "wv_isd_xml" / "rpc_WV2.xml", tmp_path / "x.XML")
-    _write_pam(tmp_path / "x.tif.aux.xml", tag.shifted(3.0, 0.0))
+    _write_pam(tmp_path / "x.tif.aux.xml", tag.shift(3.0, 0.0))
     shutil.copy(real_data / "formats" / "otb_geom" / f"{PHR}.geom", tmp_path / "x.geom")
-    write_rpc_text(str(tmp_path / "x.rpc"), tag.shifted(4.0, 0.0))
+    write_rpc_text(str(tmp_path / "x.rpc"), tag.shift(4.0, 0.0))
     titles = (".RPB", "ISD", "_RPC.TXT", ".rpc", "GeoTIFF tag", "PAM", "OTB")
     for place, remove in enumerate(("x.RPB", "x.XML", "x_RPC.TXT", "x.rpc", None)):
         found = read_rpc(str(image))
@@ -211,9 +211,9 @@ def test_precedence_of_other_drivers_is_gdals(image: str, beside: str, with_pam:
     if not with_pam and auxiliary.exists():
         auxiliary.unlink()
     write = write_rpb if beside.endswith(".RPB") else write_rpc_text
-    write(str(tmp_path / beside), rpc.shifted(100.0, 0.0))
+    write(str(tmp_path / beside), rpc.shift(100.0, 0.0))
     if not with_pam and image.endswith(("img", "png")):  # GDAL finds nothing; the file beside counts here
-        assert read_rpc(str(tmp_path / image)).rpc == rpc.shifted(100.0, 0.0)
+        assert read_rpc(str(tmp_path / image)).rpc == rpc.shift(100.0, 0.0)
     else:
         assert largest_difference_px(read_rpc(str(tmp_path / image)).rpc, gdal_rpc(tmp_path / image)) < 1e-7
 
@@ -234,7 +234,7 @@ def test_vrt_takes_its_own_rpc_first(tmp_path: Path) -> None:
     rpc = sample_rpc(3)
     write_image(tmp_path / "y.tif", rpc)
     gdal.Translate(str(tmp_path / "x.vrt"), str(tmp_path / "y.tif"))
-    write_rpb(str(tmp_path / "x.RPB"), rpc.shifted(1.0, 1.0))
+    write_rpb(str(tmp_path / "x.RPB"), rpc.shift(1.0, 1.0))
     assert largest_difference_px(rpc, read_rpc(str(tmp_path / "x.vrt")).rpc) < 1e-7  # GDAL rounds to 15 digits
     assert largest_difference_px(rpc, gdal_rpc(tmp_path / "x.vrt")) < 1e-7
 
@@ -370,4 +370,4 @@ def _has_rpc(path: Path) -> bool:
 def test_difference_of_shifted_cameras_is_the_shift() -> None:
     rpc = sample_rpc(6)
     assert difference_px(rpc, rpc) == 0.0
-    assert difference_px(rpc, rpc.shifted(3.0, 4.0)) == pytest.approx(5.0, abs=1e-9)
+    assert difference_px(rpc, rpc.shift(3.0, 4.0)) == pytest.approx(5.0, abs=1e-9)

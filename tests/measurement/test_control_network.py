@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.measurement.control_network import (
 )
 from hrsi.hrsi_engine.measurement.control_network.local_affine import local_affine, similarity_matrix
 from hrsi.hrsi_engine.measurement.control_network.network import NO_FATHER, Network
-from hrsi.hrsi_engine.measurement.control_network.polar import turned as turned_offset
+from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.refinement import epipolar_residuals
 from hrsi.hrsi_engine.measurement.control_network.super_points import candidates, match_super_points
 from hrsi.hrsi_engine.measurement.control_network.thresholds import (

@@ -77,7 +77,7 @@ def rendered(view: int, gsd_m: float = 1.0, gain: float = 1.0, noise: float = 3.
 
 def geometry(view: int = 1, gsd_m: float = 1.0, bias=BIAS, **more) -> TilePairGeometry:
     """Return the geometry of view 0 and another, whose RPC is off by ``bias`` pixels."""
-    wrong = camera(view, gsd_m).shifted(*bias)
+    wrong = camera(view, gsd_m).shift(*bias)
     margins = {"margin_px": (20.0, 20.0)} | more
     return TilePairGeometry(camera(0), wrong, blocks.HEIGHT - 40.0, blocks.HEIGHT + 40.0, **margins)
 

@@ -439,7 +439,7 @@ def test_every_way_of_writing_gives_the_same_camera(how, pair, ties, tmp_path):
         written = read_rpc(image["output"]).rpc
         vendor = tmp_path / "vendor.tif"
         vendor.write_bytes(original)
-        expected = read_rpc(str(vendor)).rpc.shifted(*shift)
+        expected = read_rpc(str(vendor)).rpc.shift(*shift)
         np.testing.assert_allclose(written.samp_off, expected.samp_off, atol=1e-9)
         np.testing.assert_allclose(written.line_off, expected.line_off, atol=1e-9)
         assert (Path(path).read_bytes() == original) == (how != "in-place")

@@ -317,7 +317,7 @@ def test_a_changed_rpc_is_noticed(scene: Path, tmp_path: Path) -> None:
     image = rpc_image(tmp_path / "c.tif")
     dem = str(scene / "dem.tif")
     ortho(tmp_path, tmp_path / "out", images="c", dem=dem)
-    write_rpc_text(str(tmp_path / "c_RPC.TXT"), image.rpc.shifted(3.0, 0.0))  # a sidecar wins over the tag
+    write_rpc_text(str(tmp_path / "c_RPC.TXT"), image.rpc.shift(3.0, 0.0))  # a sidecar wins over the tag
     report = ortho(tmp_path, tmp_path / "out", images="c", dem=dem, overwrite=True)
     assert report["images"]["c"]["status"] == "made"
 

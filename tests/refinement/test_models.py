@@ -147,7 +147,7 @@ def test_the_camera_comes_back(name, image):
 def test_the_origin_of_the_image_does_not_matter(name, image):
     model = MODELS[name]
     here = Image("image", image.rpc)
-    there = Image("image", image.rpc.shifted(1000.0, -500.0))
+    there = Image("image", image.rpc.shift(1000.0, -500.0))
     control = simulated_control(MODELS["affine"], here, np.array([5.0, 1e-3, 0.0, -3.0, 0.0, 5e-4]), 20)
     moved = replace(control, xy=control.xy + [1000.0, -500.0])
     ground = blocks.ground(50, 9)

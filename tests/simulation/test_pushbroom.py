@@ -41,7 +41,7 @@ def image_points(camera: PushbroomCamera, count: int = 2000) -> tuple[np.ndarray
 @pytest.mark.parametrize("error", [OrientationError(), LARGE], ids=["exact", "disturbed"])
 @pytest.mark.parametrize("case", CASES)
 def test_directions_close_on_each_other(name: str, error: OrientationError, case: str):
-    camera = full_camera(name, **CASES[case]).disturbed(error)
+    camera = full_camera(name, **CASES[case]).disturb(error)
     image, heights = image_points(camera)
     ground = camera.image_to_ground(image, heights)
     closure = np.abs(camera.ground_to_image(ground) - image).max()
@@ -98,7 +98,7 @@ def test_lines_run_in_the_scan_direction_and_images_are_not_mirrored():
 
 def test_position_error_moves_the_ground_by_itself():
     camera = full_camera("spot5", across_deg=10.0, heading_deg=12.0)
-    moved = camera.disturbed(OrientationError(position_m=(30.0, -20.0, 0.0)))
+    moved = camera.disturb(OrientationError(position_m=(30.0, -20.0, 0.0)))
     image = np.array([camera.middle])
     step = ground_difference_m(moved.image_to_ground(image, 100.0), camera.image_to_ground(image, 100.0))[0]
     np.testing.assert_allclose(step[:2], [30.0, -20.0], rtol=0.01)  # the Earth curves away under the ray
@@ -106,7 +106,7 @@ def test_position_error_moves_the_ground_by_itself():
 
 def test_drift_is_complete_over_the_image_and_zero_in_its_middle():
     camera = full_camera("spot5")
-    drifting = camera.disturbed(OrientationError(attitude_drift_rad=(1e-4, 0.0, 0.0)))
+    drifting = camera.disturb(OrientationError(attitude_drift_rad=(1e-4, 0.0, 0.0)))
     sample, line = camera.middle
     image = np.array([[sample, line], [sample, line - 12000.0], [sample, line + 12000.0]])
     moved = drifting.ground_to_image(camera.image_to_ground(image, 100.0)) - image
@@ -116,8 +116,8 @@ def test_drift_is_complete_over_the_image_and_zero_in_its_middle():
 
 
 def test_coarser_pixels_cover_the_same_ground():
-    camera = replace(full_camera("pleiades", along_deg=15.0).disturbed(LARGE), size=(29999, 29998))
-    coarse = camera.coarsened(4)
+    camera = replace(full_camera("pleiades", along_deg=15.0).disturb(LARGE), size=(29999, 29998))
+    coarse = camera.coarsen(4)
     assert coarse.size == (7499, 7499)
     image = np.random.default_rng(4).uniform(0.0, 7000.0, (500, 2))
     same = camera.ground_to_image(coarse.image_to_ground(image, 50.0))
@@ -125,5 +125,5 @@ def test_coarser_pixels_cover_the_same_ground():
 
 
 def test_points_behind_the_earth_are_nan():
-    camera = full_camera("pleiades").disturbed(OrientationError(attitude_rad=(1.4, 0.0, 0.0)))
+    camera = full_camera("pleiades").disturb(OrientationError(attitude_rad=(1.4, 0.0, 0.0)))
     assert np.isnan(camera.image_to_ground(np.array([camera.middle]), 0.0)).all()

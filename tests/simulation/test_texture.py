@@ -40,7 +40,7 @@ def test_periodic_field_is_blurred_exactly(sigma: float):
     field = PeriodicField.power_law(256, 0.5, 0.9, np.random.default_rng(0))
     fine = signal.resample(signal.resample(np.fft.irfft2(field.spectrum, s=(256, 256)), 2048), 2048, axis=1)
     oracle = ndimage.gaussian_filter(fine, sigma / 0.0625, mode="wrap", truncate=8.0)[::8, ::8]
-    raster, cell = field.blurred(sigma)
+    raster, cell = field.blur(sigma)
     step = round(0.5 / cell)
     np.testing.assert_allclose(raster[::step, ::step], oracle, atol=1e-4)  # of a standard deviation of 1
 
@@ -57,10 +57,10 @@ def test_another_date_looks_different_by_the_share_asked_for():
     texture = Texture(Landscape(seed=5))
     rng = np.random.default_rng(4)
     east, north = rng.uniform(-900.0, 900.0, (2, 20000)).astype(np.float32)
-    first = texture.blurred(0.3, 0)
-    for unchanged in (texture.blurred(0.3, 0, date=0, change=0.6), texture.blurred(0.3, 0, date=1, change=0.0)):
+    first = texture.blur(0.3, 0)
+    for unchanged in (texture.blur(0.3, 0, date=0, change=0.6), texture.blur(0.3, 0, date=1, change=0.0)):
         np.testing.assert_array_equal(first.grey(east, north), unchanged.grey(east, north))
-    second = texture.blurred(0.3, 0, date=1, change=0.6)
+    second = texture.blur(0.3, 0, date=1, change=0.6)
     fields = [sample_periodic(*view.fields[0], east, north) for view in (first, second)]
     assert np.corrcoef(fields)[0, 1] == pytest.approx(0.8, abs=0.05)
     assert fields[1].std() == pytest.approx(fields[0].std(), rel=0.1)
@@ -83,7 +83,7 @@ def test_objects_do_not_depend_on_the_extent():
 
 
 def test_grey_values_stay_in_eleven_bits_and_have_contrast():
-    texture = Texture(Landscape(seed=5)).blurred(0.35, 0)
+    texture = Texture(Landscape(seed=5)).blur(0.35, 0)
     east, north = np.meshgrid(np.arange(0.0, 1000.0, 0.7), np.arange(0.0, 1000.0, 0.7))
     grey = texture.grey(east, north)
     assert 100.0 < grey.mean() < 900.0

@@ -8,7 +8,7 @@ environment variable HRSI_COMPILED=0 turns compiled code off, 1 asks for it what
 
 from __future__ import annotations
 
-from ...foundation.compiled_code import wanted
+from ...foundation.compiled_code import is_wanted
 from ...refinement import RefinementModel
 from ...refinement.image_space import ImagePolynomial
 from ..observations import Observations
@@ -21,7 +21,7 @@ WORTH_COMPILING = 20_000  # image points
 
 def equations_of(observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0) -> Equations:
     """Return the equations of a block."""
-    if isinstance(model, ImagePolynomial) and wanted(observations.count >= WORTH_COMPILING):
+    if isinstance(model, ImagePolynomial) and is_wanted(observations.count >= WORTH_COMPILING):
         from .compiled_equations import CompiledEquations
 
         return CompiledEquations(observations, model, pattern, threads)

@@ -68,7 +68,7 @@ def match_fields(names: Sequence[str]) -> dict[str, int]:
     return found
 
 
-def stripped(texts: Sequence[str]) -> np.ndarray:
+def strip_texts(texts: Sequence[str]) -> np.ndarray:
     """Return a text column without surrounding blanks, ``(n,)`` str."""
     return np.array(list(map(str.strip, texts)), dtype=str)
 

@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 
 from ...foundation.errors import InputError
-from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
+from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
 from .table import PointReader, PointTable
 
 EXTENSIONS = (".csv", ".tsv", ".txt", ".tab")
@@ -64,7 +64,7 @@ def _values(
     if field in NUMBER_FIELDS:
         named = lambda index: f"{source}, {row_name(index)}"  # noqa: E731  # a name for the line's sake
         return numbers(texts, named, decimal_comma, field in MAY_BE_INFINITE)
-    return stripped(texts)
+    return strip_texts(texts)
 
 
 def _separator(path: str, encoding: str) -> str:
@@ -96,11 +96,11 @@ def _rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> It
 def _columns(path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str]) -> list[tuple[str, ...]]:
     """Return the columns of rows; short rows are filled up with empty fields."""
     if set(map(len, rows)) != {width}:
-        rows = [_fitted(path, row, width, row_name, index) for index, row in enumerate(rows)]
+        rows = [_fit_rows(path, row, width, row_name, index) for index, row in enumerate(rows)]
     return list(zip(*rows, strict=True))
 
 
-def _fitted(path: str, row: list[str], width: int, row_name: Callable[[int], str], index: int) -> list[str]:
+def _fit_rows(path: str, row: list[str], width: int, row_name: Callable[[int], str], index: int) -> list[str]:
     if any(row[width:]):
         raise InputError(
             f"{path}, {row_name(index)}: has {len(row)} fields, the header {width}: quote texts with separators, "

@@ -10,7 +10,7 @@ from osgeo import gdal, ogr
 
 from ...foundation.errors import InputError
 from ..datasets import gdal_messages
-from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, stripped
+from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
 from .ogr_arrow import BY_COLUMNS, arrow_columns
 from .table import PointReader, PointTable
 
@@ -103,7 +103,7 @@ def _column(
     source: str, field: str, name: str, values: Sequence | np.ndarray, feature_ids: Sequence[int] | np.ndarray
 ) -> np.ndarray:
     if field not in NUMBER_FIELDS:
-        return np.char.strip(values) if isinstance(values, np.ndarray) else stripped(values)
+        return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values)
     where = f"field {name!r}"
     if len(values) and isinstance(values[0], str):
         return numbers(

@@ -58,7 +58,7 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
     ground = np.full_like(xyz, np.nan)
     if not present.any():
         return ground, warnings
-    parsed = _parsed(table, crs)
+    parsed = _parse_numbers(table, crs)
     rows = np.flatnonzero(present)
     _require_plausible(table, xyz, rows, parsed)
     without = np.isnan(xyz[rows, 2])
@@ -102,7 +102,7 @@ def _field_heights(table: PointTable, z: np.ndarray, warnings: list[str]) -> np.
     return np.where(np.isnan(height), z, height)
 
 
-def _parsed(table: PointTable, crs: str) -> pyproj.CRS:
+def _parse_numbers(table: PointTable, crs: str) -> pyproj.CRS:
     try:
         return pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError:
@@ -149,7 +149,7 @@ def _fill_heights(
     if reference.surface is None:
         raise InputError(f"{table.at(rows[0])}: has no height: {_ADD_HEIGHTS}")
     flat = np.column_stack([xyz[rows, :2], np.zeros(len(rows))])
-    ground[rows] = _transformed(table, flat, _horizontal(crs))
+    ground[rows] = _transform(table, flat, _horizontal(crs))
     ground[rows, 2] = reference.surface(ground[rows, :2])
     outside = rows[np.isnan(ground[rows, 2])]
     if len(outside):
@@ -163,18 +163,18 @@ def _to_ellipsoidal(
     """Return lon, lat, ellipsoidal height by the datum the user names, or by the CRS."""
     if height_datum == "layer":
         if has_vertical_datum(crs.to_wkt()):
-            return _transformed(table, xyz, crs), []
-        return _transformed(table, xyz, crs), [
+            return _transform(table, xyz, crs), []
+        return _transform(table, xyz, crs), [
             f"{table.source}: says nothing about its heights; they are taken as ellipsoidal "
             f"(--height-datum ellipsoidal|egm96|egm2008|FILE says what they are)"
         ]
-    ground = _transformed(table, xyz, _horizontal(crs))
+    ground = _transform(table, xyz, _horizontal(crs))
     if height_datum != "ellipsoidal":
         ground[:, 2] += geoid_heights(ground, height_datum)
     return ground, []
 
 
-def _transformed(table: PointTable, xyz: np.ndarray, crs: pyproj.CRS) -> np.ndarray:
+def _transform(table: PointTable, xyz: np.ndarray, crs: pyproj.CRS) -> np.ndarray:
     try:
         return to_wgs84(xyz, crs.to_wkt())
     except InputError as error:

@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ElementTree
 
 from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml, siblings
-from .fields import POLYNOMIALS, SCALARS, numbered, rpc_from_text, shortened
+from .fields import POLYNOMIALS, SCALARS, numbered_values, rpc_from_text, shorten
 from .reading import Origin, RpcReader, RpcReading
 
 DIMAP_NAMES = {name: name.upper() for name in SCALARS} | {name: f"{name.upper()}_COEFF" for name in POLYNOMIALS}
@@ -34,10 +34,10 @@ def read(path: str) -> RpcReading:
         raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: name the RPC_*.XML file")
     coefficients = {element.tag: element.text or "" for element in model}
     values: dict[str, str | list[str] | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
-    values |= {name: numbered(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    values |= {name: numbered_values(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
     rpc = rpc_from_text(path, values, DIMAP_NAMES)
     first = _first_pixel(path, root)
-    return RpcReading(rpc.shifted(-first, -first), _size(_domain(root), first))
+    return RpcReading(rpc.shift(-first, -first), _size(_domain(root), first))
 
 
 def _first(root: ElementTree.Element, names: tuple[str, ...]) -> ElementTree.Element | None:
@@ -54,7 +54,7 @@ def _first_pixel(path: str, root: ElementTree.Element) -> int:
     version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
     first = {"2": 1, "3": 0}.get(version.strip()[:1])
     if first is None:
-        raise InputError(f"{path}: METADATA_FORMAT version is {shortened(version)!r}: DIMAP versions 2 and 3 are known")
+        raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
     return first
 
 

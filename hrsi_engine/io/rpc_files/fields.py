@@ -56,7 +56,7 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         numbers[field] = _coefficients(where, names[field], values.get(field))
     for field in ERRORS:
         numbers[field] = _optional(where, names[field], values.get(field))
-    return checked(where, RPC(**numbers), names)  # type: ignore[arg-type]
+    return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
 
 
 def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
@@ -64,7 +64,7 @@ def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
     scalars = dict(zip(SCALARS, numbers[2:12], strict=True))
     polynomials = {name: np.array(numbers[12 + 20 * i : 32 + 20 * i]) for i, name in enumerate(POLYNOMIALS)}
     errors = {name: _known(value) for name, value in zip(ERRORS, numbers[:2], strict=True)}
-    return checked(where, RPC(**scalars, **polynomials, **errors), GDAL_NAMES)  # type: ignore[arg-type]
+    return check_rpc(where, RPC(**scalars, **polynomials, **errors), GDAL_NAMES)  # type: ignore[arg-type]
 
 
 def numbers_of(rpc: RPC) -> list[float]:
@@ -90,7 +90,7 @@ def rpc_from_gdal(where: str, metadata: Mapping[str, str]) -> RPC:
     return rpc_from_text(where, values)
 
 
-def checked(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
+def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
     """Return ``rpc``; raise `InputError` for numbers with which no point can be projected."""
     for field in SCALARS:
         value = getattr(rpc, field)
@@ -114,7 +114,7 @@ def _number(where: str, name: str, text: Text | None) -> float:
     match = _NUMBER.match(text.strip())
     rest = text.strip()[match.end() :] if match else ""
     if match is None or (rest and not (rest[0].isspace() or rest[0] in ",;")):
-        raise InputError(f"{where}: {name} is {shortened(text)!r}: a number is needed")
+        raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed")
     return float(match.group().replace("d", "e").replace("D", "e"))
 
 
@@ -135,13 +135,13 @@ def _coefficients(where: str, name: str, texts: Text | None) -> np.ndarray:
     return np.array([_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)])
 
 
-def numbered(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
+def numbered_values(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
     """Return the texts of ``name1``, ``name2`` … that are there; None without any."""
     texts = [entries[key] for number in numbers if (key := f"{name}{number:0{width}d}") in entries]
     return texts or None
 
 
-def shortened(text: object, most: int = 40) -> str:
+def shorten(text: object, most: int = 40) -> str:
     """Return ``text`` cut to a length that fits an error message of one line."""
     line = " ".join(str(text).split())
     return line if len(line) <= most else line[: most - 1] + "…"

@@ -122,7 +122,7 @@ def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
     title = f"{reader.title} {os.path.basename(rpc_path)}"
     if read_rpc_file(image_path) is not None:
         return FoundRpc(reader.read(rpc_path).rpc, title)
-    return _placed(reader, rpc_path, title, image_path, open_raster(image_path))
+    return _place(reader, rpc_path, title, image_path, open_raster(image_path))
 
 
 def side_files(path: str) -> dict[str, list[str]]:
@@ -177,10 +177,10 @@ def _reads_as(reader: RpcReader, file: str, metadata: dict[str, str]) -> bool:
 
 def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset) -> Source:
     title = f"{reader.title} {os.path.basename(file)}"
-    return title, lambda: _placed(reader, file, title, path, dataset)
+    return title, lambda: _place(reader, file, title, path, dataset)
 
 
-def _placed(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
+def _place(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
     reading: RpcReading = reader.read(file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
@@ -189,7 +189,7 @@ def _placed(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.D
         origin = reader.tile_origin(path, file)
     if origin == (0.0, 0.0) or reading.size == size or not crop.is_of_full_scene(reading.rpc, origin, size):
         return FoundRpc(reading.rpc, title)
-    moved = reading.rpc.shifted(-origin[0], -origin[1])
+    moved = reading.rpc.shift(-origin[0], -origin[1])
     return FoundRpc(moved, f"{title}, moved to the crop at sample {origin[0]:g}, line {origin[1]:g} of its scene")
 
 

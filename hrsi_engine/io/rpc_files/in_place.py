@@ -72,7 +72,7 @@ def _rewrite_tag(path: str, rpc: RPC, progress: Progress) -> tuple[str, ...]:
         stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True)
         written = tiff_tag.read(temporary)
         open_raster(temporary)
-        require_same(path, rpc, written.rpc if written else rpc.shifted(float("nan"), 0.0))
+        require_same(path, rpc, written.rpc if written else rpc.shift(float("nan"), 0.0))
     if was_cog and not stayed:
         return (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)
     return ()

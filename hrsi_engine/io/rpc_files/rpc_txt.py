@@ -9,7 +9,7 @@ import re
 
 from ...camera.rpc import RPC
 from .content import read_text
-from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, numbered, rpc_from_text
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, numbered_values, rpc_from_text
 from .reading import RpcReader, RpcReading
 
 #: Last line of files from here: `restore` may take them away again.
@@ -21,7 +21,7 @@ def read(path: str) -> RpcReading:
     """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
     entries = _entries(read_text(path))
     values: dict[str, str | list[str] | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
-    values |= {name: numbered(entries, f"{GDAL_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    values |= {name: numbered_values(entries, f"{GDAL_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
     return RpcReading(rpc_from_text(path, values))
 
 

@@ -77,7 +77,7 @@ class Directory:
         """Return the offset of a value that does not fit into its entry."""
         return int(struct.unpack(self.word, entry.field)[0])
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """Return the directory as it stands in the file."""
         head = struct.pack(self.order + ("Q" if self.big else "H"), len(self.entries))
         code = self.order + "HH" + self.word[1:]
@@ -161,11 +161,11 @@ def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
         for tag, field in changes.items():
             old = entries.pop(tag, None)
             if field is not None:
-                entries[tag] = _placed(file, directory, tag, old, field)
+                entries[tag] = _place(file, directory, tag, old, field)
         return _write_table(file, directory, replace(directory, entries=tuple(entries[tag] for tag in sorted(entries))))
 
 
-def _placed(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
+def _place(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
     """Write a value over the old one where it fits, else at the end of the file; return its entry."""
     word_bytes = struct.calcsize(directory.word)
     if len(field.content) <= word_bytes:
@@ -190,18 +190,18 @@ def _append(file: BinaryIO, directory: Directory, content: bytes) -> bytes:
 
 def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
     """Write the changed directory over the old one where there is room or room can be made, else at the end."""
-    first, last = old.offset + len(old.packed()), new.offset + len(new.packed())
+    first, last = old.offset + len(old.pack()), new.offset + len(new.pack())
     if last > first:
         in_the_way = _values_between(old, new, first, last)
         if in_the_way is None:
-            pointer = _append(file, new, new.packed())
+            pointer = _append(file, new, new.pack())
             file.seek(8 if new.big else 4)
             file.write(pointer)
             return False
         for entry in in_the_way:
-            new = _relocated(file, new, entry)
+            new = _relocate(file, new, entry)
     file.seek(new.offset)
-    file.write(new.packed())
+    file.write(new.pack())
     return True
 
 
@@ -220,7 +220,7 @@ def _values_between(old: Directory, new: Directory, first: int, last: int) -> li
     return [entry for _start, _end, entry in spans] if covered >= last else None
 
 
-def _relocated(file: BinaryIO, directory: Directory, entry: TagEntry) -> Directory:
+def _relocate(file: BinaryIO, directory: Directory, entry: TagEntry) -> Directory:
     """Copy one value to the end of the file and point its entry there; entries that changed since are left alone."""
     if entry not in directory.entries:
         return directory

@@ -79,7 +79,7 @@ def restore_numbers(path: str) -> bool:
     if kept is None:
         return False
     cleaned = _ORIGINAL_ITEM.sub("", xml)
-    numbers = None if kept == _ABSENT else _parsed(path, kept)
+    numbers = None if kept == _ABSENT else _parse(path, kept)
     edit_directory(
         path,
         {
@@ -126,7 +126,7 @@ def _with_original(xml: str, numbers: list[float] | None) -> str:
     return f"{body}{lines}{_END}\n"
 
 
-def _parsed(path: str, kept: str) -> list[float]:
+def _parse(path: str, kept: str) -> list[float]:
     try:
         numbers = [float.fromhex(text) for text in kept.split()]
     except (ValueError, OverflowError):

@@ -76,7 +76,7 @@ def terrain_at_nodes(image: Image, surface: HeightSurface) -> np.ndarray:
     return np.where(status == Status.FOUND, ground[:, 2], np.nan)
 
 
-def reduced(rpc: RPC, step: int) -> RPC:
+def reduce_range(rpc: RPC, step: int) -> RPC:
     """Return the RPC of an image's overview, whose pixels are means of ``step`` x ``step``."""
     middle = (step - 1) / 2.0
     return replace(
@@ -100,14 +100,14 @@ def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
 
 def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
     """Return the matches of features that agree with one offset between the images."""
-    rpcs = [reduced(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
+    rpcs = [reduce_range(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
     xy = [(part["xy"] - (step - 1) / 2.0) / step for part, step in zip((first, second), job.steps, strict=True)]
     lines = _epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
     size = np.array(job.second.size) / job.steps[1]
     best = np.empty((0, 2), dtype=np.int64)
     for growth in BAND_GROWTH:
         margin = growth * job.margin_px / job.steps[1] + OVERVIEW_FLOOR_PX
-        here, there = _shared(lines, xy[1], size, margin)
+        here, there = _share_of(lines, xy[1], size, margin)
         chosen = Lines(*(part[here] for part in lines))
         pairs = banded_matches(first["descriptors"][here], second["descriptors"][there], chosen, xy[1][there], margin)
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
@@ -158,7 +158,7 @@ def _epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRang
     return Lines(0.5 * (low + high), direction, reach)
 
 
-def _shared(lines: Lines, xy: np.ndarray, size: np.ndarray, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
+def _share_of(lines: Lines, xy: np.ndarray, size: np.ndarray, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Return which lines pass through the second image, and which of its points ``xy`` lie where they pass."""
     reach = lines.reach[:, None] * np.abs(lines.direction) + margin_px
     low, high = lines.origin - reach, lines.origin + reach

@@ -212,7 +212,7 @@ def to_image_points(
         np.r_[quality, matches.quality], np.r_[matches.kind[head], matches.kind],
     )  # fmt: skip
     rank = quality - sigma  # both matter: a sharp point of a clear match
-    once = ~_repeated(rows, rank)
+    once = ~_find_repeated(rows, rank)
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
     kept = np.flatnonzero(once)[
         spread_over_image(
@@ -255,7 +255,7 @@ class _Rows:
         )
 
 
-def _repeated(rows: _Rows, rank: np.ndarray) -> np.ndarray:
+def _find_repeated(rows: _Rows, rank: np.ndarray) -> np.ndarray:
     """Return which tracks stand beside a better one on two images or more: one place, found from two references."""
     length = np.bincount(rows.track, minlength=len(rank))
     beside: list[np.ndarray] = []

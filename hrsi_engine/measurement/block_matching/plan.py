@@ -33,7 +33,7 @@ def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[li
     """
     if is_matched_everywhere(image, step):
         return _everywhere(image, step)
-    return _sampled(image, cells, per_cell, step)
+    return _sample(image, cells, per_cell, step)
 
 
 def _everywhere(image: Image, step: int) -> list[list[Cell]]:
@@ -55,7 +55,7 @@ def _parts(length: int, side: int) -> list[tuple[int, int]]:
     return [(start, end - start) for start, end in pairwise(edges)]
 
 
-def _sampled(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
+def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
     assert image.size is not None
     side = WINDOW_PX * step
     columns, rows = (max(1, min(cells, length // side)) for length in image.size)

@@ -104,7 +104,7 @@ def _match_cell(job: StarJob, cell: Cell) -> Iterator[Rows]:
         tile = read_tile(job.reference, window, job.step) if seen else None
         if tile is None or tile.valid.mean() < LEAST_VALID:
             continue
-        rows = _thinned(_match_window(job, tile, own, seen), cell.most)
+        rows = _thin(_match_window(job, tile, own, seen), cell.most)
         yield from rows
         satisfied = {row.partner for row in rows if len(row.matches) >= cell.enough}
         lacking = [partner for partner in lacking if partner.number not in satisfied]
@@ -121,11 +121,11 @@ def _match_window(
         matches = match_tile(tile, other, partner.geometry, job.options)
         found.append(matches.select(own.contains(matches.first_xy)))
     if len(tiles) > 1:
-        found = [_completed(index, tile, tiles, found, job.options) for index in range(len(tiles))]
+        found = [_complete(index, tile, tiles, found, job.options) for index in range(len(tiles))]
     return [Rows(partner.number, matches) for (partner, _), matches in zip(tiles, found, strict=True) if len(matches)]
 
 
-def _completed(
+def _complete(
     index: int,
     tile: ImageTile,
     tiles: Sequence[tuple[Partner, ImageTile]],
@@ -174,7 +174,7 @@ def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:
     return TileMatches(**columns, bias_px=tables[0].bias_px)
 
 
-def _thinned(rows: list[Rows], most: int) -> list[Rows]:
+def _thin(rows: list[Rows], most: int) -> list[Rows]:
     """Keep the points of a window that most partners show, then the best: at most ``most`` of each partner."""
     if not most or not rows:
         return rows

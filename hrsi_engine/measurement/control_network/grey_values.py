@@ -42,12 +42,12 @@ def _correlation(
     y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
     offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
-    ours, our_usable = _sampled(first, first_xy[:, None, :] + offsets)
-    theirs, their_usable = _sampled(second, second_xy[:, None, :] + np.einsum("nij,kj->nki", A, offsets))
+    ours, our_usable = _sample(first, first_xy[:, None, :] + offsets)
+    theirs, their_usable = _sample(second, second_xy[:, None, :] + np.einsum("nij,kj->nki", A, offsets))
     return _coefficient(ours, theirs, our_usable & their_usable)
 
 
-def _sampled(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sample(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return grey values and usability of positions ``(n, k, 2)``, bilinear."""
     places = xy.astype(np.float32)
     grey = cv2.remap(view.grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -21,7 +21,7 @@ from .assignment import mutual_best
 from .grey_values import patch_correlation
 from .local_affine import LocalAffine, local_affine
 from .network import Network
-from .polar import turned, wrapped
+from .polar import turn_by, wrap_angle
 from .thresholds import Tolerance
 from .views import NetworkWindow
 
@@ -133,7 +133,7 @@ def _candidates(
     arm = first.xy[rows] - network.first[node]
     distance = np.hypot(*arm.T)
     allowed = tolerance.at(distance) * np.maximum(scale[node], 1.0)
-    predicted = network.second[node] + turned(arm, rotation[node], scale[node])
+    predicted = network.second[node] + turn_by(arm, rotation[node], scale[node])
     near, place = cKDTree(second.xy[others]).query(
         predicted, k=min(CANDIDATES_PER_NODE, len(others)), distance_upper_bound=float(1.5 * allowed.max())
     )
@@ -143,7 +143,7 @@ def _candidates(
     leaf = second.xy[other] - network.second[node[point]]
     stretch = np.abs(np.hypot(*leaf.T) - scale[node[point]] * distance[point])
     here = predicted[point] - network.second[node[point]]
-    turn = np.abs(wrapped(np.arctan2(leaf[:, 1], leaf[:, 0]) - np.arctan2(here[:, 1], here[:, 0])))
+    turn = np.abs(wrap_angle(np.arctan2(leaf[:, 1], leaf[:, 0]) - np.arctan2(here[:, 1], here[:, 0])))
     within = (stretch <= allowed[point]) & (turn * np.hypot(*here.T) <= allowed[point])
     return point[within], other[within]
 

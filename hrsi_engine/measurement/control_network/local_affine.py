@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import robust_sigma
-from .polar import turned
+from .polar import turn_by
 
 AFFINE_NEIGHBOURS = 12
 PULL = 0.5  # weight of the whole network's similarity, in nodes at the neighbours' mean distance
@@ -33,7 +33,7 @@ class LocalAffine(NamedTuple):
 
 def similarity_matrix(rotation_rad: float, scale: float) -> np.ndarray:
     """Return the matrix ``(2, 2)`` of a turn from sample towards line and a scale."""
-    return turned(np.eye(2), rotation_rad, scale).T
+    return turn_by(np.eye(2), rotation_rad, scale).T
 
 
 def local_affine(

@@ -12,7 +12,7 @@ from ...foundation.progress import Progress, advance, silent, stage
 from ..interest_points import DETECTORS, Area, CornerOptions, DetectionOptions, inside
 from .growth import GrowthOptions, Stage, grown
 from .network import Network
-from .refinement import Positions, refined
+from .refinement import Positions, refine_matches
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
 from .thresholds import Tolerance, tolerance_of
@@ -167,13 +167,13 @@ def match_views(
     for seed in seeds(first, second, options.seeding(scales), seen, stage(progress, 0.0, 0.4)):
         network = grown(seed.network, first, second, options.growth(), stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
-        found = _result(seed, *refined(network, first, second, options.consistency_px), first, second)
+        found = _result(seed, *refine_matches(network, first, second, options.consistency_px), first, second)
         if best is None or len(found) > len(best):
             best = found
         if len(best) >= options.least:
             advance(progress, 1.0, f"{len(best)} correspondences")
             return best
-    return _failed(first, second, seen, 0 if best is None else len(best))
+    return _failure(first, second, seen, 0 if best is None else len(best))
 
 
 def _result(
@@ -194,7 +194,7 @@ def _result(
     )  # fmt: skip
 
 
-def _failed(first: NetworkWindow, second: NetworkWindow, seen: list[SuperMatch], most: int) -> ControlNetworkMatch:
+def _failure(first: NetworkWindow, second: NetworkWindow, seen: list[SuperMatch], most: int) -> ControlNetworkMatch:
     """Return the result without correspondences, and why."""
     ambiguous = [match for match in seen if match.status == AMBIGUOUS and match.best is not None]
     nothing = np.empty((0, 2))

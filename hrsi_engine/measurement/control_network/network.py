@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .polar import wrapped
+from .polar import wrap_angle
 
 NO_FATHER = -1
 SHORTEST_START_PX = 20.0  # a nearer ancestor gives no direction: half a pixel there is more than a degree
@@ -71,7 +71,7 @@ class Network:
             distance = np.hypot(*ours.T)
             here = open_ & (distance >= SHORTEST_START_PX)
             turn = np.arctan2(theirs[:, 1], theirs[:, 0]) - np.arctan2(ours[:, 1], ours[:, 0])
-            rotation[here] = overall + wrapped(turn[here] - overall)
+            rotation[here] = overall + wrap_angle(turn[here] - overall)
             open_ &= ~here
             ancestor = np.where(open_, self.father[ancestor], NO_FATHER)
         return rotation, scale

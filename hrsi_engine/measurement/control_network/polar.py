@@ -23,12 +23,12 @@ def leaves_of(points: np.ndarray, root: int, reach_px: float) -> Leaves:
     return Leaves(near, distance[near], np.arctan2(offset[near, 1], offset[near, 0]))
 
 
-def wrapped(angle_rad: np.ndarray) -> np.ndarray:
+def wrap_angle(angle_rad: np.ndarray) -> np.ndarray:
     """Return angles brought into [-pi, pi)."""
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def turned(offset: np.ndarray, rotation_rad: np.ndarray | float, scale: np.ndarray | float = 1.0) -> np.ndarray:
+def turn_by(offset: np.ndarray, rotation_rad: np.ndarray | float, scale: np.ndarray | float = 1.0) -> np.ndarray:
     """Return offsets ``(…, 2)`` turned from sample towards line and scaled."""
     cos, sin = scale * np.cos(rotation_rad), scale * np.sin(rotation_rad)
     return np.stack([cos * offset[..., 0] - sin * offset[..., 1], sin * offset[..., 0] + cos * offset[..., 1]], axis=-1)

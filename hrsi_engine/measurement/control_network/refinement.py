@@ -37,7 +37,7 @@ class Positions(NamedTuple):
     epipolar_px: np.ndarray
 
 
-def refined(
+def refine_matches(
     network: Network, first: NetworkWindow, second: NetworkWindow, consistency_px: float
 ) -> tuple[Network, Positions]:
     """Return the nodes that least-squares matching confirms, and their positions."""

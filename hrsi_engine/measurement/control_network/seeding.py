@@ -95,7 +95,7 @@ def seeds(
         )
         seen.append(match)
         if match.best is not None and match.status != AMBIGUOUS:
-            network = verified(as_network(match.best, first, second, rows, theirs), first, second, options.correlation)
+            network = verify(as_network(match.best, first, second, rows, theirs), first, second, options.correlation)
             if _enough(network, match.best):
                 yield Seed(network, match)
     for match, rows in zip(list(seen), every, strict=True):
@@ -120,7 +120,7 @@ def grey_seeds(
         hypotheses += likely_hypotheses(sets, LIKELY)
     for hypothesis in hypotheses:
         whole = as_network(hypothesis, first, second, rows, theirs)
-        network = verified(whole, first, second, options.correlation)
+        network = verify(whole, first, second, options.correlation)
         if _enough(network, hypothesis):
             tested.append((len(network), network, hypothesis))
     if not tested:
@@ -146,7 +146,7 @@ def as_network(
     return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
 
 
-def verified(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
+def verify(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
     """Return the nodes that look alike under the network's rotation and scale and agree with their neighbours."""
     matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
     correlation = patch_correlation(first, second, network.first, network.second, matrices)

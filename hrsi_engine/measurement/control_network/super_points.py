@@ -29,7 +29,7 @@ from scipy.stats import binom
 
 from ...foundation.progress import Progress, advance, silent, stage
 from .assignment import mutual_best
-from .polar import Leaves, leaves_of, turned, wrapped
+from .polar import Leaves, leaves_of, turn_by, wrap_angle
 from .thresholds import Tolerance
 from .voting import vote_bounds
 
@@ -93,7 +93,7 @@ def leaf_pairs(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPairs
     difference = second.distance_px[None, :] - first.distance_px[:, None]
     allowed = tolerance.at(first.distance_px)
     i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
-    turn = wrapped(second.angle_rad[j] - first.angle_rad[i])
+    turn = wrap_angle(second.angle_rad[j] - first.angle_rad[i])
     return LeafPairs(
         i, j, turn, tolerance.angle_at(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
     )  # fmt: skip
@@ -101,7 +101,7 @@ def leaf_pairs(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPairs
 
 def correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:
     """Return the rows of ``pairs`` that correspond when row ``start`` is the starting points, and their cost."""
-    angular = (wrapped(pairs.turn_rad - pairs.turn_rad[start]) / pairs.allowed_rad) ** 2
+    angular = (wrap_angle(pairs.turn_rad - pairs.turn_rad[start]) / pairs.allowed_rad) ** 2
     near = np.flatnonzero(angular <= 1.0)
     cost = pairs.radial[near] + angular[near]
     mutual = near[mutual_best(pairs.first[near], pairs.second[near], cost)]
@@ -280,9 +280,9 @@ def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
     if len(shared) >= SHARED * other.count:
         return False
     offset = sets.first[other.roots[0]] - sets.first[best.roots[0]]
-    predicted = sets.second[best.roots[1]] + turned(offset, best.rotation_rad, best.scale)
+    predicted = sets.second[best.roots[1]] + turn_by(offset, best.rotation_rad, best.scale)
     away = float(np.hypot(*(sets.second[other.roots[1]] - predicted))) / best.scale
-    turn = abs(float(wrapped(np.array(other.rotation_rad - best.rotation_rad))))
+    turn = abs(float(wrap_angle(np.array(other.rotation_rad - best.rotation_rad))))
     return away > 2.0 * sets.tolerance.base_px + RIVAL_GRADIENT * np.hypot(*offset) or turn > RIVAL_TURN_RAD
 
 

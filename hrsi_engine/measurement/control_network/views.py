@@ -61,7 +61,7 @@ def network_window(
     reduction : by how much the pixels are enlarged first, averaged over their area
     """
     grey, usable = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
-    pixels = _reduced(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
+    pixels = _reduce(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
     parts = [
         detect_interest_points(
             pixels, name, options, progress=stage(progress, k / len(detectors), (k + 1) / len(detectors))
@@ -73,7 +73,7 @@ def network_window(
     )
 
 
-def _reduced(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
+def _reduce(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
     """Return the pixels enlarged; one is usable where all it is made of are."""
     if reduction == 1.0:
         return ArrayRaster(grey, usable)

@@ -65,11 +65,11 @@ def _widened_batches(
     step = max(1, PAIRS_PER_BATCH // max(roots, 1))
     for start in range(0, len(points), step):
         stop = min(start + step, len(points))
-        found = np.stack([_widened(points, root, tolerance, reach_px) for root in range(start, stop)])
+        found = np.stack([_widen(points, root, tolerance, reach_px) for root in range(start, stop)])
         yield slice(start, stop), np.ascontiguousarray(fft.rfft(found, axis=2).transpose(2, 1, 0))
 
 
-def _widened(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float) -> np.ndarray:
+def _widen(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float) -> np.ndarray:
     """Return 1 in the bins ``(rings, directions)`` of which a leaf may meet one of this root's leaves, else 0."""
     rings = _rings(reach_px)
     inner = np.arange(rings) * RINGS_PX

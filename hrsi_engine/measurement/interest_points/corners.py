@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from .statistics import HALO_PX as STATISTICS_HALO_PX
-from .statistics import ImageStatistics, normalised
+from .statistics import ImageStatistics, normalise
 from .windows import DetectionWindow
 
 DERIVATIVE_PX, PATCH_PX = 1.0, 2.0  # standard deviations of the Gaussians of derivative and patch
@@ -104,7 +104,7 @@ def corner_peaks(
     window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions, strength_of: Strength
 ) -> Peaks:
     """Return the local maxima of a window's core with positive strength, all above 0; thresholds come later."""
-    tensor = structure_tensor(normalised(window, statistics))
+    tensor = structure_tensor(normalise(window, statistics))
     strength = strength_of(tensor, options)
     strength[~far_from_unusable(window.usable, SUPPORT_PX)] = 0.0
     inner = strength[SUPPORT_PX:-SUPPORT_PX, SUPPORT_PX:-SUPPORT_PX].copy()

@@ -52,7 +52,7 @@ class Detector(Protocol):
     def halo_px(self, options: DetectionOptions) -> int:
         """Return how far windows must reach beyond their cores."""
 
-    def prepared(
+    def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[DetectionWindow], InterestPoints]:
         """Return the function that finds the points of a window."""
@@ -67,7 +67,7 @@ class CornerDetector:
     def halo_px(self, options: DetectionOptions) -> int:
         return corner_halo_px(options.corners)
 
-    def prepared(
+    def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[DetectionWindow], InterestPoints]:
         known: dict[tuple[int, int, int, int], Peaks] = {}
@@ -129,7 +129,7 @@ class CentreDetector:
     def halo_px(self, options: DetectionOptions) -> int:
         return centre_halo_px(options.centres)
 
-    def prepared(
+    def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[DetectionWindow], InterestPoints]:
         return lambda window: _centre_table(gravity_centres(window, statistics, options.centres))
@@ -173,7 +173,7 @@ def detect_interest_points(
         raise InputError(f"no interest point detector {detector!r}: choose one of {', '.join(DETECTORS)}")
     region = inside(region, raster)
     statistics = image_statistics(raster, region, options.mask_saturated)
-    find = DETECTORS[detector].prepared(raster, region, statistics, options)
+    find = DETECTORS[detector].prepare(raster, region, statistics, options)
     halo = DETECTORS[detector].halo_px(options)
 
     def of_core(core: Area) -> InterestPoints:

@@ -18,7 +18,7 @@ from .level_regions import EVEN, compact_regions
 from .outlines import Outlines, Slopes, bilinear, measure_outlines
 from .shapes import POLYGON_TOLERANCE, SHAPES, SIDES_SHARE, Shapes, size_tolerance
 from .statistics import HALO_PX as STATISTICS_HALO_PX
-from .statistics import ImageStatistics, normalised
+from .statistics import ImageStatistics, normalise
 from .windows import DetectionWindow
 
 LARGEST_GAP = 0.12  # of the outline without a clear edge
@@ -93,7 +93,7 @@ def centre_halo_px(options: CentreOptions) -> int:
 
 def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> list[Centre]:
     """Return the gravity centres in a window's core, in image pixels."""
-    regions = compact_regions(normalised(window, statistics), window.usable, options.largest_px)
+    regions = compact_regions(normalise(window, statistics), window.usable, options.largest_px)
     regions = regions.select(_near_core(window, regions.centres()))
     if not len(regions):
         return []
@@ -105,7 +105,7 @@ def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, option
     )
     shapes = _simplest_shapes(outlines, slopes, sign)
     found = [
-        _assessed(kind, shape, sign[rows], support[rows], slopes, statistics, options)
+        _assess(kind, shape, sign[rows], support[rows], slopes, statistics, options)
         for kind, (shape, rows) in shapes.items()
     ]
     every = _Found(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Found)))
@@ -175,7 +175,7 @@ def _simplest_shapes(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> di
 # ---- assessment ------------------------------------------------------------------------------------------------
 
 
-def _assessed(
+def _assess(
     kind: str, shapes: Shapes, sign: np.ndarray, support: np.ndarray, slopes: Slopes, statistics: ImageStatistics,
     options: CentreOptions,
 ) -> _Found:  # fmt: skip

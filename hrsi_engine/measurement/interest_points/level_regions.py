@@ -66,14 +66,14 @@ def compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Reg
 
     ``usable`` masks pixels: regions that contain others, or lie at the edge of the window, are left out.
     """
-    return _joined(list(_regions_by_kind(z, usable, largest_px)))
+    return _join(list(_regions_by_kind(z, usable, largest_px)))
 
 
 def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[Regions]:
     for scale in REGION_SCALES:
         if scale > 1 and largest_px < SMALLEST_AT_SCALE_PX * scale:
             break
-        reduced, closed = _reduced(z, usable, scale)
+        reduced, closed = _reduce(z, usable, scale)
         reach = largest_px / scale
         level = _in_steps(reduced)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
@@ -83,7 +83,7 @@ def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> It
             yield _compact(even, closed, reach - 2.0 * EVEN_WITHIN_PX, scale, EVEN)
 
 
-def _reduced(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, np.ndarray]:
+def _reduce(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, np.ndarray]:
     """Return image and mask reduced by averaging ``scale`` x ``scale`` pixels, slightly smoothed."""
     if scale > 1:
         size = z.shape[1] // scale, z.shape[0] // scale
@@ -163,7 +163,7 @@ def _moments_fit(regions: Regions, within_px: float) -> np.ndarray:
     return (count >= COMPACTNESS * 4.0 * np.pi * np.sqrt(determinant)) & (slender < SLENDEREST)
 
 
-def _joined(tables: list[Regions]) -> Regions:
+def _join(tables: list[Regions]) -> Regions:
     counts = np.concatenate([np.diff(table.bounds) for table in tables])
     return Regions(
         np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],

@@ -53,7 +53,7 @@ class Slopes:
         """Smallest slope of a clear edge."""
         return OUTLINE_SLOPE_TO_NOISE * self.noise * slope_noise()
 
-    def reduced(self, scale: int) -> Slopes:
+    def reduce(self, scale: int) -> Slopes:
         """Return the same of the image reduced by averaging ``scale`` x ``scale`` pixels."""
         if scale == 1:
             return self
@@ -93,7 +93,7 @@ def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
     slope, found = np.zeros(len(points)), np.zeros(len(points), dtype=bool)
     for factor in np.unique(scale).tolist():
         here = scale == factor
-        level = slopes.reduced(factor)
+        level = slopes.reduce(factor)
         at, steep, clear = edges_along(level, points[here], normals[here], sign[here], NORMAL_REACH_PX)
         at = (at + 0.5) * factor - 0.5
         if factor > 1:
@@ -101,11 +101,11 @@ def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
             clear &= fine
         points[here], slope[here], found[here] = at, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
-    xy, normal, steepness, clear = (_padded(a, place, len(regions)) for a in (points, normals, slope, found))
+    xy, normal, steepness, clear = (_pad(a, place, len(regions)) for a in (points, normals, slope, found))
     return Outlines(xy, normal, steepness, clear, counts)
 
 
-def _padded(values: np.ndarray, place: tuple[np.ndarray, np.ndarray], regions: int) -> np.ndarray:
+def _pad(values: np.ndarray, place: tuple[np.ndarray, np.ndarray], regions: int) -> np.ndarray:
     table = np.zeros((regions, MOST_POINTS, *values.shape[1:]), dtype=values.dtype)
     table[place] = values
     return table

@@ -65,7 +65,7 @@ def size_tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarr
     return np.asarray(limits[0] + limits[1] * np.sqrt(np.prod(size_px, axis=1)))
 
 
-def _floored(covariance: np.ndarray) -> np.ndarray:
+def _floor(covariance: np.ndarray) -> np.ndarray:
     """Return covariances of at least `SMALLEST_SIGMA_PX`."""
     return covariance + SMALLEST_SIGMA_PX**2 * np.eye(2)
 
@@ -97,7 +97,7 @@ def fit_ellipses(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes
 
 def _remeasured_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: Slopes, sign: np.ndarray) -> Shapes:
     points, normals = _on_ellipses(centre, Q)
-    edges, found = _remeasured(slopes, points, normals, sign)
+    edges, found = _remeasure(slopes, points, normals, sign)
     weight = found.astype(np.float64)
     for scale_px in ROBUST_PX:
         residual = distances(edges, centre, Q)
@@ -114,7 +114,7 @@ def _remeasured_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: Slopes, sign
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
     closed = _share(on_shape, ELLIPSE_POINTS)
     good = (rmse <= size_tolerance(ELLIPSE_TOLERANCE, size)) & (closed >= CLOSED_SHARE)
-    return Shapes(good, centre, _floored(covariance), size, azimuth, rmse, closed, edges, on_shape)
+    return Shapes(good, centre, _floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
 
 
 def _on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +128,7 @@ def _on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndar
     return centre[:, None] + d, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
 
 
-def _remeasured(
+def _remeasure(
     slopes: Slopes, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of the clear ones ``(n, k)``."""
@@ -165,7 +165,7 @@ def fit_rectangles(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shap
         points, normals, usable = _on_sides(lines)
         shape = points.shape[:3]
         flat = len(points), 4 * SIDE_POINTS, 2
-        edges, found = _remeasured(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
+        edges, found = _remeasure(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
         lines = _side_lines(edges.reshape(*shape, 2), found.reshape(shape).astype(np.float64), ROBUST_PX[1:])
         lines = lines._replace(good=lines.good & usable)
     return _spread_out(_rectangles(lines, edges.reshape(*shape, 2), found.reshape(shape)), good)
@@ -247,7 +247,7 @@ def _rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
     good &= rmse <= size_tolerance(RECTANGLE_TOLERANCE, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
-        good, lines.corners.mean(axis=1), _floored(covariance), size, azimuth, rmse, closed,
+        good, lines.corners.mean(axis=1), _floor(covariance), size, azimuth, rmse, closed,
         edges.reshape(-1, count, 2), on_side.reshape(-1, count),
     )  # fmt: skip
 
@@ -278,7 +278,7 @@ def fit_polygons(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes
     for row in np.flatnonzero(good):
         hull = cv2.convexHull(xy[row, : count[row]].astype(np.float32))
         good[row] = area[row] >= SOLIDITY * cv2.contourArea(hull)
-    covariance = _floored(variance[:, None, None] * np.eye(2))
+    covariance = _floor(variance[:, None, None] * np.eye(2))
     return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
 
 

@@ -84,9 +84,9 @@ def _noise(window: DetectionWindow) -> float:
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=(1, 3))[usable], 25.0))
 
 
-def normalised(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
+def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
     """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
-    mean, deviation = (_interpolated(values) for values in _local_moments(window))
+    mean, deviation = (_interpolate(values) for values in _local_moments(window))
     relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)
     return np.where(np.isfinite(relative), relative, 0.0).astype(np.float32)
 
@@ -122,7 +122,7 @@ def _moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) -> tuple
     return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)
 
 
-def _interpolated(cells: np.ndarray) -> np.ndarray:
+def _interpolate(cells: np.ndarray) -> np.ndarray:
     """Return cell values at every pixel, bilinear between the cells' middles."""
     known = np.isfinite(cells)
     filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)

@@ -83,7 +83,7 @@ def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | No
     s0, l0 = max(left, 0), max(top, 0)
     s1, l1 = min(right, raster.size[0]), min(bottom, raster.size[1])
     pixels, valid = raster.read(s0, l0, s1 - s0, l1 - l0)
-    grey = _filled(pixels.astype(np.float32), valid)
+    grey = _fill(pixels.astype(np.float32), valid)
     usable = valid & ~saturated_areas(grey, saturation)
     if grey.shape != (bottom - top, right - left):
         edges = ((l0 - top, bottom - l1), (s0 - left, right - s1))
@@ -106,7 +106,7 @@ def saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:
     return cv2.dilate(cv2.morphologyEx(full, cv2.MORPH_OPEN, square), square).astype(bool)
 
 
-def _filled(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def _fill(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the pixels with the invalid ones replaced by nearby valid ones, so that filters make no false edges."""
     if valid.all() or not valid.any():
         return grey

@@ -90,18 +90,18 @@ def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
         first = bad[0]
         return [
             f"the RPCs of all {len(bad)} images lie {np.hypot(*mean):.1f} m beside the reference "
-            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explained(first)}: "
+            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explanation(first)}: "
             "check the reference's CRS and datum, and that it is right"
         ]
     return [
         f"the RPC of {shift.image_id} lies {shift.length_m:.1f} m beside the reference ({shift.east_m:+.1f} m east, "
-        f"{shift.north_m:+.1f} m north), {_explained(shift)}: check the reference's "
+        f"{shift.north_m:+.1f} m north), {_explanation(shift)}: check the reference's "
         "CRS and datum, and the RPC"
         for shift in bad
     ]
 
 
-def _explained(shift: ReferenceShift) -> str:
+def _explanation(shift: ReferenceShift) -> str:
     source = "its ERR_BIAS" if shift.stated else "assumed: it states no ERR_BIAS"
     return (
         f"more than the {shift.limit_m:.1f} m that the RPC's sigma of {shift.bias_m:.1f} m ({source}) and that of the "

@@ -226,10 +226,10 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak lies outside
     at = peak.shift + TEMPLATE_BORDER + half  # of the place's centre in the searched window
-    return _refined(template, search, at, peak.score, half + TEMPLATE_BORDER, task.step)
+    return _refine(template, search, at, peak.score, half + TEMPLATE_BORDER, task.step)
 
 
-def _refined(template: Patch, search: Patch, at: np.ndarray, score: float, middle: int, step: float) -> _Match:
+def _refine(template: Patch, search: Patch, at: np.ndarray, score: float, middle: int, step: float) -> _Match:
     """Return the match after least-squares matching, or as it is where grey values do not correlate."""
     settings = LsmOptions(window_px=2 * (middle - TEMPLATE_BORDER) + 1, reach_px=LSM_REACH_PX)
     first = MatchImage(template.grey, template.valid, LSM_SMOOTHING_PX)

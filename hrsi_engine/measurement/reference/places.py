@@ -65,13 +65,13 @@ def _cells(reference: Orthoimage, below: Sequence[np.ndarray], cell: float) -> n
     pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
     size = np.array(reference.raster.size)
     inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
-    dense = np.unique(np.floor(_densified(pixels[inside], cell) / cell).astype(np.int64), axis=0)
+    dense = np.unique(np.floor(_densify(pixels[inside], cell) / cell).astype(np.int64), axis=0)
     last = np.floor((size - 1) / cell)
     dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
     return dense[:: max(len(dense) // MOST_PLACE_CELLS, 1)]
 
 
-def _densified(pixels: np.ndarray, cell: float) -> np.ndarray:
+def _densify(pixels: np.ndarray, cell: float) -> np.ndarray:
     """Return the positions and their neighbours half a cell away: rays may be farther apart than cells."""
     steps = np.array([[x, y] for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]) * cell
     return (pixels[:, None] + steps).reshape(-1, 2)

@@ -73,7 +73,7 @@ def _read_padded(
     return np.pad(pixels, edges), np.pad(mask, edges)
 
 
-def sampled(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels at positions ``x, y`` of any 2-d shape (NaN: none) and their mask, low-passed to ``step`` pixels.
 
     ``step`` is the distance of neighbouring positions in the raster's pixels; where it is below one the raster is the
@@ -113,7 +113,7 @@ def image_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step
         grey, valid = part or (np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=bool))
         return Patch(grey, valid, origin, step)
     x, y = np.meshgrid(origin[0] + step * np.arange(samples), origin[1] + step * np.arange(lines))
-    return Patch(*sampled(raster, x, y, step), origin, step)
+    return Patch(*sample_patch(raster, x, y, step), origin, step)
 
 
 def predicted_patch(
@@ -141,12 +141,12 @@ def predicted_patch(
     if found.any():
         place[found] = reference.to_pixels(ground[found, :2])
     if LEAST_KNOWN <= found.mean() < 1.0:
-        place = _filled(grid, place, found)
+        place = _fill(grid, place, found)
     x, y = (_between_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
-    return Patch(*sampled(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
+    return Patch(*sample_patch(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
 
 
-def _filled(grid: np.ndarray, place: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _fill(grid: np.ndarray, place: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return positions with those of rays into gaps of the DEM, from the affine function of the others."""
     design = np.column_stack([np.ones(len(grid)), grid])
     coefficients = np.linalg.lstsq(design[known], place[known], rcond=None)[0]

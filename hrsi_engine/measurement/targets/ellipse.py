@@ -177,7 +177,7 @@ def direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.
     x, y = np.moveaxis(d / scale[:, None, None], -1, 0)
     quadratic, linear = np.stack([x * x, x * y, y * y], axis=-1), np.stack([x, y, np.ones_like(x)], axis=-1)
     weighted = np.swapaxes(weight[..., None] * linear, 1, 2)
-    to_linear = -_solved(weighted @ linear, weighted @ quadratic)
+    to_linear = -_solve(weighted @ linear, weighted @ quadratic)
     S = np.swapaxes(quadratic, 1, 2) @ (weight[..., None] * (quadratic + linear @ to_linear))
     constrained = np.stack([S[:, 2] / 2.0, -S[:, 1], S[:, 0] / 2.0], axis=1)
     vectors = np.real(np.linalg.eig(constrained)[1])
@@ -187,7 +187,7 @@ def direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.
     a = vectors[row, :, best]
     b = (to_linear @ a[..., None])[..., 0]
     Q = np.stack([a[:, 0], a[:, 1] / 2.0, a[:, 1] / 2.0, a[:, 2]], axis=1).reshape(-1, 2, 2)
-    centre = _solved(Q, -b[:, :2, None] / 2.0)[..., 0]
+    centre = _solve(Q, -b[:, :2, None] / 2.0)[..., 0]
     level = np.einsum("ni,nij,nj->n", centre, Q, centre) - b[:, 2]
     good = (determinant[row, best] > 0.0) & (level * np.trace(Q, axis1=1, axis2=2) > 0.0)
     Q = np.where(good[:, None, None], Q / np.where(level == 0.0, 1.0, level)[:, None, None], np.eye(2))
@@ -212,7 +212,7 @@ def improved_ellipses(
         scale = 1.0 / np.maximum(np.sqrt(np.sum(A**2, axis=1)), 1e-30)
         A *= scale[:, None]
         weighted = np.swapaxes(weight[rows, :, None] * A, 1, 2)
-        step = -scale * _solved(weighted @ A, weighted @ distance[..., None])[..., 0]
+        step = -scale * _solve(weighted @ A, weighted @ distance[..., None])[..., 0]
         moved = Q[rows] + step[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
         # short arcs may open into a hyperbola: what is there is as good as it gets
         closed = (np.linalg.det(moved) > 0.0) & (moved[:, 0, 0] > 0.0)
@@ -225,7 +225,7 @@ def improved_ellipses(
     return centre, Q
 
 
-def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return solutions of systems ``(n, k, k)``; of least norm where one is singular."""
     try:
         return np.linalg.solve(A, b)

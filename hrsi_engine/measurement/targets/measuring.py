@@ -68,7 +68,7 @@ class TargetMeasurement:
         return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
 
 
-def refused(kind: str, reason: str) -> TargetMeasurement:
+def refuse(kind: str, reason: str) -> TargetMeasurement:
     """Return a measurement that was not made."""
     nothing = np.empty((0, 2))
     return TargetMeasurement(
@@ -88,11 +88,11 @@ def measure_target(
         raise InputError(f"target kind {kind!r} is not one of {', '.join(MEASURES)}: correct it")
     x, y = (float(value) for value in approximate)
     if not (-0.5 <= x <= raster.size[0] - 0.5 and -0.5 <= y <= raster.size[1] - 0.5):
-        return refused(kind, f"the approximate position {x:.1f}, {y:.1f} is outside the image")
+        return refuse(kind, f"the approximate position {x:.1f}, {y:.1f} is outside the image")
     try:
         return MEASURES[kind](raster, np.array([x, y]), options)
     except SolveError as error:
-        return refused(kind, str(error))
+        return refuse(kind, str(error))
 
 
 def _around(raster: Raster, middle: np.ndarray, half: float) -> Area:
@@ -155,7 +155,7 @@ def _from_ellipse(centre: Centre) -> TargetMeasurement:
 def _ellipse_measurement(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
     return TargetMeasurement(
         TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
-        (_closed(ellipse.outline()),), quality,
+        (_close(ellipse.outline()),), quality,
     )  # fmt: skip
 
 
@@ -163,11 +163,11 @@ def _from_outline(centre: Centre) -> TargetMeasurement:
     used = np.ones(len(centre.outline), dtype=bool)
     return TargetMeasurement(
         TARGET_CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used,
-        (_closed(centre.outline),), centre.quality,
+        (_close(centre.outline),), centre.quality,
     )  # fmt: skip
 
 
-def _closed(ring: np.ndarray) -> np.ndarray:
+def _close(ring: np.ndarray) -> np.ndarray:
     return np.vstack([ring, ring[:1]])
 
 
@@ -323,4 +323,4 @@ def measure_edges(edges: np.ndarray, kind: str = TARGET_CENTER) -> TargetMeasure
     try:
         return EDGE_FITS[kind](np.asarray(edges, dtype=np.float64))
     except SolveError as error:
-        return refused(kind, str(error))
+        return refuse(kind, str(error))

@@ -64,14 +64,14 @@ def match_tile(
     found = _Matched.nothing(len(task.points))
     for window in options.windows_px:
         rows = np.flatnonzero(~found.done)
-        found.add(rows, *_find(task, rows, _expected(task, rows, seeds), window))
+        found.add(rows, *_find(task, rows, _expect(task, rows, seeds), window))
         known = np.flatnonzero(found.done)
         found.done[known[~_consistency(task, task.points[known], found.xy[known]).good]] = False
         known = np.flatnonzero(found.done)
         if len(known) < FEWEST:
             return no_matches()
         seeds = _Seeds(task.points[known], task.frame.displacements(task.points[known], found.xy[known]))
-    return _judged(task, found)
+    return _judge(task, found)
 
 
 def transfer_points(
@@ -101,7 +101,7 @@ def transfer_points(
         rows = np.flatnonzero(~found.done)
         reach = np.tile([options.reach_px[0], options.across_px], (len(rows), 1))
         found.add(rows, *_find(task, rows, _Expected(shift[rows], reach), window))
-    return _judged(task, found)
+    return _judge(task, found)
 
 
 # ---- what the steps hand on ----------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def _seeds(task: _Task) -> _Seeds:
     return _Seeds(first[good], (second - first)[good])
 
 
-def _expected(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
+def _expect(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
     """Return where points are sought: the middle of their neighbours' displacements, and as far as these differ."""
     options = task.options
     direction = task.direction[rows]
@@ -284,7 +284,7 @@ def _consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consiste
     return rpc_consistency(geometry.first, geometry.second, xy, seen, geometry.heights_at(xy), unit_px=unit)
 
 
-def _judged(task: _Task, found: _Matched) -> TileMatches:
+def _judge(task: _Task, found: _Matched) -> TileMatches:
     """Return the matches that fit the others within their own precision, with sigmas scaled to what is observed."""
     known = np.flatnonzero(found.done)
     if len(known) < FEWEST:

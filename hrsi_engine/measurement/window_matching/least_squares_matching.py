@@ -86,7 +86,7 @@ Implementation = Callable[[MatchImage, MatchImage, np.ndarray, "Results", LsmOpt
 
 
 def _implementation() -> Implementation:
-    if compiled_code.wanted():
+    if compiled_code.is_wanted():
         return _by_compiled_loops
     return match_in_parts
 

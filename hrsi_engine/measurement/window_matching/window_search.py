@@ -50,7 +50,7 @@ def search_windows(
     if len(rows):
         part = best[rows], figures[rows]
         inputs = centre[rows], best[rows].copy(), direction[rows], np.ascontiguousarray(reach[rows])
-        search = _by_compiled_loops if compiled_code.wanted() else _by_arrays
+        search = _by_compiled_loops if compiled_code.is_wanted() else _by_arrays
         search(first, second, inputs, half, part)
         best[rows], figures[rows] = part
     return PeaksFound(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
@@ -78,7 +78,7 @@ def _by_arrays(
             rows = same[begin : begin + SEARCHED_AT_A_TIME]
             part = tuple(column[rows] for column in inputs)
             scores, corner = _scores(first, second, part, half, int(length))
-            results[0][rows], results[1][rows] = _judged(scores, corner, part[1])
+            results[0][rows], results[1][rows] = _judge(scores, corner, part[1])
 
 
 def _scores(
@@ -110,7 +110,7 @@ def _scores(
     return scores, corner
 
 
-def _judged(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _judge(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return best positions and figures (correlation, rival, inside) of boxes of scores."""
     count, size, _ = scores.shape
     best, figures = predicted.copy(), np.full((count, 3), -1.0)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...block.block import Role
-from ...foundation.errors import named
+from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
 
@@ -30,7 +30,7 @@ def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     bad = np.flatnonzero((count >= LINK_TIES) & (lost > MOST_LEFT_OUT * count))
     images = tuple(block.images[index].id for index in bad.tolist())
     if share > MANY_LEFT_OUT or images:
-        where = f"; more than half of those on image {named(images)}" if images else ""
+        where = f"; more than half of those on image {list_ids(images)}" if images else ""
         yield Reason(
             "ties-left-out",
             Level.UNUSABLE if share > MOST_LEFT_OUT else Level.DOUBTFUL,
@@ -42,7 +42,7 @@ def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
         return
     links = broken_links(evidence)
     if links:
-        listed = named(f"{one} and {other} ({kept} of {points} points kept)" for one, other, points, kept in links)
+        listed = list_ids(f"{one} and {other} ({kept} of {points} points kept)" for one, other, points, kept in links)
         yield Reason(
             "link-left-out", Level.DOUBTFUL,
             f"most ties between images do not fit: {listed}",
@@ -94,7 +94,7 @@ def images_not_held(evidence: Evidence) -> Iterator[Reason]:
     if alone:
         yield Reason(
             "image-not-held", Level.DOUBTFUL,
-            f"no GCP and no tie point that fits is on image {named(alone)}: its RPC stays as it was",
+            f"no GCP and no tie point that fits is on image {list_ids(alone)}: its RPC stays as it was",
             "find tie points to its neighbours, measure GCPs on it, or take it out of the block",
             images=tuple(alone),
         )  # fmt: skip
@@ -103,7 +103,7 @@ def images_not_held(evidence: Evidence) -> Iterator[Reason]:
         ids = tuple(block.images[index].id for index in weak.tolist())
         yield Reason(
             "few-ties", Level.DOUBTFUL,
-            f"image {named(ids)} is held by fewer than {LEAST_TIES} tie points and no GCP: an error in one of them "
+            f"image {list_ids(ids)} is held by fewer than {LEAST_TIES} tie points and no GCP: an error in one of them "
             "would not show",
             "find more tie points on it, or measure GCPs",
             images=ids,
@@ -119,8 +119,8 @@ def parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     held = sum(1 for part in parts if part.gcps)
     yield Reason(
         "part-without-control", Level.DOUBTFUL,
-        f"the block falls into {len(parts)} parts without common points, {held} of them with GCPs; image {named(free)} "
-        "lies only as well as its RPC, and does not fit the others",
+        f"the block falls into {len(parts)} parts without common points, {held} of them with GCPs; image "
+        f"{list_ids(free)} lies only as well as its RPC, and does not fit the others",
         "find tie points between the parts, or measure GCPs in each",
         images=free,
     )  # fmt: skip

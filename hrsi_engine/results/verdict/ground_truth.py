@@ -12,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from ...block.block import Role
-from ...foundation.errors import named
+from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ..residuals import unit_sigma
 from .evidence import Evidence
@@ -56,7 +56,7 @@ def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iter
         {Role.GCP: "control-misfit", Role.CHECK: "check-misfit"}[role],
         Level.UNUSABLE if factor >= ruined else Level.DOUBTFUL,
         f"{what} not fit the refined RPCs: {length:.2g} px in the mean, {factor:.2g} times what their sigmas allow; "
-        f"beyond chance are {named(ids)}",
+        f"beyond chance are {list_ids(ids)}",
         "compare coordinates, heights, datum and ids of these points with their source; state their sigmas as they are",
         images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
         points=ids,
@@ -78,7 +78,7 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-left-out",
             Level.DOUBTFUL,
-            f"{len(out)} of {surveyed} GCPs disagree with the rest and are left out: {named(out)}"
+            f"{len(out)} of {surveyed} GCPs disagree with the rest and are left out: {list_ids(out)}"
             + ("; with so many of them, the others may be the wrong ones" if many else ""),
             "compare these points with their source; correct them, or take them out of the file",
             points=out,
@@ -88,7 +88,7 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-ambiguous",
             Level.UNUSABLE if worst > AMBIGUOUS_SIGMAS else Level.DOUBTFUL,
-            f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {named(f.id for f in kept)}; "
+            f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {list_ids(f.id for f in kept)}; "
             "all are kept",
             "compare these points with their source, or measure more GCPs",
             points=tuple(dict.fromkeys(finding.id for finding in kept)),
@@ -129,7 +129,7 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
         ids = tuple(str(name) for name in points.ids[check[alone]])
         yield Reason(
             "check-point-off", Level.DOUBTFUL,
-            f"check point {named(ids)} lies far from where the block puts it while the others agree: "
+            f"check point {list_ids(ids)} lies far from where the block puts it while the others agree: "
             f"{points.ids[check[worst]]} by {_metres(error[worst])} m (east, north, height)",
             "compare these points with their source and their measurements in the images",
             points=ids,

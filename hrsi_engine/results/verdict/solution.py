@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...foundation.errors import named
+from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...refinement import priors_of
 from .evidence import Evidence
@@ -71,7 +71,7 @@ def corrections_beyond_priors(evidence: Evidence) -> Iterator[Reason]:
         ids = tuple(result.block.images[index].id for index in images.tolist())
         yield Reason(
             "correction-too-large", level,
-            f"the correction of image {named(ids)} is larger than any error of its RPC: "
+            f"the correction of image {list_ids(ids)} is larger than any error of its RPC: "
             f"{result.model.parameters[parameter]} of {result.block.images[worst].id} is "
             f"{result.values[worst, parameter]:.3g}, {far[worst, parameter]:.0f} times what is expected "
             f"({sigma[worst, parameter]:.2g})",
@@ -112,7 +112,7 @@ def rpc_unlike_model(evidence: Evidence) -> Iterator[Reason]:
             ids = tuple(block.images[index].id for index in images.tolist())
             yield Reason(
                 "rpc-unlike-model", level,
-                f"the refined RPC of image {named(ids)} differs from its model by up to {fit[images].max():.2g} px",
+                f"the refined RPC of image {list_ids(ids)} differs from its model by up to {fit[images].max():.2g} px",
                 "choose a model of fewer parameters: an RPC cannot follow this correction",
                 images=ids,
             )  # fmt: skip

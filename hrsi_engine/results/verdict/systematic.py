@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...foundation.errors import named
+from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
 
@@ -19,8 +19,8 @@ def field_notes(evidence: Evidence) -> list[str]:
         return []
     worst = fields[0]
     return [
-        f"the residuals of image {named(field.image for field in fields)} are not random: up to {worst.rms_px:.2g} px "
-        f"({worst.image}) follow a polynomial of the position; the model {worst.model} would remove it"
+        f"the residuals of image {list_ids(field.image for field in fields)} are not random: up to {worst.rms_px:.2g} "
+        f"px ({worst.image}) follow a polynomial of the position; the model {worst.model} would remove it"
     ]
 
 
@@ -31,7 +31,7 @@ def large_field(evidence: Evidence) -> Iterator[Reason]:
         worst = fields[0]
         yield Reason(
             "systematic-residuals", Level.DOUBTFUL,
-            f"the residuals of image {named(field.image for field in fields)} have a systematic field: "
+            f"the residuals of image {list_ids(field.image for field in fields)} have a systematic field: "
             f"{worst.rms_px:.2g} px of {worst.all_px:.2g} px in {worst.image} follow a polynomial of the position",
             f"choose the model {worst.model}, which removes it; if it is the model already, look for wrong points",
             images=tuple(field.image for field in fields),
