@@ -16,7 +16,7 @@ from scipy import fft
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.measurement.control_network.polar import turn as turned_offset
+from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.thresholds import Tolerance
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss
 from hrsi.hrsi_engine.simulation.texture import PeriodicField
