@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, gsd_m, sensors
 from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.refinement import MODELS
 
 VIEWS = ((0.35, 0.05), (-0.30, 0.10), (0.05, -0.40), (0.02, 0.3))
 GSD = (1.0, 2.0, 1.0, 2.0)  # two sensors
@@ -143,3 +146,23 @@ def test_many_wrong_sigmas_are_said_briefly():
     )
     said = [text for text in result.warnings if "sigma given" in text]
     assert 4 <= len(said) <= 8
+
+
+def test_redundancy_is_shared_out_as_a_dense_solution_shares_it():
+    """GCPs that the images know better than the survey, and others that they do not: each group has its own share."""
+    block, _, _ = blocks.block(gcps=12, checks=0, ties=8, drift=0.0, noise_px=0.4, noise_m=0.3)
+    options = AdjustOptions(model="shift", sigma_drift=0.0, variance_components=True)
+    found = {part.group: part for part in adjust(block, options).variance_components}
+    image, plane, height = (found[name] for name in ("image points", "GCP east, north", "GCP height"))
+    sigma_m = np.tile([plane.sigma, height.sigma], (len(block.points), 1))
+    rows = replace(block.measurements, sigma_px=np.full(len(block.measurements), image.sigma))
+    estimated = replace(block, points=replace(block.points, sigma_m=sigma_m), measurements=rows)
+    dense = dense_solution(estimated, MODELS["shift"], drift=0.0)
+    gcp = block.points.role == Role.GCP
+    share = 1.0 - dense.ground_cofactor[gcp] / np.array([plane.sigma, plane.sigma, height.sigma]) ** 2
+    assert plane.redundancy == pytest.approx(share[:, :2].sum(), rel=0.03)
+    assert height.redundancy == pytest.approx(share[:, 2].sum(), rel=0.03)
+    assert image.redundancy == pytest.approx(2 * len(rows) - 3 * 20 - 2 * 3 + 3 * 12 - share.sum(), rel=0.03)
+    assert share.sum() < 0.7 * 36  # far from all of it
+    miss = ground_difference_m(block.points.ground[gcp], dense.ground[gcp])
+    assert np.sum(miss[:, :2] ** 2) / plane.sigma**2 == pytest.approx(share[:, :2].sum(), rel=0.03)

@@ -13,6 +13,7 @@ import pytest
 import rasterio
 from osgeo import gdal
 from rpc_samples import ground_grid, sample_rpc, write_image
+from simulated_blocks import oblique_rpc
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -30,6 +31,7 @@ from hrsi.hrsi_engine.io.rpc_files import (
 )
 from hrsi.hrsi_engine.io.rpc_files.crop import crop_origin
 from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_gdal
+from hrsi.hrsi_engine.io.rpc_files.nitf import apply_ichipb
 
 PHR = "PHR1B_P_201709281038393_SEN_PRG_FC_178609-001"
 SKYSAT = "20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT"
@@ -132,6 +134,30 @@ def test_ichipb_is_applied(real_data: Path) -> None:
     assert "ICHIPB" in chip.source
     apart = chip.rpc.project(ground_grid(chip.rpc)) - moved.rpc.project(ground_grid(chip.rpc))
     np.testing.assert_allclose(apart, 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.0, 4.0])
+def test_ichipb_of_a_reduced_chip(scale: float) -> None:
+    """Pixel k of a chip reduced n times is the mean of the pixels from 100 + n k of the full image: its centre is
+    their middle. ICHIPB counts from the outer corner of the first pixel."""
+    rpc = oblique_rpc(0.3, -0.2)
+    metadata = {}
+    for axis, begin, count in (("COL", 100.0, 300), ("ROW", 40.0, 200)):
+        for corner, chip in zip(("11", "12", "21", "22"), corners_of(axis, count), strict=True):
+            metadata[f"ICHIP_OP_{axis}_{corner}"] = str(chip)
+            metadata[f"ICHIP_FI_{axis}_{corner}"] = str(begin + scale * chip)
+    chip, note = apply_ichipb("chip.ntf", rpc, metadata)
+    ground = ground_grid(rpc)
+    full = rpc.project(ground)  # from the centre of the first pixel
+    expected = np.column_stack([(full[:, 0] + 0.5 - 100.0) / scale - 0.5, (full[:, 1] + 0.5 - 40.0) / scale - 0.5])
+    np.testing.assert_allclose(chip.project(ground), expected, atol=1e-8)
+    assert "ICHIPB" in note
+
+
+def corners_of(axis: str, count: int) -> tuple[float, ...]:
+    """Return the coordinate of a chip's corner pixels' centres along an axis, in the order 11, 12, 21, 22."""
+    first, last = 0.5, count - 0.5
+    return (first, last, first, last) if axis == "COL" else (first, first, last, last)
 
 
 @pytest.mark.parametrize(

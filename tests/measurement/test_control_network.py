@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.measurement.control_network import (
 from hrsi.hrsi_engine.measurement.control_network.local_affine import local_affine, similarity_matrix
 from hrsi.hrsi_engine.measurement.control_network.network import NO_FATHER, Network
 from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
-from hrsi.hrsi_engine.measurement.control_network.refinement import epipolar_residuals
+from hrsi.hrsi_engine.measurement.control_network.refinement import agreeing, epipolar_residuals
 from hrsi.hrsi_engine.measurement.control_network.super_points import candidates, match_super_points
 from hrsi.hrsi_engine.measurement.control_network.thresholds import (
     Tolerance,
@@ -145,6 +145,25 @@ def test_a_pattern_that_is_there_twice_is_ambiguous():
 
 
 # ---- networks and maps -------------------------------------------------------------------------------------------
+
+
+def test_what_lies_across_the_epipolar_lines_is_left_out():
+    """Relief moves points along them; 2.5 px across cannot be relief, though the neighbours would let it pass."""
+    rng = np.random.default_rng(3)
+    first = rng.uniform(0.0, 400.0, (300, 2))
+    along, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
+    relief = 6.0 * np.sin(first[:, 0] / 40.0) * np.cos(first[:, 1] / 55.0)
+    second = first @ np.array([[0.98, 0.05], [-0.03, 1.01]]).T + relief[:, None] * along
+    second += rng.normal(0.0, 0.05, second.shape)
+    wrong, high = np.arange(0, 300, 20), np.arange(10, 300, 20)
+    second[wrong] += 2.5 * across
+    second[high] += 2.5 * along  # a roof
+    good, residual, distance = agreeing(first, second, np.ones(300, dtype=bool), np.eye(2), consistency_px=6.0)
+    assert not good[wrong].any()
+    assert good[high].all()
+    assert residual[wrong].max() < 6.0  # the neighbours alone are content
+    np.testing.assert_allclose(np.abs(distance[wrong]), 2.5, atol=0.5)
+    assert good.sum() >= 300 - len(wrong) - 3  # 4 sigma
 
 
 def test_local_affine_maps_recover_an_affine_map_despite_false_nodes():

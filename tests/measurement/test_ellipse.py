@@ -45,6 +45,16 @@ def test_covariance_is_that_of_repeated_measurements():
     np.testing.assert_allclose(stated, scatter, rtol=0.15)
 
 
+def test_variance_of_few_points_counts_what_the_ellipse_takes():
+    """Eight points of five parameters: three are left to tell the noise, not eight."""
+    rng = np.random.default_rng(8)
+    fits = [fit_ellipse(points_on(8) + rng.normal(0, 0.05, (8, 2))) for _ in range(2000)]
+    scatter = np.std([fit.centre for fit in fits], axis=0)
+    stated = np.sqrt(np.mean([np.diag(fit.covariance_px2) for fit in fits], axis=0))
+    print(f"scatter {scatter}, stated {stated}")
+    np.testing.assert_allclose(stated, scatter, rtol=0.08)  # 2000 variances of three degrees of freedom: 1 %
+
+
 def test_stray_edges_are_left_out():
     rng = np.random.default_rng(2)
     edges = points_on(40) + rng.normal(0, 0.05, (40, 2))

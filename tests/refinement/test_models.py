@@ -173,6 +173,20 @@ def test_the_unit_of_the_image_does_not_matter(name, image):
     np.testing.assert_allclose(found / 2.0, expected, atol=1e-3)
 
 
+def test_priors_of_drift_say_what_it_may_be_at_the_edge_of_the_image():
+    """A drift of 1e-4 px/px over 2000 px from the middle are 0.2 px there, whatever the degree of its monomial."""
+    model = MODELS["quadratic"]
+    image = Image("image", blocks.oblique_rpc(0.0, 0.0), (4001, 3001))
+    sigma = model.prior_sigmas(image, Priors(shift_px=7.0, drift=1e-4))
+    corner = image.rpc.localize(np.array([[4000.0, 1500.0 + 2000.0]]), blocks.HEIGHT).ground  # u = v = 2000
+    reach = [
+        np.abs(model.project(image, np.eye(len(sigma))[k] * value, corner) - image.rpc.project(corner)).max()
+        for k, value in enumerate(sigma)
+    ]
+    expected = [7.0 if name.endswith("_0") else 0.2 for name in model.parameters]
+    np.testing.assert_allclose(reach, expected, rtol=1e-3)
+
+
 @pytest.mark.parametrize("name", ["shift", "affine", "quadratic", "ground-linear", "generic-affine", "object-affine"])
 def test_residuals_of_points_left_out_are_those_of_leaving_them_out(name, image):
     model = MODELS[name]

@@ -1,0 +1,184 @@
+"""Do the tests notice when an output is wrong? Each mutation goes into a copy of the package, and its tests must fail.
+
+    python benchmarks/output_mutants.py [WORD ...]
+
+Only the mutants whose names hold one of the words are tried; all of them take about two minutes. Exit code 1 where one
+survives, where its tests fail without it, or where the text that it changes is gone.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+COPIED = ("__init__.py", "pyproject.toml", "hrsi_engine", "processing_algorithms", "plugin", "tests", "examples")
+TRUTH = "tests/results/test_outputs_from_truth.py"
+OUTLIERS = "tests/results/test_outliers.py"
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A mutation: ``old`` becomes ``new`` in a file of the engine; ``tests`` are those that must fail."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+MUTANTS = (
+    Mutant(
+        "sign of the ground residual", "results/residuals.py",
+        "ground_difference_m(block.points.ground[usable], computed[usable])",
+        "ground_difference_m(computed[usable], block.points.ground[usable])", TRUTH,
+    ),
+    Mutant(
+        "sigma_east of ground_points is that of north", "results/tables.py", "result.ground_sigma_m[:, 0]",
+        "result.ground_sigma_m[:, 1]", TRUTH,
+    ),
+    Mutant(
+        "sigma_height of ground_points is that of east", "results/tables.py", "result.ground_sigma_m[:, 2]",
+        "result.ground_sigma_m[:, 0]", TRUTH,
+    ),
+    Mutant(
+        "sigma_north of the residual layers is that of height", "results/tables.py", "left.ground_sigma_m[here, 1]",
+        "left.ground_sigma_m[here, 2]", TRUTH,
+    ),
+    Mutant(
+        "CE90 of check points 2.146 RMSE", "results/residuals.py", "CE90_OF_RADIAL_RMSE = 1.5175",
+        "CE90_OF_RADIAL_RMSE = 2.146", TRUTH,
+    ),
+    Mutant(
+        "line RMSE of an image from its samples", "results/figures.py",
+        '"rmse_line_px": rmse(left.at_known_px[here, 1])', '"rmse_line_px": rmse(left.at_known_px[here, 0])', TRUTH,
+    ),
+    Mutant(
+        "sigma0 dropped from all covariances", "adjustment/outcome.py", "max(sums.sigma0, 1.0) ** 2", "1.0", TRUTH,
+    ),
+    Mutant(
+        "sigma0 dropped from the parameters' sigmas", "adjustment/outcome.py",
+        "np.sqrt(factor[:, None] * precise.parameters", "np.sqrt(precise.parameters", TRUTH,
+    ),
+    Mutant(
+        "sigma0 dropped from the points' covariances", "adjustment/outcome.py",
+        "factor[observations.image[observations.first[:-1]], None, None] * precise.points", "1.0 * precise.points",
+        TRUTH,
+    ),
+    Mutant(
+        "GCPs count wholly in variance components", "adjustment/variance_components.py", "1.0 - np.einsum(",
+        "1.0 - 0.0 * np.einsum(", "tests/adjustment/test_variance_groups.py",
+    ),
+    Mutant(
+        "ICHIPB without the half pixel", "io/rpc_files/nitf.py", "for corner in CORNERS]) - 0.5",
+        "for corner in CORNERS])", "tests/io/test_rpc_files.py -k ichipb",
+    ),
+    Mutant(
+        "match keeps what lies across epipolar lines", "measurement/control_network/refinement.py",
+        "keep &= np.abs(across[rows])", "keep &= 0.0 * np.abs(across[rows])",
+        "tests/measurement/test_control_network.py -k epipolar",
+    ),
+    Mutant(
+        "quadratic drift held as loosely as linear", "refinement/image_space.py", "np.maximum(degree - 1, 0)", "0",
+        "tests/refinement/test_models.py -k edge_of_the_image",
+    ),
+    Mutant(
+        "ellipse's noise over n points", "measurement/targets/ellipse.py", "(weight > 0.0).sum(axis=1) - 5",
+        "(weight > 0.0).sum(axis=1)", "tests/measurement/test_ellipse.py",
+    ),
+    Mutant(
+        "rivals from half of the misfit", "adjustment/snooping.py", "EQUALLY_LIKELY = 0.98", "EQUALLY_LIKELY = 0.5",
+        "tests/adjustment/test_rival_gcps.py",
+    ),
+    Mutant(
+        "no rivals at all", "adjustment/snooping.py", "EQUALLY_LIKELY = 0.98", "EQUALLY_LIKELY = 1.0",
+        "tests/adjustment/test_rival_gcps.py",
+    ),
+    Mutant(
+        "sigma0 dropped from what residuals are judged by", "results/residuals.py", "return max(result.sigma0, 1.0)",
+        "return 1.0", TRUTH,
+    ),
+    Mutant(
+        "check points judged by the measurement and survey alone", "results/residuals.py",
+        "np.where(check[points, None, None], predicted, 0.0)", "0.0 * predicted", OUTLIERS,
+    ),
+    Mutant(
+        "drift that is not followed left out of the sigmas", "results/residuals.py",
+        "drift[:, :, None] * drift[:, None, :]", "0.0 * drift[:, :, None] * drift[:, None, :]", OUTLIERS,
+    ),
+    Mutant(
+        "outliers counted as listed", "results/outliers.py", '"outlier_count": len(worst)',
+        '"outlier_count": min(len(worst), MOST_OUTLIERS)', OUTLIERS,
+    ),
+    Mutant(
+        "flags by another limit than the list", "results/outliers.py",
+        "outlier = is_outlier(measurement_statistic(left))", "outlier = measurement_statistic(left) > 6.0", OUTLIERS,
+    ),
+)  # fmt: skip
+
+
+def fails(parent: Path, tests: str) -> bool:
+    """Return whether a file's tests fail with the package ``parent/hrsi``; raise RuntimeError where none can run."""
+    environment = os.environ | {"PYTHONPATH": str(parent), "PYTHONDONTWRITEBYTECODE": "1", "CI": ""}
+    command = [sys.executable, "-m", "pytest", "-p", "no:pytest_qgis", "-p", "no:cacheprovider", "-q", "-x"]
+    arguments = tests.split(" ", 2)
+    done = subprocess.run(
+        [*command, *arguments], cwd=parent / "hrsi", env=environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode not in (0, 1):
+        raise RuntimeError(f"{tests}: pytest ends with {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+    return done.returncode == 1
+
+
+def verdict_on(mutant: Mutant, parent: Path) -> str:
+    """Return ``dies``, ``SURVIVES`` or ``TEXT GONE``; the copy is as it was afterwards."""
+    path = parent / "hrsi" / "hrsi_engine" / mutant.file
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    if mutant.old not in text:
+        return "TEXT GONE"
+    path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
+    try:
+        return "dies" if fails(parent, mutant.tests) else "SURVIVES"
+    finally:
+        path.write_text(text, encoding="utf-8")
+
+
+def copy_package(parent: Path) -> None:
+    """Copy what the tests need to ``parent/hrsi``."""
+    (parent / "hrsi").mkdir()
+    for name in COPIED:
+        source, target = ROOT / name, parent / "hrsi" / name
+        if source.is_dir():
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, target)
+
+
+def main(words: Sequence[str]) -> int:
+    """Try the mutants, print a table; return the exit code."""
+    chosen = [mutant for mutant in MUTANTS if not words or any(word in mutant.name for word in words)]
+    with tempfile.TemporaryDirectory() as folder:
+        parent = Path(folder)
+        copy_package(parent)
+        broken = [tests for tests in dict.fromkeys(mutant.tests for mutant in chosen) if fails(parent, tests)]
+        for tests in broken:
+            print(f"fails without any mutant: {tests}")
+        print(f"| {'mutant':<57} | {'verdict':<9} | tests |\n|{'-' * 59}|{'-' * 11}|-------|")
+        bad = len(broken)
+        for mutant in chosen:
+            found = verdict_on(mutant, parent)
+            bad += found != "dies"
+            print(f"| {mutant.name:<57} | {found:<9} | `{mutant.tests}` |", flush=True)
+    print(f"{len(chosen)} mutants")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
