@@ -1,8 +1,8 @@
 """The damped Gauss-Newton loop on the reduced camera system, reweighted for robustness.
 
 Unknowns are the model's values of each camera and a metric step of each point. One pass eliminates the points, solves
-for the cameras and substitutes back; the normal equations at the new state are those of the next pass. A step that
-raises the cost is repeated with more damping.
+for the cameras and substitutes back; the normal equations at the new state are those of the next pass. Which steps
+count and how they are damped is `foundation.levenberg_marquardt`'s, as for single images.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..ground.geodesy import moved_ground
 from .dem_heights import DemHeights
@@ -19,7 +20,6 @@ from .equations import CameraSystem, Equations, Normals, Pattern, PointPriors, S
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 
-MOST_DAMPING = 1e6
 LOOSE_TOLERANCE = 0.05  # of passes before a round of data snooping: cameras to a few tenths of a pixel will do
 ROBUST_TOLERANCE = 1e-4  # reweighting converges slowly, but what is left moves single blunders, not the cameras
 
@@ -40,14 +40,15 @@ class Weighting:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where the loop ended: state, equations there, robust factors (n,), cost, and how it went."""
+    """Where the loop stands or ended: state, equations there, robust factors (n,), cost, and how it went."""
 
     state: State
     weighting: Weighting
     normals: Normals
     factor: np.ndarray
     cost: float
-    converged: bool
+    converged: bool = False
+    status: str = ""
 
     @property
     def weight(self) -> np.ndarray:
@@ -83,28 +84,30 @@ class GaussNewton:
         self._finite_prior = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
     def run(self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress) -> Solution:
-        """Iterate from a state until the predicted decrease of the cost falls below ``tolerance`` of the cost.
+        """Iterate from a state until the decrease of the cost that is left falls below ``tolerance`` of the cost.
 
-        The history grows over all runs.
+        The history grows over all runs, one row for every step.
         """
         robustly = WEIGHTS[robust]
-        reweighting = robustly is not least_squares or self.heights is not None
-        # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
-        at = self._at(state, weighting, np.ones(len(weighting.image)))
-        damping, converged = 0.0, False
         tolerance = max(tolerance, ROBUST_TOLERANCE) if robustly is not least_squares else tolerance
-        for iteration in range(self.max_iterations):
-            advance(progress, 1.0 - 0.6**iteration, f"adjustment, iteration {len(self.history) + 1}")
-            cost = at.cost
-            at, decrease, damping = self._step(at, damping)
-            self.history.append(Iteration(cost, decrease, damping))
-            if reweighting:
-                at = self._reweighted(at, robustly)
-            settled = iteration > 0 or not reweighting
-            if settled and decrease <= tolerance * cost + 1e-12:
-                converged = True
-                break
-        return replace(at, converged=converged)
+        first = len(self.history)
+
+        def step(at: Solution, damping: float) -> Step[Solution]:
+            passed = len(self.history) - first
+            advance(progress, 1.0 - 0.6**passed, f"adjustment, iteration {len(self.history) + 1}")
+            return self._step(at, damping)
+
+        # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
+        reweighting = robustly is not least_squares or self.heights is not None
+        ended = descend(
+            self._at(state, weighting, np.ones(len(weighting.image))),
+            step,
+            lambda at: max(1.0, 2.0 * at.cost / self._freedom(at.weighting)),
+            self.max_iterations,
+            (lambda at: self._reweighted(at, robustly)) if reweighting else None,
+            tolerance,
+        )
+        return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweighted(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
         """Return the same state with robust factors from its residuals and heights from the DEM."""
@@ -117,7 +120,7 @@ class GaussNewton:
 
     def _at(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
         normals = self.equations.normals(state, weighting.image * factor, weighting.points, weighting.contributes)
-        at = Solution(state, weighting, normals, factor, 0.0, False)
+        at = Solution(state, weighting, normals, factor, 0.0)
         return replace(at, cost=self.cost(at))
 
     def cost(self, at: Solution) -> float:
@@ -131,23 +134,27 @@ class GaussNewton:
         used = np.repeat(contributes, self.rows_per_point)
         return float(lengths @ used) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
 
-    def _step(self, at: Solution, damping: float) -> tuple[Solution, float, float]:
-        """Return the next state, the decrease of the cost that was predicted for it, and the damping it took."""
+    def _freedom(self, weighting: Weighting) -> float:
+        """Return the redundancy, 1 where there is none; priors of the cameras are left out of it."""
+        rows = int(((weighting.image > 0.0) & np.repeat(weighting.contributes, self.rows_per_point)).sum())
+        surveyed = int(weighting.points.observed[weighting.contributes].sum())
+        unknowns = 3 * int(weighting.contributes.sum()) + int((self._finite_prior > 0.0).sum())
+        return float(max(2 * rows + surveyed - unknowns, 1))
+
+    def _step(self, at: Solution, damping: float) -> Step[Solution]:
+        """Return the next state and the decrease of the cost that the equations promise for it."""
         right = at.normals.right - self._finite_prior * at.state.values
-        while True:
-            self.system.factorise(at.normals.blocks, self.prior_weight, damping)
-            self.solves += 1
-            by_values = self.system.solve(right)
-            by_ground = self.equations.point_steps(at.state, at.weight, at.normals, by_values)
-            trial = self._at(
-                State(at.state.values + by_values, moved_ground(at.state.ground, by_ground)), at.weighting, at.factor
-            )
-            decrease = 0.5 * (float(np.sum(right * by_values)) + _point_gain(at))
-            if trial.cost <= at.cost * (1.0 + 1e-9) + 1e-12:
-                return trial, decrease, 0.0 if damping < 1e-4 else damping / 10.0
-            damping = max(10.0 * damping, 1e-3)
-            if damping > MOST_DAMPING:
-                return at, 0.0, damping
+        self.system.factorise(at.normals.blocks, self.prior_weight, damping)
+        self.solves += 1
+        by_values = self.system.solve(right)
+        by_ground = self.equations.point_steps(at.state, at.weight, at.normals, by_values)
+        ahead = self._at(
+            State(at.state.values + by_values, moved_ground(at.state.ground, by_ground)), at.weighting, at.factor
+        )
+        braked = 0.5 * self.system.braked(by_values)
+        promised = 0.5 * (float(np.sum(right * by_values)) + _point_gain(at)) + braked
+        self.history.append(Iteration(at.cost, promised, damping))
+        return Step(ahead, promised, braked)
 
 
 def _point_gain(at: Solution) -> float:

@@ -103,7 +103,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         unknowns=sums.unknowns,
         redundancy=sums.redundancy,
         converged=solution.converged,
-        status="converged" if solution.converged else "stopped at the iteration limit",
+        status=solution.status,
         history=tuple(loop.history),
         solves=loop.solves,
         findings=tuple(found.findings),

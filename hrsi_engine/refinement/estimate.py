@@ -6,7 +6,8 @@ Observation equations of the GCPs, linearised by the model (v = observed - compu
     minimise  sum_i v_i' P_i v_i + sum_k (a_k / s_k)²               with the priors s_k of the parameters
 
 Unknowns are scaled to their priors, a_k = s_k w_k, and the stacked equations are solved by QR, so that nearly
-collinear parameters (position and attitude) do no harm. A parameter with prior 0 stays 0.
+collinear parameters (position and attitude) do no harm. A parameter with prior 0 stays 0. P changes with B a
+little: it stays while there is a minimum to find, and the minimum is found again with the P that belongs to it.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ import numpy as np
 from ..block.block import Image
 from ..block.columns import Columns
 from ..foundation.errors import SolveError
+from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
-ESTIMATE_MAX_ITERATIONS = 60
-ESTIMATE_SETTLED_PX = 1e-7  # iterations end when no computed image point moves by more
+ESTIMATE_MAX_ITERATIONS = 30
+WEIGHED = 3  # times that the weights are computed, the start's included
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
 #: errors up to 0.1 rad (tens of thousands of pixels).
-CONTROL_ONLY = Priors(shift_px=1e6, drift=1.0, orientation=LOOSE_ORIENTATION)
+CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,7 @@ class Estimate:
     redundancy: float
     iterations: int
     converged: bool
+    status: str
 
     @property
     def sigmas(self) -> np.ndarray:
@@ -94,13 +97,16 @@ class Estimate:
 class _Whitened:
     """Equations at one state.
 
-    roots : (n, 2, 2) of P; matrix : (2n, p) by scaled parameters; right : (2n,); residual : (n, 2) px
+    values : (p,); roots : (n, 2, 2) of P; matrix : (2n, p) by scaled parameters; right : (2n,); residual : (n, 2) px
+    cost : half the weighted sum of squares, priors included
     """
 
+    values: np.ndarray
     roots: np.ndarray
     matrix: np.ndarray
     right: np.ndarray
     residual: np.ndarray
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +124,8 @@ class _Equations:
         control = self.control.select(np.array([index]))
         return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
 
-    def at(self, values: np.ndarray) -> _Whitened:
-        """Return the linearised equations in units of sigmas."""
+    def at(self, values: np.ndarray, roots: np.ndarray | None = None) -> _Whitened:
+        """Return the linearised equations in units of sigmas; ``roots`` of P are those of the state if not given."""
         control = self.control
         at = self.linearise(values, control.ground)
         residual = control.xy - at.computed
@@ -129,11 +135,14 @@ class _Equations:
                 f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: it "
                 "lies outside what the RPC describes; check its coordinates, or choose a simpler --model"
             )
-        survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
-        covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
-        roots = np.linalg.inv(np.linalg.cholesky(covariance))
+        if roots is None:
+            survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
+            covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
+            roots = np.linalg.inv(np.linalg.cholesky(covariance))
         matrix = (roots @ at.by_values).reshape(2 * len(control), -1) * self.sigmas
-        return _Whitened(roots, matrix, np.einsum("nij,nj->ni", roots, residual).ravel(), residual)
+        right = np.einsum("nij,nj->ni", roots, residual).ravel()
+        cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
+        return _Whitened(values, roots, matrix, right, residual, cost)
 
 
 def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
@@ -143,37 +152,49 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     """
     sigmas = model.prior_sigmas(image, priors)
     equations = _Equations(model, image, control, model.equations(image, control.xy), sigmas)
-    values, iterations, converged = UPDATES.get(model.name, iterate)(equations)
-    return _finish(equations.at(values), sigmas, values, iterations, converged)
+    values, iterations, status = UPDATES.get(model.name, iterate)(equations)
+    return _finish(equations.at(values), sigmas, iterations, status)
 
 
-def iterate(equations: _Equations) -> tuple[np.ndarray, int, bool]:
-    """Batch iterative least squares: Gauss-Newton, damped (Levenberg-Marquardt) where a step makes the fit worse."""
+def iterate(equations: _Equations) -> tuple[np.ndarray, int, str]:
+    """Batch iterative least squares, damped where a step makes the fit worse; return values, steps and status."""
     sigmas = equations.sigmas
-    values, damping = np.zeros(len(sigmas)), 0.0
-    at = equations.at(values)
-    for iteration in range(1, ESTIMATE_MAX_ITERATIONS + 1):
-        step = _solve(at.matrix, at.right, values, sigmas, damping)
-        trial = values + sigmas * step
-        ahead = equations.at(trial)
-        if _movement_px(at, step) <= ESTIMATE_SETTLED_PX:
-            return trial, iteration, True
-        if _cost(ahead, trial, sigmas) <= _cost(at, values, sigmas) * (1.0 + 1e-9):
-            values, at, damping = trial, ahead, 0.0 if damping < 1e-4 else damping / 10.0
-        else:
-            damping = max(10.0 * damping, 1e-3)
-    return values, ESTIMATE_MAX_ITERATIONS, False
+    lost: list[SolveError] = []
+    freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
+
+    def step(at: _Whitened, damping: float) -> Step[_Whitened]:
+        by_values = _solve(at.matrix, at.right, at.values, sigmas, damping)
+        gradient = at.matrix.T @ at.right - _scale(at.values, sigmas)
+        braked = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
+        promised = 0.5 * float(by_values @ gradient) + braked
+        try:
+            return Step(equations.at(at.values + sigmas * by_values, at.roots), promised, braked)
+        except SolveError as error:
+            lost.append(error)
+            return Step(replace(at, cost=np.inf), promised, braked)
+
+    values, steps = np.zeros(len(sigmas)), 0
+    for _ in range(WEIGHED):
+        ended = descend(
+            equations.at(values), step, lambda at: max(1.0, 2.0 * at.cost / freedom), ESTIMATE_MAX_ITERATIONS - steps
+        )
+        values, steps = ended.at.values, steps + ended.steps
+        if not ended.converged or steps >= ESTIMATE_MAX_ITERATIONS:
+            break
+    if lost and not ended.converged:
+        raise lost[0]
+    return values, steps, ended.status
 
 
-def update_once(equations: _Equations) -> tuple[np.ndarray, int, bool]:
+def update_once(equations: _Equations) -> tuple[np.ndarray, int, str]:
     """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
     sigmas = equations.sigmas
     values = np.zeros(len(sigmas))
     at = equations.at(values)
-    return sigmas * _solve(at.matrix, at.right, values, sigmas), 1, True
+    return sigmas * _solve(at.matrix, at.right, values, sigmas), 1, CONVERGED
 
 
-def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, bool]:
+def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, str]:
     """Incremental discrete Kalman filter: each GCP updates state and covariance, linearised at the state before it."""
     sigmas = equations.sigmas
     values, covariance = np.zeros(len(sigmas)), np.eye(len(sigmas))
@@ -184,11 +205,11 @@ def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, bool]:
         values = values + sigmas * (gain @ at.right)
         covariance = covariance - gain @ at.matrix @ covariance
         covariance = (covariance + covariance.T) / 2.0
-    return values, len(equations.control), True
+    return values, len(equations.control), CONVERGED
 
 
 #: How the models that are not estimated by `iterate` are: by the name of the model.
-UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, bool]]] = {
+UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, str]]] = {
     "slss": update_once,
     "idkf": update_one_by_one,
 }
@@ -199,8 +220,9 @@ def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
     return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
 
 
-def _cost(at: _Whitened, values: np.ndarray, sigmas: np.ndarray) -> float:
-    return float(np.sum(at.right**2) + np.sum(_scale(values, sigmas) ** 2))
+def _diagonal(matrix: np.ndarray) -> np.ndarray:
+    """Return the diagonal of the normal equations of scaled parameters, priors included."""
+    return np.asarray(np.sum(matrix**2, axis=0) + 1.0)
 
 
 def _solve(
@@ -210,18 +232,13 @@ def _solve(
     p = len(sigmas)
     if not p:
         return np.zeros(0)
-    brake = np.diag(np.sqrt(damping * (np.sum(matrix**2, axis=0) + 1.0)))
+    brake = np.diag(np.sqrt(damping * _diagonal(matrix)))
     stacked = np.vstack([matrix, np.eye(p), brake])
     target = np.concatenate([right, -_scale(values, sigmas), np.zeros(p)])
     return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
 
 
-def _movement_px(at: _Whitened, step: np.ndarray) -> float:
-    moved = (at.matrix @ step).reshape(-1, 2)
-    return float(np.abs(np.linalg.solve(at.roots, moved[:, :, None])).max(initial=0.0))
-
-
-def _finish(at: _Whitened, sigmas: np.ndarray, values: np.ndarray, iterations: int, converged: bool) -> Estimate:
+def _finish(at: _Whitened, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
     """Return precision, redundancy and leave-one-out residuals at the solution."""
     count, p = len(at.residual), len(sigmas)
     triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")
@@ -233,7 +250,7 @@ def _finish(at: _Whitened, sigmas: np.ndarray, values: np.ndarray, iterations: i
     sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
     left_out = np.linalg.solve(_not_below(np.eye(2) - share), whitened[:, :, None])
     return Estimate(
-        values=values,
+        values=at.values,
         covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
         residual_px=at.residual,
         left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0],
@@ -242,7 +259,8 @@ def _finish(at: _Whitened, sigmas: np.ndarray, values: np.ndarray, iterations: i
         sigma0=sigma0,
         redundancy=redundancy,
         iterations=iterations,
-        converged=converged,
+        converged=status == CONVERGED,
+        status=status,
     )
 
 

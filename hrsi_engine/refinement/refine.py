@@ -153,7 +153,7 @@ def _without_suspects(control: Control, suspects: Iterable[SuspectGcp], leave_ou
 def _uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[str]:
     said = []
     if not found.converged:
-        said.append(f"{image.id}: model {model.name} did not converge: its parameters are not to be trusted")
+        said.append(f"{image.id}: model {model.name} {found.status}: its parameters are not to be trusted")
     edge = edge_sigma_px(model, image, found)
     if edge > UNCERTAIN_PX:
         said.append(
@@ -183,7 +183,7 @@ def compare_models(
             refinement = Refinement(image, model, solve(model, image, control), control)
             table[name] = ModelComparison(
                 refinement.residuals_px(control), refinement.residuals_px(check), refinement,
-                "" if refinement.estimate.converged else "not converged",
+                "" if refinement.estimate.converged else refinement.estimate.status,
             )  # fmt: skip
         except (InputError, SolveError) as error:
             nothing = np.full((0, 2), np.nan)

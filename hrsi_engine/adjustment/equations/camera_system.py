@@ -34,6 +34,9 @@ class CameraSystem(Protocol):
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution ``(cameras, p)``."""
 
+    def braked(self, step: np.ndarray) -> float:
+        """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
+
     def cofactors(self) -> np.ndarray | None:
         """Return the blocks of the inverse on the pattern, None where they are not known."""
 
@@ -49,6 +52,14 @@ class _Scaled:
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
         self.scale = np.ones((pattern.cameras, pattern.parameters))
+        self.damping = 0.0
+
+    def braked(self, step: np.ndarray) -> float:
+        """See `CameraSystem`."""
+        if self.damping == 0.0:
+            return 0.0
+        in_units = np.divide(step, self.scale, out=np.zeros_like(step), where=self.scale > 0.0)
+        return self.damping * float(np.sum(in_units**2))
 
     def scaled(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
         pattern = self.pattern
@@ -58,6 +69,7 @@ class _Scaled:
         if not np.all(diagonal > 0.0):
             raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
         self.scale = np.where(fixed, 0.0, 1.0 / np.sqrt(diagonal))
+        self.damping = damping
         result = blocks * self.scale[pattern.rows][:, :, None] * self.scale[pattern.columns][:, None, :]
         p = np.arange(pattern.parameters)
         result[pattern.diagonal[:, None], p, p] = 1.0 + damping
