@@ -12,7 +12,7 @@ solves. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain,
    not bring the cost down, in great leaps, to below where it began.
 3. `converged` means at the minimum: twice the decrease that the undamped step promises is g' N^-1 g, the square of the
    distance to the minimum in standard deviations: no linear function of the unknowns is farther from its value there by
-   more of its own sigmas. The descent ends where the distance is `DONE`; where the steps are used up, `NEAR` will do.
+   more of its own sigmas. The descent ends where the distance is `DESCENT_DONE`; where the steps are used up, `DESCENT_NEAR` will do.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ import numpy as np
 
 FIRST_DAMPING = 1e-4  # of the diagonal, after the first refused step
 LEAST_DAMPING = 1e-10  # once there was any
-RAISE = 4.0  # of the damping after a refused step, twice as much after every further one
-LESS = 0.1  # of the damping after a step that did not need it
+RAISED = 4.0  # of the damping after a refused step, twice as much after every further one
+LOWERED = 0.1  # of the damping after a step that did not need it
 UNIMPORTANT = 0.1  # share of the damping in a step
 MOST_DAMPING = 1e8
 LOOK_AHEAD = 2  # steps after one that raises the cost, before it is refused
-LEAP = 0.5  # what such a step must leave of the cost at most
-DONE = 1e-4  # distance to the minimum, in standard deviations (sigma0 included), that is none
-NEAR = 1e-2  # distance that is small enough after the last step
+GREAT_LEAP = 0.5  # what such a step must leave of the cost at most
+DESCENT_DONE = 1e-4  # distance to the minimum, in standard deviations (sigma0 included), that is none
+DESCENT_NEAR = 1e-2  # distance that is small enough after the last step
 CONVERGED = "converged"  # the status of a minimum
 ROUNDING = 1e-9  # relative change of the cost that is no rise
 
@@ -95,7 +95,7 @@ def descend(
     tolerance : a promised decrease of this share of the cost is none either
     """
     best = at = start
-    damping, needed, growth, astray = 0.0, FIRST_DAMPING, RAISE, 0
+    damping, needed, growth, astray = 0.0, FIRST_DAMPING, RAISED, 0
     promised = np.inf
     for number in range(1, most + 1):
         if number == most:  # how far the minimum is only an undamped step tells
@@ -104,23 +104,23 @@ def descend(
         if at is best:
             promised, braked = taken.promised, taken.braked
         fell = taken.ahead.cost <= best.cost * (1.0 + ROUNDING) + 1e-12
-        enough = max(0.5 * DONE**2 * variance(best), tolerance * best.cost)
+        enough = max(0.5 * DESCENT_DONE**2 * variance(best), tolerance * best.cost)
         done = at is best and promised <= enough and (number > 1 or weighed is None)
         if done and damping == 0.0:
             return Descent(taken.ahead if fell else best, True, CONVERGED, number)
         if number == most:
-            near = promised <= 0.5 * NEAR**2 * variance(best)
+            near = promised <= 0.5 * DESCENT_NEAR**2 * variance(best)
             said = CONVERGED if near else f"stopped at the iteration limit, {_apart(promised, variance(best))}"
             return Descent(taken.ahead if fell else best, near, said, most)
         if fell:
             came = (best.cost - taken.ahead.cost) / max(promised - braked, 1e-300)
             best = at = weighed(taken.ahead) if weighed else taken.ahead
-            astray, growth = 0, RAISE
+            astray, growth = 0, RAISED
             if damping:
                 # a damped step promises little everywhere, so where it is little the next one is not damped
                 needed = max(_lowered(damping, came, braked / max(promised, 1e-300)), LEAST_DAMPING)
                 damping = 0.0 if done else needed
-        elif astray < LOOK_AHEAD and taken.ahead.cost < (LEAP * at.cost if astray else np.inf):
+        elif astray < LOOK_AHEAD and taken.ahead.cost < (GREAT_LEAP * at.cost if astray else np.inf):
             at, astray = taken.ahead, astray + 1
         else:
             at, astray = best, 0
@@ -139,8 +139,8 @@ def _lowered(damping: float, came: float, share: float) -> float:
     step over that of the damped equations (1: they are just right, as where residuals are large).
     """
     if share < UNIMPORTANT:
-        return LESS * damping
-    return damping * float(np.clip(2.0 - came, LESS, 1.5))
+        return LOWERED * damping
+    return damping * float(np.clip(2.0 - came, LOWERED, 1.5))
 
 
 def _apart(promised: float, variance: float) -> str:
