@@ -11,8 +11,9 @@ solves. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain,
    length, and the next step comes back to it, far ahead. So a step is refused only when further ones from its end do
    not bring the cost down, in great leaps, to below where it began.
 3. `converged` means at the minimum: twice the decrease that the undamped step promises is g' N^-1 g, the square of the
-   distance to the minimum in standard deviations: no linear function of the unknowns is farther from its value there by
-   more of its own sigmas. The descent ends where the distance is `DESCENT_DONE`; where the steps are used up, `DESCENT_NEAR` will do.
+   distance to the minimum in standard deviations: no linear function of the unknowns is farther from its value there
+   by more of its own sigmas. The descent ends where the distance is `DESCENT_DONE`; where the steps are used up,
+   `DESCENT_NEAR` will do.
 """
 
 from __future__ import annotations
