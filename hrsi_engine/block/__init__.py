@@ -1,1 +1,12 @@
 """A block: its images, its ground and image points, and how its images see the ground."""
+
+from ..foundation.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "block": "Block Image Raster assemble",
+        "points": "GroundPoints ImagePoints Role",
+        "imaging_geometry": "PairGeometry ViewDirection ViewGeometry all_pairs",
+    },
+)

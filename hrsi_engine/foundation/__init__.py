@@ -1,1 +1,15 @@
 """What every other room stands on: errors, progress, threads and workers, compiled loops, robust scale."""
+
+from .lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "errors": "Cancelled HrsiError InputError OutputError SolveError",
+        "progress": "Progress advance silent stage",
+        "reasons": "Level Reason",
+        "robust_scale": "robust_sigma",
+        "scheduling": "WorkPart open_scheduler run_parts",
+        "version": "VERSION",
+    },
+)

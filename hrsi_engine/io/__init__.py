@@ -1,1 +1,19 @@
 """Files in and out: the only part of the engine that opens paths or imports ``osgeo``."""
+
+from ..foundation.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "csv_tables": "write_csv",
+        "dems": "open_dem",
+        "layers": "Layer write_geopackage",
+        "ortho_rasters": "open_ortho",
+        "orthoimages": "OrthoFormat write_orthoimage",
+        "point_files": "PointTables read_points",
+        "rasters": "open_image",
+        "reference_images": "open_reference",
+        "report": "write_report_html write_report_json",
+        "rpc_files": "FoundRpc read_rpc restore write_geotiff_copy write_in_place write_rpb write_rpc_text write_vrt",
+    },
+)

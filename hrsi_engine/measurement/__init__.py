@@ -1,1 +1,15 @@
 """Measurement in images: interest points, matching of all kinds, targets, tie points and control from a reference."""
+
+from ..foundation.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "interest_points": "DetectionOptions InterestPoints detect_interest_points",
+        "control_network": "ControlNetworkMatch ControlNetworkOptions match_windows",
+        "tie_points": "TieOptions TiePoints find_tie_points",
+        "targets.measuring": "TargetMeasurement TargetOptions measure_edges measure_target",
+        "reference.matching": "ReferenceControl ReferenceOptions match_reference",
+        "registration": "MethodComparison compare_kinds",
+    },
+)

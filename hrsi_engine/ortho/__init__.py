@@ -9,3 +9,15 @@ Layers, each importing only those above it::
     misregistration shifts between two orthoimages, window by window
     common_shift    the shift that most windows share, where it is large
 """
+
+from ..foundation.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "grid": "MapGrid",
+        "mapping": "OrthoMapping",
+        "misregistration": "MisregistrationOptions WindowShifts measure_shifts shift_statistics window_centres",
+        "point_surface": "surface_of_points",
+    },
+)

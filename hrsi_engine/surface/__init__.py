@@ -1,1 +1,10 @@
 """The surface that rays meet: heights of a DEM, and where a ray intersects it."""
+
+from ..foundation.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "dem": "ConstantHeight GridSurface HeightSurface Status SurfaceIntersection intersect_surface surface_heights",
+    },
+)
