@@ -1,8 +1,9 @@
 """Check that the public API is described: parameters with shapes and units, what is returned, what is raised.
 
 ``python scripts/check_docstrings.py`` asks every room of the engine for the names on its face (``__all__``) and has
-numpydoc validate the docstring of each function, each class and its public methods (NumPy's docstring standard). numpydoc
-does not look at what a body raises; that is read from the source here.
+numpydoc validate the docstring of each function, each class and its public methods (NumPy's docstring standard).
+It does not look at what a body raises; that is read from the source here. A method of a protocol may say "As
+`HeightSurface.heights`." and no more.
 """
 
 from __future__ import annotations

@@ -41,9 +41,25 @@ class Rays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RPC:
-    """A rational polynomial camera; immutable. Coefficients are ``(20,)`` arrays in RPC00B order.
+    """A rational polynomial camera; immutable.
 
-    ``err_bias`` and ``err_rand`` are the vendor's accuracy terms in metres (None where not given).
+    Sample and line are quotients of two cubic polynomials of the normalised ground position, eq. (4.1) of the
+    thesis; the order of the coefficients is that of RPC00B (NIMA, STDI-0002).
+
+    Parameters
+    ----------
+    line_off, samp_off : float
+        Image position (px, 0 is the centre of the first pixel) that normalises to 0.
+    lat_off, long_off, height_off : float
+        Ground position (degrees, ellipsoidal metres) that normalises to 0.
+    line_scale, samp_scale : float
+        Pixels that normalise to 1.
+    lat_scale, long_scale, height_scale : float
+        Degrees and metres that normalise to 1.
+    line_num, line_den, samp_num, samp_den : (20,) ndarray
+        Coefficients of the numerators and denominators.
+    err_bias, err_rand : float, optional
+        The vendor's accuracy terms in metres; None where not given.
     """
 
     line_off: float
@@ -117,7 +133,18 @@ class RPC:
         return self.height_off - abs(self.height_scale), self.height_off + abs(self.height_scale)
 
     def shift(self, sample: float, line: float) -> RPC:
-        """Return the RPC whose image coordinates are larger by ``sample`` and ``line`` pixels; exact."""
+        """Return the RPC whose image coordinates are larger by ``sample`` and ``line`` pixels; exact.
+
+        Parameters
+        ----------
+        sample, line : float
+            Pixels to add to the image coordinates.
+
+        Returns
+        -------
+        RPC
+            The shifted camera.
+        """
         return replace(self, samp_off=self.samp_off + sample, line_off=self.line_off + line)
 
     # ---- evaluation --------------------------------------------------------------------------------------------
@@ -137,7 +164,18 @@ class RPC:
         image[:, 0], image[:, 1] = ratios  # column by column: five times as fast as a transposed copy
 
     def normalised(self, ground: np.ndarray) -> np.ndarray:
-        """Return normalised lon, lat and height ``(3, n)`` of ground points ``(n, 3)``: [-1, 1] in the RPC's domain."""
+        """Return normalised lon, lat and height ``(3, n)`` of ground points ``(n, 3)``: [-1, 1] in the RPC's domain.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (3, n) ndarray
+            Without unit; the numerators and denominators are polynomials of these.
+        """
         ground = _as_points(ground, 3, "ground")
         normalised = np.empty((3, len(ground)))
         if len(ground):
@@ -145,11 +183,33 @@ class RPC:
         return normalised
 
     def denominators(self, ground: np.ndarray) -> np.ndarray:
-        """Return the sample and line denominators ``(2, n)`` at ground points ``(n, 3)``; an RPC breaks near a zero."""
+        """Return the sample and line denominators ``(2, n)`` at ground points ``(n, 3)``; an RPC breaks near a zero.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (2, n) ndarray
+            The denominators of sample and of line; they are 1 near the middle of the domain.
+        """
         return np.asarray(self._polynomials[2:] @ monomials(self.normalised(ground)))
 
     def project(self, ground: np.ndarray) -> np.ndarray:
-        """Return image points ``(n, 2)`` (sample, line) of ground points ``(n, 3)`` (lon, lat, height)."""
+        """Return image points ``(n, 2)`` (sample, line) of ground points ``(n, 3)`` (lon, lat, height).
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Sample, line in pixels.
+        """
         ground = _as_points(ground, 3, "ground")
         image = np.empty((len(ground), 2))
 
@@ -163,7 +223,18 @@ class RPC:
         return image
 
     def project_with_jacobian(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return image points ``(n, 2)`` and their derivatives ``(n, 2, 3)``, in px per degree, degree and metre."""
+        """Return image points ``(n, 2)`` and their derivatives ``(n, 2, 3)``, in px per degree, degree and metre.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        tuple of (n, 2) ndarray and (n, 2, 3) ndarray
+            Sample, line in pixels; their derivatives by lon, lat and height.
+        """
         ground = _as_points(ground, 3, "ground")
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         scale = self._image_scale[:, None] / self._ground_scale[None, :]
@@ -181,7 +252,18 @@ class RPC:
         return image, jacobian
 
     def project_with_metric_jacobian(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Like `project_with_jacobian`, with derivatives in px per metre east, north and up at each point."""
+        """Project ground points, with derivatives by metres east, north and up at each point.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        tuple of (n, 2) ndarray and (n, 2, 3) ndarray
+            Sample, line in pixels; their derivatives in pixels per metre.
+        """
         image, jacobian = self.project_with_jacobian(ground)
         return image, jacobian / metres_per_degree(ground)[:, None, :]
 
@@ -199,8 +281,15 @@ class RPC:
 
         Parameters
         ----------
-        image : (n, 2) sample, line in px
-        height_m : scalar or (n,) ellipsoidal heights in metres
+        image : (n, 2) ndarray
+            Sample, line in pixels.
+        height_m : float or (n,) ndarray
+            Ellipsoidal heights in metres.
+
+        Returns
+        -------
+        Localization
+            Ground points (lon, lat, height), and which of them converged.
         """
         image = _as_points(image, 2, "image")
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
@@ -242,6 +331,20 @@ class RPC:
         Each ray goes through the image point's ground positions at two heights (default: the ends of the RPC's
         height range); ``origin`` is the upper one and ``direction`` points down, scaled to one metre of descent
         in the frame's up axis. Thesis section 4.3, step 1.
+
+        Parameters
+        ----------
+        image : (n, 2) ndarray
+            Sample, line in pixels.
+        frame : LocalFrame
+            The frame of the rays' origins and directions, in metres.
+        heights : tuple of float, optional
+            The two ellipsoidal heights in metres; by default the ends of the RPC's range.
+
+        Returns
+        -------
+        tuple of Rays and (n,) ndarray
+            The rays, and which of them could be made.
         """
         low, high = heights or self.height_range
         upper, lower = self.localize(image, high), self.localize(image, low)

@@ -52,8 +52,18 @@ Correct = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class RpcFit:
     """A fitted RPC and its largest and RMS distance (px, length of the image difference) from what it was to fit.
 
-    `fit_rpc` states them at the given points, `refit_rpc` on an independent grid. ``warnings`` are for the user;
-    ``ridge`` is the damping that was applied.
+    `fit_rpc` states the distances at the given points, `refit_rpc` on an independent grid.
+
+    Parameters
+    ----------
+    rpc : RPC
+        The fitted camera.
+    max_px, rms_px : float
+        Largest and RMS length of the image differences.
+    warnings : tuple of str
+        What a user should know.
+    ridge : float
+        The damping of the denominators that was applied.
     """
 
     rpc: RPC
@@ -78,17 +88,29 @@ def fit_rpc(
 
     Parameters
     ----------
-    ground : (n, 3) lon, lat in degrees, ellipsoidal height in m; may cross the 180 degree meridian
-    image : (n, 2) sample, line in px
-    weights : (n,) of the squared residuals, relative; default all equal
-    ridge : damping of the denominators, as a variance ratio to the normalised image residuals (the
-        default damps nothing that the points determine; 1e-6 and more for noisy measurements)
-    common_denominator : one denominator for sample and line; affine corrections then fold in exactly
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres; they may cross the 180 degree meridian.
+    image : (n, 2) ndarray
+        Sample, line in pixels.
+    weights : (n,) ndarray, optional
+        Of the squared residuals, relative; by default all equal.
+    ridge : float
+        Damping of the denominators, as a variance ratio to the normalised image residuals. The default damps nothing
+        that the points determine; 1e-6 and more is for noisy measurements.
+    common_denominator : bool
+        One denominator for sample and line.
+
+    Returns
+    -------
+    RpcFit
+        The camera, and how well it fits the points.
 
     Raises
     ------
+    InputError
+        Too few points, points that are not finite, or weights that fit none.
     SolveError
-        Fewer than 5 points, or points on a line or at one place.
+        The points do not determine a camera.
     """
     ground, image = np.asarray(ground, dtype=np.float64), np.asarray(image, dtype=np.float64)
     _check_shapes(ground, image, weights)
@@ -133,7 +155,20 @@ def refit_rpc(
 
 
 def extrapolation_warnings(wanted: tuple[float, float], known: tuple[float, float]) -> tuple[str, ...]:
-    """Return a warning where an RPC is to hold at heights (m) that it is not made from."""
+    """Return a warning where an RPC is to hold at heights (m) that it is not made from.
+
+    Parameters
+    ----------
+    wanted : tuple of float
+        Lowest and highest ellipsoidal height in metres that the RPC is to hold at.
+    known : tuple of float
+        Lowest and highest height of what it is made from.
+
+    Returns
+    -------
+    tuple of str
+        One warning, or none.
+    """
     slack = 0.01 * (known[1] - known[0])
     if wanted[0] >= known[0] - slack and wanted[1] <= known[1] + slack:
         return ()
@@ -150,6 +185,20 @@ def best_fit(
 
     Without damping denominators follow noise, or what no RPC can follow, and go wild between the points. The
     differences stated are those at the check points.
+
+    Parameters
+    ----------
+    points : tuple of (n, 3) ndarray and (n, 2) ndarray
+        Ground (lon, lat, height) and image (sample, line in px) to fit.
+    check : tuple of (m, 3) ndarray and (m, 2) ndarray
+        Other points, which judge the damping.
+    common_denominator : bool
+        One denominator for sample and line.
+
+    Returns
+    -------
+    RpcFit
+        The camera that is best at the check points.
     """
     fits = []
     for ridge in RIDGES:

@@ -10,18 +10,59 @@ Progress = Callable[[float, str], bool]
 
 
 def silent(fraction: float, message: str = "") -> bool:
-    """Say nothing and never cancel."""
+    """Say nothing and never cancel.
+
+    Parameters
+    ----------
+    fraction : float
+        Share of the work that is done.
+    message : str
+        What is being done.
+
+    Returns
+    -------
+    bool
+        Always True: go on.
+    """
     return True
 
 
 def advance(progress: Progress, fraction: float, message: str = "") -> None:
-    """Report progress; raise `Cancelled` when the callback answers False."""
+    """Report progress; raise `Cancelled` when the callback answers False.
+
+    Parameters
+    ----------
+    progress : Progress
+        The callback.
+    fraction : float
+        Share of the work that is done.
+    message : str
+        What is being done.
+
+    Raises
+    ------
+    Cancelled
+        The callback answers False.
+    """
     if progress(fraction, message) is False:
         raise Cancelled("cancelled; nothing was written")
 
 
 def stage(progress: Progress, start: float, end: float) -> Progress:
-    """Return a callback whose 0..1 is the part ``start``..``end`` of ``progress``."""
+    """Return a callback whose 0..1 is the part ``start``..``end`` of ``progress``.
+
+    Parameters
+    ----------
+    progress : Progress
+        The callback of the whole.
+    start, end : float
+        Where the part begins and ends in the whole, between 0 and 1.
+
+    Returns
+    -------
+    Progress
+        The callback of the part.
+    """
 
     def scaled(fraction: float, message: str = "") -> bool:
         return progress(start + (end - start) * fraction, message)

@@ -29,11 +29,16 @@ class Reason:
 
     Parameters
     ----------
-    code : stable word in lower case with hyphens, ``height-datum``
-    level : `Level.DOUBTFUL` or `Level.UNUSABLE`
-    message : one sentence with the figures: what is wrong, and where
-    advice : one sentence: what to do
-    images, points : ids concerned, all of them; who prints them shortens the list
+    code : str
+        A stable word in lower case with hyphens, ``height-datum``.
+    level : Level
+        `Level.DOUBTFUL` or `Level.UNUSABLE`.
+    message : str
+        One sentence with the figures: what is wrong, and where.
+    advice : str
+        One sentence: what to do.
+    images, points : tuple of str
+        The ids concerned, all of them; who prints them shortens the list.
     """
 
     code: str

@@ -25,10 +25,22 @@ CONNECT_S = 10  # that a scheduler has time to answer
 
 @dataclass(frozen=True)
 class WorkPart:
-    """One part: ``function(job, *results of needs)``.
+    """One part of the work: ``function(job, *results of needs)``.
 
-    key : unique among the parts, and the same again for the same work: results are kept under it
-    keep : whether the result is worth a file (intermediate results are not)
+    Parameters
+    ----------
+    key : str
+        Unique among the parts, and the same again for the same work: results are kept under it.
+    function : callable
+        Does the work; it may run in another process.
+    job : object
+        What it is given; all that it needs.
+    needs : tuple of str
+        Keys of the parts whose results it is given.
+    keep : bool
+        Whether the result is worth a file; intermediate results are not.
+    label : str
+        What progress says of it.
     """
 
     key: str
@@ -61,9 +73,32 @@ def run_parts(
     keeper: Keeper | None = None,
     progress: Progress = silent,
 ) -> dict[str, Result]:
-    """Return the results of the wanted parts, by key; kept ones are read, the others run with what they need.
+    """Run parts and return the results of the wanted ones; kept ones are read, the others run with what they need.
 
-    Raises `Cancelled` when ``progress`` asks to stop; parts that were finished by then are kept.
+    Parts that were finished before a cancellation are kept.
+
+    Parameters
+    ----------
+    parts : sequence of WorkPart
+        All parts.
+    wanted : sequence of str
+        Keys of the results to return.
+    scheduler : Scheduler
+        What runs them, see `open_scheduler`.
+    keeper : Keeper, optional
+        Where finished results are kept and found again.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    dict
+        The results, by key.
+
+    Raises
+    ------
+    Cancelled
+        When ``progress`` asks to stop.
     """
     by_key = {part.key: part for part in parts}
     results: dict[str, Result] = {}
@@ -114,7 +149,25 @@ class _Call:
 
 
 def open_scheduler(address: str | None = None, threads: int = 0) -> Scheduler:
-    """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores)."""
+    """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
+
+    Parameters
+    ----------
+    address : str, optional
+        Of a Dask scheduler; by default threads of this process.
+    threads : int
+        Their number; 0 takes as many as there are cores.
+
+    Returns
+    -------
+    Scheduler
+        What `run_parts` takes.
+
+    Raises
+    ------
+    InputError
+        The package for workers is missing, or nobody answers at the address.
+    """
     if address:
         return _run_distributed(address)
     return _threads(threads or os.cpu_count() or 1)

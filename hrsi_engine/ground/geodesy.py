@@ -62,7 +62,18 @@ def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
 
 
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return ``ground - reference`` as east, north, up metres, ``(n, 3)``."""
+    """Return ``ground - reference`` as east, north, up metres, ``(n, 3)``.
+
+    Parameters
+    ----------
+    ground, reference : (n, 3) ndarray
+        Lon, lat in degrees, height in metres.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        East, north, up in metres.
+    """
     difference = ground - reference
     difference[:, 0] = wrap_degrees(difference[:, 0])
     return difference * metres_per_degree(reference)
@@ -74,7 +85,18 @@ def moved_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
 
 
 def to_ecef(ground: np.ndarray) -> np.ndarray:
-    """Return geocentric x, y, z in metres, ``(n, 3)``."""
+    """Return geocentric x, y, z in metres, ``(n, 3)``.
+
+    Parameters
+    ----------
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Geocentric x, y, z in metres.
+    """
     lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
     height = ground[:, 2]
     _, prime_vertical = curvature_radii(ground[:, 1])
@@ -89,7 +111,18 @@ def to_ecef(ground: np.ndarray) -> np.ndarray:
 
 
 def from_ecef(xyz: np.ndarray) -> np.ndarray:
-    """Return lon, lat, height of geocentric points; Bowring's formula, iterated to below a micrometre."""
+    """Return lon, lat, height of geocentric points; Bowring's formula, iterated to below a micrometre.
+
+    Parameters
+    ----------
+    xyz : (n, 3) ndarray
+        Geocentric x, y, z in metres.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    """
     x, y, z = xyz.T
     across = np.hypot(x, y)
     semi_minor = SEMI_MAJOR_M * (1.0 - FLATTENING)
@@ -121,7 +154,15 @@ def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """Topocentric frame: metres east, north and up of an origin."""
+    """Topocentric frame: metres east, north and up of an origin.
+
+    Parameters
+    ----------
+    lon_deg, lat_deg : float
+        The origin.
+    height_m : float
+        Its ellipsoidal height.
+    """
 
     lon_deg: float
     lat_deg: float
@@ -136,17 +177,49 @@ class LocalFrame:
         return east_north_up(np.array([self.lon_deg]), np.array([self.lat_deg]))[0]
 
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
-        """Return ``(n, 3)`` east, north, up metres of lon, lat, height points."""
+        """Return ``(n, 3)`` east, north, up metres of lon, lat, height points.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            East, north, up in metres.
+        """
         return (to_ecef(ground) - self._origin) @ self._rotation.T
 
     def to_ground(self, local: np.ndarray) -> np.ndarray:
-        """Return ``(n, 3)`` lon, lat, height of east, north, up points."""
+        """Return ``(n, 3)`` lon, lat, height of east, north, up points.
+
+        Parameters
+        ----------
+        local : (n, 3) ndarray
+            East, north, up in metres.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+        """
         return from_ecef(local @ self._rotation + self._origin)
 
     def rotation_to(self, ground: np.ndarray) -> np.ndarray:
         """Return ``(n, 3, 3)``: this frame's coordinates of each point's own east, north, up unit vectors.
 
         Column ``k`` of each matrix is the derivative of `from_ground` by a metre along axis ``k`` at the point.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n, 3, 3) ndarray
+            Without unit.
         """
         lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
         sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
@@ -157,13 +230,37 @@ class LocalFrame:
 
 
 def utm_epsg(lon_deg: float, lat_deg: float) -> int:
-    """Return the EPSG code of the WGS84 / UTM zone of a position (6 degree zones, no exceptions)."""
+    """Return the EPSG code of the WGS84 / UTM zone of a position (6 degree zones, no exceptions).
+
+    Parameters
+    ----------
+    lon_deg, lat_deg : float
+        The position.
+
+    Returns
+    -------
+    int
+        32601 to 32660 in the north, 32701 to 32760 in the south.
+    """
     zone = int((wrap_degrees(np.array(lon_deg)) + 180.0) // 6.0) + 1
     return (32600 if lat_deg >= 0.0 else 32700) + zone
 
 
 def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
-    """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS."""
+    """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS.
+
+    Parameters
+    ----------
+    ground : (n, 3) ndarray
+        Lon, lat in degrees; the height is not used.
+    epsg : int
+        Code of the projected CRS.
+
+    Returns
+    -------
+    (n, 2) ndarray
+        Easting, northing in the CRS's unit.
+    """
     transformer = pyproj.Transformer.from_crs(4326, epsg, always_xy=True)
     return np.column_stack(transformer.transform(ground[:, 0], ground[:, 1]))
 
@@ -171,8 +268,24 @@ def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
 def to_wgs84(xyz: np.ndarray, crs: str) -> np.ndarray:
     """Return lon, lat, ellipsoidal height of points in any CRS that PROJ knows.
 
-    ``crs`` is anything PROJ reads (``EPSG:28355``, WKT, ``EPSG:25832+5783``). A vertical part is converted; a CRS
-    without one leaves the heights as they are. Raises `InputError` for an unknown CRS or a missing grid.
+    A vertical part of the CRS is converted; a CRS without one leaves the heights as they are.
+
+    Parameters
+    ----------
+    xyz : (n, 3) ndarray
+        Positions in the CRS, x (east) first.
+    crs : str
+        Anything PROJ reads: ``EPSG:28355``, WKT, ``EPSG:25832+5783``.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+
+    Raises
+    ------
+    InputError
+        The CRS is not known, or a grid that it needs is missing.
     """
     return np.column_stack(_transformer_to_wgs84(crs).transform(xyz[:, 0], xyz[:, 1], xyz[:, 2]))
 
@@ -229,8 +342,22 @@ def has_vertical_datum(crs: str) -> bool:
 def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
     """Return geoid undulations N (m): ellipsoidal height = height above the geoid + N.
 
-    ``datum`` is ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``).
-    Raises `InputError` when the grid is missing or does not cover a point.
+    Parameters
+    ----------
+    ground : (n, 3) or (n, 2) ndarray
+        Lon, lat in degrees; a height is not used.
+    datum : str
+        ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``).
+
+    Returns
+    -------
+    (n,) ndarray
+        Metres.
+
+    Raises
+    ------
+    InputError
+        The grid is missing, or does not cover a point.
     """
     names = GEOID_GRIDS.get(datum.lower())
     if names is None and not os.path.isfile(datum):

@@ -23,7 +23,16 @@ LIKE_GEOID = 0.25  # of N, within which a difference looks like N
 class HeightDifference:
     """Surveyed heights less the DEM's at the same places: median, robust spread, number; and the geoid's median N.
 
-    ``undulation_m`` is NaN where no geoid grid is at hand.
+    Parameters
+    ----------
+    median_m : float
+        Median of the differences.
+    spread_m : float
+        Their robust standard deviation.
+    points : int
+        Their number.
+    undulation_m : float
+        Median of the geoid's N; NaN where no geoid grid is at hand.
     """
 
     median_m: float
@@ -49,7 +58,19 @@ class HeightDifference:
 def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: np.ndarray) -> HeightDifference | None:
     """Return how surveyed heights ``(n,)`` and a DEM's at the same places differ; NaN heights do not count.
 
-    ``undulation_m`` are the geoid's there, NaN where not known. None without any pair of heights.
+    Parameters
+    ----------
+    surveyed_m : (n,) ndarray
+        Surveyed heights.
+    dem_m : (n,) ndarray
+        The DEM's.
+    undulation_m : (n,) ndarray
+        The geoid's heights there, NaN where not known.
+
+    Returns
+    -------
+    HeightDifference or None
+        None without any pair of heights.
     """
     known = np.isfinite(surveyed_m) & np.isfinite(dem_m)
     if not known.any():

@@ -44,7 +44,15 @@ class Status(IntEnum):
 
 
 class SurfaceIntersection(NamedTuple):
-    """Ground points ``(n, 3)``, NaN unless the ``status (n,)`` is ``Status.FOUND``."""
+    """Where rays meet a surface, and what became of each.
+
+    Parameters
+    ----------
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres; NaN unless found.
+    status : (n,) ndarray
+        Values of `Status`.
+    """
 
     ground: np.ndarray
     status: np.ndarray
@@ -54,20 +62,77 @@ class HeightSurface(Protocol):
     """Ellipsoidal heights over an area."""
 
     def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return ``(n, 2)`` column, row of lon, lat points ``(n, 2)``."""
+        """Return column and row of positions.
+
+        Parameters
+        ----------
+        lonlat : (n, 2) ndarray
+            Lon, lat in degrees.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            In cells; (0, 0) is the centre of the first.
+        """
 
     def heights(self, grid: np.ndarray) -> np.ndarray:
-        """Return ellipsoidal heights ``(n,)`` at grid coordinates; NaN outside and where there is no data."""
+        """Return ellipsoidal heights ``(n,)`` at grid coordinates; NaN outside and where there is no data.
+
+        Parameters
+        ----------
+        grid : (n, 2) ndarray
+            Column, row.
+
+        Returns
+        -------
+        (n,) ndarray
+            Metres.
+        """
 
     def covers(self, grid: np.ndarray) -> np.ndarray:
-        """Tell for each grid position ``(n, 2)`` whether it lies in the surface's area."""
+        """Tell for each grid position ``(n, 2)`` whether it lies in the surface's area.
+
+        Parameters
+        ----------
+        grid : (n, 2) ndarray
+            Column, row.
+
+        Returns
+        -------
+        (n,) ndarray
+            Booleans.
+        """
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
-        """Return the lowest and highest height in a box of grid coordinates (2,), (2,); NaN where there is none."""
+        """Return the lowest and highest height in a box of grid coordinates.
+
+        Parameters
+        ----------
+        low, high : (2,) ndarray
+            Column, row of two corners.
+
+        Returns
+        -------
+        tuple of float
+            Metres; NaN where there is no height.
+        """
 
 
 def surface_heights(surface: HeightSurface, lonlat: np.ndarray) -> np.ndarray:
-    """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and where there is no data."""
+    """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and where there is no data.
+
+    Parameters
+    ----------
+    surface : HeightSurface
+        The terrain.
+    lonlat : (n, 2) ndarray
+        Lon, lat in degrees.
+
+    Returns
+    -------
+    (n,) ndarray
+        Metres; NaN outside and where there is no data.
+    """
     return surface.heights(surface.grid_coordinates(lonlat))
 
 
@@ -82,20 +147,30 @@ def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class ConstantHeight:
-    """A surface of one height everywhere."""
+    """A surface of one height everywhere.
+
+    Parameters
+    ----------
+    height_m : float
+        The ellipsoidal height.
+    """
 
     height_m: float
 
     def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.grid_coordinates`."""
         return lonlat
 
     def heights(self, grid: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.heights`."""
         return np.full(len(grid), self.height_m)
 
     def covers(self, grid: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.covers`."""
         return np.ones(len(grid), dtype=bool)
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
+        """As `HeightSurface.bounds`."""
         return self.height_m, self.height_m
 
 
@@ -108,9 +183,12 @@ class GridSurface:
 
     Parameters
     ----------
-    shape : rows and columns
-    read : ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none
-    to_grid : column, row ``(n, 2)`` of lon, lat points ``(n, 2)``
+    shape : tuple of int
+        Rows and columns.
+    read : callable
+        ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none.
+    to_grid : callable
+        Column, row ``(n, 2)`` of lon, lat points ``(n, 2)``.
     """
 
     def __init__(self, shape: tuple[int, int], read: ReadCells, to_grid: ToGrid) -> None:
@@ -128,8 +206,19 @@ class GridSurface:
     ) -> GridSurface:
         """Return the surface of an array in memory whose rows and columns follow parallels and meridians.
 
-        ``origin_deg`` is lon, lat of the first cell's centre, ``cell_deg`` the step to the next column and row (the
-        latter below zero where the first row is the northernmost).
+        Parameters
+        ----------
+        heights_m : (rows, columns) ndarray
+            Ellipsoidal heights, NaN where there are none.
+        origin_deg : tuple of float
+            Lon, lat of the first cell's centre.
+        cell_deg : tuple of float
+            The step to the next column and row; the latter below zero where the first row is the northernmost.
+
+        Returns
+        -------
+        GridSurface
+            The surface.
         """
         cells = np.asarray(heights_m, dtype=np.float64)
         middle = origin_deg[0] + 0.5 * cell_deg[0] * (cells.shape[1] - 1)
@@ -145,16 +234,16 @@ class GridSurface:
         )
 
     def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return ``(n, 2)`` column, row of lon, lat points ``(n, 2)``."""
+        """As `HeightSurface.grid_coordinates`."""
         return self._to_grid(lonlat)
 
     def covers(self, grid: np.ndarray) -> np.ndarray:
-        """Tell which positions lie on a cell: half a cell around the outermost centres belongs to the area."""
+        """As `HeightSurface.covers`: half a cell around the outermost centres belongs to the area."""
         last = np.array([self.shape[1] - 0.5, self.shape[0] - 0.5])
         return np.asarray(((grid >= -0.5) & (grid <= last)).all(axis=1))
 
     def heights(self, grid: np.ndarray) -> np.ndarray:
-        """Return bilinearly interpolated heights; NaN outside and where one of the four cells has no data.
+        """As `HeightSurface.heights`: bilinearly interpolated; NaN where one of the four cells has no data.
 
         In the outer half of a border cell its height is taken as it is.
         """
@@ -174,7 +263,7 @@ class GridSurface:
         return result
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
-        """Return the lowest and highest cell of all tiles that touch the box; NaN where none has data."""
+        """As `HeightSurface.bounds`: of all tiles that touch the box."""
         (column0, row0), (column1, row1) = self._tile_of(low), self._tile_of(high)
         ranges = [self._range((row, column)) for row in range(row0, row1 + 1) for column in range(column0, column1 + 1)]
         lowest, highest = np.array(ranges).T
@@ -186,6 +275,16 @@ class GridSurface:
         """Return first row, first column and the cells around a box of grid coordinates, NaN where there are none.
 
         The box is cut to the surface; at least 2 x 2 cells come back.
+
+        Parameters
+        ----------
+        low, high : (2,) ndarray
+            Column, row of two corners.
+
+        Returns
+        -------
+        tuple of int, int and (rows, columns) ndarray
+            First row, first column, and ellipsoidal heights in metres.
         """
         last = np.array(self.shape[::-1]) - 2
         column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()
@@ -240,6 +339,20 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
     Heights are right to 1 mm. A spike that a ray passes within less than half a cell may be missed. Where the
     surface has no heights along a ray the ground may hide there: such a ray is found only when it comes out of the
     gap above the ground; else its status is ``NODATA``.
+
+    Parameters
+    ----------
+    rpc : RPC
+        The camera.
+    image : (n, 2) ndarray
+        Sample, line in pixels.
+    surface : HeightSurface
+        The terrain.
+
+    Returns
+    -------
+    SurfaceIntersection
+        Ground points and a status for each ray.
     """
     image = np.asarray(image, dtype=np.float64)
     ground = np.full((len(image), 3), np.nan)
