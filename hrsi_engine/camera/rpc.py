@@ -118,14 +118,14 @@ class RPC:
         return np.array([self.samp_scale, self.line_scale])
 
     @cached_property
-    def _polynomials(self) -> np.ndarray:
+    def polynomials(self) -> np.ndarray:
         """``(4, 20)``: sample and line numerators, then sample and line denominators."""
         return np.stack([self.samp_num, self.line_num, self.samp_den, self.line_den])
 
     @cached_property
-    def _derivatives(self) -> np.ndarray:
+    def derivatives(self) -> np.ndarray:
         """``(12, 10)``: derivatives of the four polynomials by L, then by P, then by H."""
-        return np.concatenate([self._polynomials @ matrix for matrix in DERIVATIVES])
+        return np.concatenate([self.polynomials @ matrix for matrix in DERIVATIVES])
 
     @property
     def height_range(self) -> tuple[float, float]:
@@ -195,7 +195,7 @@ class RPC:
         (2, n) ndarray
             The denominators of sample and of line; they are 1 near the middle of the domain.
         """
-        return np.asarray(self._polynomials[2:] @ monomials(self.normalised(ground)))
+        return np.asarray(self.polynomials[2:] @ monomials(self.normalised(ground)))
 
     def project(self, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` (sample, line) of ground points ``(n, 3)`` (lon, lat, height).
@@ -216,7 +216,7 @@ class RPC:
         def project_part(part: slice, work: Workspace) -> None:
             terms = work.terms(part.stop - part.start)
             self._normalise(ground[part], out=terms[1:4])
-            ratios, _ = work.ratios(self._polynomials, terms)
+            ratios, _ = work.ratios(self.polynomials, terms)
             self._denormalise(ratios, image[part])
 
         for_parts(len(ground), project_part)
@@ -242,8 +242,8 @@ class RPC:
         def project_part(part: slice, work: Workspace) -> None:
             terms = work.terms(part.stop - part.start)
             self._normalise(ground[part], out=terms[1:4])
-            ratios, denominators = work.ratios(self._polynomials, terms)
-            slopes = slopes_of_ratios(self._derivatives, terms, ratios, denominators)
+            ratios, denominators = work.ratios(self.polynomials, terms)
+            slopes = slopes_of_ratios(self.derivatives, terms, ratios, denominators)
             for row, column in np.ndindex(2, 3):
                 np.multiply(slopes[column, row], scale[row, column], out=jacobian[part, row, column])
             self._denormalise(ratios, image[part])
@@ -271,7 +271,7 @@ class RPC:
 
     @cached_property
     def _solver(self) -> Solver:
-        return Solver(self._polynomials, self._image_scale)
+        return Solver(self.polynomials, self._image_scale)
 
     def localize(self, image: np.ndarray, height_m: np.ndarray | float) -> Localization:
         """Return the ground points where the rays of image points reach given heights.

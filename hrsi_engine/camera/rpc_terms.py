@@ -1,5 +1,10 @@
 """The 20 terms of an RPC and the evaluation of its four polynomials, in normalised coordinates and without copies.
 
+All that is special to RPCs is in three tables, and every evaluation uses them, compiled ones (`compiled_rpc`) too:
+`POWERS` says what the terms are, `FACTORS` how each follows from earlier ones, `DERIVATIVES` turns the coefficients of
+a cubic into those of its three derivatives on the ten quadratic terms. An evaluation is then: the terms, two products
+of a table of coefficients with them, and the quotient rule (`slope_of_ratio`).
+
 A few thousand points at a time go through buffers that stay in the processor's cache: the monomials are written into
 ``(20, n)`` rows and multiplied with the coefficients of all polynomials at once. Memory does not grow with the
 number of points.
@@ -11,8 +16,11 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
+
+Number = TypeVar("Number", float, np.ndarray)
 
 CHUNK = 12288  # points in the buffers: fewer cost calls, more leave the cache
 #: Multiplications in one matrix product: OpenBLAS starts threads above, which cost more than they save here.
@@ -68,18 +76,26 @@ def _work_off(parts: Iterator[slice], count: int, work: Callable[[slice, Workspa
             work(part, workspace)
 
 
+def _factors() -> np.ndarray:
+    """Return ``(20, 2)``: the two earlier terms whose product each term from the fifth on is; the first four are 0."""
+    index = {tuple(powers): term for term, powers in enumerate(POWERS.tolist())}
+    factors = np.zeros((20, 2), dtype=np.int64)
+    for term, powers in enumerate(POWERS.tolist()[4:], start=4):
+        axis = max(axis for axis in range(3) if powers[axis])
+        powers[axis] -= 1
+        factors[term] = index[tuple(powers)], 1 + axis
+    return factors
+
+
+FACTORS = _factors()
+_PRODUCTS = [(term, *FACTORS[term].tolist()) for term in range(4, 20)]
+
+
 def fill_monomials(terms: np.ndarray) -> None:
     """Complete the rows of ``terms (20, n)`` from rows 1 to 3, the normalised lon, lat and height."""
-    axes, squares = terms[1:4], terms[7:10]
-    lon, lat, hgt = axes
     terms[0] = 1.0
-    np.multiply(axes[1:], lon, out=terms[4:6])
-    np.multiply(lat, hgt, out=terms[6])
-    np.multiply(axes, axes, out=squares)
-    np.multiply(terms[4], hgt, out=terms[10])
-    np.multiply(squares, lon, out=terms[11:14])
-    np.multiply(squares, lat, out=terms[14:17])
-    np.multiply(squares, hgt, out=terms[17:20])
+    for term, earlier, axis in _PRODUCTS:
+        np.multiply(terms[earlier], terms[axis], out=terms[term])
 
 
 def monomials(normalised: np.ndarray) -> np.ndarray:
@@ -136,6 +152,11 @@ class Workspace:
         return values[:2], values[2:]
 
 
+def slope_of_ratio(numerator: Number, denominator: Number, ratio: Number, divisor: Number) -> Number:
+    """Return the derivative of a ratio from those of its numerator and denominator; ``divisor`` is the denominator."""
+    return (numerator - ratio * denominator) / divisor
+
+
 def slopes_of_ratios(
     derivatives: np.ndarray, terms: np.ndarray, ratios: np.ndarray, denominators: np.ndarray
 ) -> np.ndarray:
@@ -146,8 +167,4 @@ def slopes_of_ratios(
     count = terms.shape[1]
     products = multiply(derivatives, terms[:QUADRATIC_TERMS], np.empty((len(derivatives), count)))
     by_axis = products.reshape(-1, 4, count)
-    slopes = by_axis[:, :2]
-    by_axis[:, 2:] *= ratios
-    slopes -= by_axis[:, 2:]
-    slopes /= denominators
-    return slopes
+    return slope_of_ratio(by_axis[:, :2], by_axis[:, 2:], ratios, denominators)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
@@ -20,3 +21,14 @@ def is_wanted(worth_it: bool = True) -> bool:
     """Tell whether to use compiled loops: numba is there, HRSI_COMPILED is not 0, and is 1 or the work is worth it."""
     setting = os.environ.get("HRSI_COMPILED")
     return setting != "0" and find_spec("numba") is not None and (setting == "1" or worth_it)
+
+
+def register(*formulas: Callable[..., Any]) -> None:
+    """Let compiled loops call functions that are written once for numbers and for arrays; needs numba.
+
+    The functions themselves stay as they are: NumPy's users need no numba.
+    """
+    from numba.extending import register_jitable
+
+    for formula in formulas:
+        register_jitable(**{name: OPTIONS[name] for name in ("fastmath", "error_model")})(formula)

@@ -23,12 +23,10 @@ import numpy as np
 import pyproj
 
 from ..foundation.errors import InputError
+from . import ellipsoid
 
 #: EPSG codes of WGS84: longitude and latitude, … and ellipsoidal height.
 WGS84, WGS84_3D = 4326, 4979
-SEMI_MAJOR_M = 6378137.0
-FLATTENING = 1.0 / 298.257223563
-ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
 
 #: Geoid grids by the name used on the command line: PROJ's file name, then older names of the same model.
 GEOID_GRIDS = {
@@ -37,28 +35,19 @@ GEOID_GRIDS = {
 }
 
 
-def curvature_radii(lat_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the radii of curvature (m) in the meridian (M) and in the prime vertical (N)."""
-    w2 = 1.0 - ECCENTRICITY_SQUARED * np.sin(np.radians(lat_deg)) ** 2
-    prime_vertical = SEMI_MAJOR_M / np.sqrt(w2)
-    return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
-
-
 def metres_per_degree(ground: np.ndarray) -> np.ndarray:
     """Return ``(n, 3)``: metres per unit of lon, lat and height at each ground point.
 
     Multiplying a small difference of ground coordinates by it gives east, north, up in metres.
     """
-    meridian, prime_vertical = curvature_radii(ground[:, 1])
     factors = np.ones_like(ground)
-    factors[:, 0] = np.radians(prime_vertical + ground[:, 2]) * np.cos(np.radians(ground[:, 1]))
-    factors[:, 1] = np.radians(meridian + ground[:, 2])
+    factors[:, 0], factors[:, 1] = ellipsoid.metres_of_a_degree(ground[:, 1], ground[:, 2])
     return factors
 
 
 def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
     """Return longitude differences in [-180, 180): 359.9 becomes -0.1."""
-    return difference_deg - 360.0 * np.floor((difference_deg + 180.0) / 360.0)
+    return ellipsoid.wrapped(difference_deg)
 
 
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -97,17 +86,7 @@ def to_ecef(ground: np.ndarray) -> np.ndarray:
     (n, 3) ndarray
         Geocentric x, y, z in metres.
     """
-    lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
-    height = ground[:, 2]
-    _, prime_vertical = curvature_radii(ground[:, 1])
-    across = (prime_vertical + height) * np.cos(lat)
-    return np.column_stack(
-        [
-            across * np.cos(lon),
-            across * np.sin(lon),
-            (prime_vertical * (1.0 - ECCENTRICITY_SQUARED) + height) * np.sin(lat),
-        ]
-    )
+    return np.column_stack(ellipsoid.geocentric(ground[:, 0], ground[:, 1], ground[:, 2]))
 
 
 def from_ecef(xyz: np.ndarray) -> np.ndarray:
@@ -123,33 +102,12 @@ def from_ecef(xyz: np.ndarray) -> np.ndarray:
     (n, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     """
-    x, y, z = xyz.T
-    across = np.hypot(x, y)
-    semi_minor = SEMI_MAJOR_M * (1.0 - FLATTENING)
-    second_eccentricity = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED)
-    reduced = np.arctan2(z, across * (1.0 - FLATTENING))
-    for _ in range(4):
-        lat = np.arctan2(
-            z + second_eccentricity * semi_minor * np.sin(reduced) ** 3,
-            across - ECCENTRICITY_SQUARED * SEMI_MAJOR_M * np.cos(reduced) ** 3,
-        )
-        reduced = np.arctan2((1.0 - FLATTENING) * np.sin(lat), np.cos(lat))
-    sin_lat, cos_lat = np.sin(lat), np.cos(lat)
-    w = np.sqrt(1.0 - ECCENTRICITY_SQUARED * sin_lat**2)
-    height = across * cos_lat + z * sin_lat - SEMI_MAJOR_M * w
-    return np.column_stack([np.degrees(np.arctan2(y, x)), np.degrees(lat), height])
+    return np.column_stack(ellipsoid.geodetic(xyz[:, 0], xyz[:, 1], xyz[:, 2]))
 
 
 def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
     """Return the east, north and up unit vectors at points, rows of ``(n, 3, 3)`` in geocentric x, y, z."""
-    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
-    sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
-    rows = [
-        [-sin_lon, cos_lon, np.zeros_like(lon)],
-        [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-        [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return np.moveaxis(np.array(ellipsoid.axes(lon_deg, lat_deg)), -1, 0)
 
 
 @dataclass(frozen=True)
@@ -221,12 +179,7 @@ class LocalFrame:
         (n, 3, 3) ndarray
             Without unit.
         """
-        lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
-        sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
-        east = np.stack([-sin_lon, cos_lon, np.zeros_like(lon)], axis=1)
-        north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=1)
-        up = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat], axis=1)
-        return np.einsum("ij,njk->nik", self._rotation, np.stack([east, north, up], axis=2))
+        return self._rotation @ east_north_up(ground[:, 0], ground[:, 1]).transpose(0, 2, 1)
 
 
 def utm_epsg(lon_deg: float, lat_deg: float) -> int:

@@ -22,7 +22,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..ground.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_M, LocalFrame, curvature_radii, from_ecef, to_ecef
+from ..ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, curvature_radii
+from ..ground.geodesy import LocalFrame, from_ecef, to_ecef
 from .sensors import OrientationError, Sensor
 
 GRAVITATION = 3.986004418e14  # m3 / s2, WGS84
@@ -245,8 +246,7 @@ def intersect_height(
     ray: the first leaves micrometres, the second less than rounding. ``outward`` takes the far of the two
     intersections: a ray from the ground up to a satellite.
     """
-    semi_minor = SEMI_MAJOR_M * np.sqrt(1.0 - ECCENTRICITY_SQUARED)
-    axes = np.column_stack([SEMI_MAJOR_M + height_m, SEMI_MAJOR_M + height_m, semi_minor + height_m])
+    axes = np.column_stack([SEMI_MAJOR_M + height_m, SEMI_MAJOR_M + height_m, SEMI_MINOR_M + height_m])
     p, d = origin / axes, direction / axes
     a, b, c = (d * d).sum(1), (p * d).sum(1), (p * p).sum(1) - 1.0
     with np.errstate(invalid="ignore"):

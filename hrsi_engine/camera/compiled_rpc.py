@@ -1,0 +1,98 @@
+"""Evaluation of one RPC of many at one point, for compiled loops (needs numba).
+
+The same tables and rules as in `RPC` (`rpc_terms`, `ellipsoid`): the terms by `FACTORS`, the tables of coefficients
+`RPC.polynomials` and `RPC.derivatives`, the quotient rule `slope_of_ratio`. Arrays are passed whole, with indices: a
+view costs more here than the arithmetic on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from ..foundation.compiled_code import OPTIONS, Arrays, register
+from ..ground import ellipsoid
+from .rpc import RPC
+from .rpc_terms import FACTORS, QUADRATIC_TERMS, slope_of_ratio
+
+register(*ellipsoid.FORMULAS, slope_of_ratio)
+
+
+def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
+    """Return what `project` needs of some RPCs.
+
+    Returns
+    -------
+    constants : (k, 10) ground offsets and inverse scales (3 + 3), image offsets and scales (2 + 2)
+    polynomials : (k, 20, 4) coefficients of sample and line numerator, sample and line denominator
+    derivatives : (k, 10, 12) those of their derivatives by L, by P and by H
+    """
+    constants = [
+        [r.long_off, r.lat_off, r.height_off, 1.0 / r.long_scale, 1.0 / r.lat_scale, 1.0 / r.height_scale,
+         r.samp_off, r.line_off, r.samp_scale, r.line_scale]
+        for r in rpcs
+    ]  # fmt: skip
+    polynomials = np.stack([rpc.polynomials.T for rpc in rpcs])
+    derivatives = np.stack([rpc.derivatives.T for rpc in rpcs])
+    return np.array(constants), np.ascontiguousarray(polynomials), np.ascontiguousarray(derivatives)
+
+
+@njit(**OPTIONS)
+def project(
+    rpcs: Arrays, i: int, lon: float, lat: float, height: float, east: float, north: float, terms: np.ndarray,
+    computed: np.ndarray, by_ground: np.ndarray, a: int,
+) -> None:  # fmt: skip
+    """Write sample, line to ``computed[a]`` and their derivatives by metres east, north, up to ``by_ground[a]``.
+
+    Parameters
+    ----------
+    rpcs : `rpc_tables`; i : which of them
+    lon, lat, height : degrees, metres; east, north : metres per degree there
+    terms : (20,) scratch
+    computed, by_ground : (n, 2) px, (n, 2, 3) px per m
+    """
+    constants, polynomials, derivatives = rpcs
+    sx, sy, sz = constants[i, 3], constants[i, 4], constants[i, 5]
+    terms[0] = 1.0
+    terms[1] = ellipsoid.wrapped(lon - constants[i, 0]) * sx
+    terms[2] = (lat - constants[i, 1]) * sy
+    terms[3] = (height - constants[i, 2]) * sz
+    for k in range(4, 20):
+        terms[k] = terms[FACTORS[k, 0]] * terms[FACTORS[k, 1]]
+    # One number a polynomial: numba keeps twelve sums in registers, and not an array of them.
+    s, t, ds, dt = 0.0, 0.0, 0.0, 0.0
+    for k in range(20):
+        term = terms[k]
+        s += polynomials[i, k, 0] * term
+        t += polynomials[i, k, 1] * term
+        ds += polynomials[i, k, 2] * term
+        dt += polynomials[i, k, 3] * term
+    s, t = s / ds, t / dt
+    sx0, tx0, sx1, tx1, sy0, ty0, sy1, ty1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    sz0, tz0, sz1, tz1 = 0.0, 0.0, 0.0, 0.0
+    for k in range(QUADRATIC_TERMS):
+        term = terms[k]
+        sx0 += derivatives[i, k, 0] * term
+        tx0 += derivatives[i, k, 1] * term
+        sx1 += derivatives[i, k, 2] * term
+        tx1 += derivatives[i, k, 3] * term
+        sy0 += derivatives[i, k, 4] * term
+        ty0 += derivatives[i, k, 5] * term
+        sy1 += derivatives[i, k, 6] * term
+        ty1 += derivatives[i, k, 7] * term
+        sz0 += derivatives[i, k, 8] * term
+        tz0 += derivatives[i, k, 9] * term
+        sz1 += derivatives[i, k, 10] * term
+        tz1 += derivatives[i, k, 11] * term
+    sample_scale, line_scale = constants[i, 8], constants[i, 9]
+    fx, fy = sx / east, sy / north
+    by_ground[a, 0, 0] = slope_of_ratio(sx0, sx1, s, ds) * sample_scale * fx
+    by_ground[a, 0, 1] = slope_of_ratio(sy0, sy1, s, ds) * sample_scale * fy
+    by_ground[a, 0, 2] = slope_of_ratio(sz0, sz1, s, ds) * sample_scale * sz
+    by_ground[a, 1, 0] = slope_of_ratio(tx0, tx1, t, dt) * line_scale * fx
+    by_ground[a, 1, 1] = slope_of_ratio(ty0, ty1, t, dt) * line_scale * fy
+    by_ground[a, 1, 2] = slope_of_ratio(tz0, tz1, t, dt) * line_scale * sz
+    computed[a, 0] = s * sample_scale + constants[i, 6]
+    computed[a, 1] = t * line_scale + constants[i, 7]
