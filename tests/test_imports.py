@@ -48,11 +48,11 @@ OPENERS = {"open", "read_text", "read_bytes", "write_text", "write_bytes"}
 
 #: Public names that several modules still define. The list only shrinks.
 SEVERAL_MEANINGS = {
-    "AXES", "CLOSURE_M", "DETECTOR_SETS", "ECCENTRICITY_SQUARED", "Equations", "INTERSECT_STEPS", "Job",
+    "AXES", "DETECTOR_SETS", "Job",
     "KINDS", "LAYER", "LAYERS_FILE", "LEAST_FREEDOM", "LEAST_REDUNDANCY", "LEAST_SHARE", "LINE",
     "MANY_LEFT_OUT", "MODELS", "MOST_CHIPS", "MOST_OUTLIERS", "NAMED", "NOTHING", "PAGE_FILE", "POINTS_LAYER",
-    "POINT_PARAMS", "ROLE_LABELS", "SEMI_MAJOR_M", "STEP_LIMIT_M", "TABLE_FILE", "WGS84", "WGS84_3D",
-    "block_report", "check_folder", "choose", "intersect", "read_block", "residuals", "write_results",
+    "POINT_PARAMS", "ROLE_LABELS", "TABLE_FILE", "WGS84", "WGS84_3D",
+    "block_report", "check_folder", "choose", "read_block", "write_results",
 }  # fmt: skip
 
 PRODUCT = Product(ROOT)

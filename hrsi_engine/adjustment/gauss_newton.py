@@ -16,7 +16,7 @@ from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..ground.geodesy import moved_ground
 from .dem_heights import DemHeights
-from .equations import CameraSystem, Equations, Normals, Pattern, PointPriors, State, camera_system
+from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 
@@ -65,7 +65,7 @@ class GaussNewton:
     heights : those of a DEM that hold points
     """
 
-    equations: Equations
+    equations: NormalEquations
     pattern: Pattern
     prior_weight: np.ndarray
     rows_per_point: np.ndarray

@@ -12,7 +12,7 @@ import numpy as np
 from ..block.block import Image
 from ..ground.geodesy import moved_ground
 from ..refinement import RefinementModel
-from .equations import Equations, PointPriors, State, equations_of, trivial_pattern
+from .equations import NormalEquations, PointPriors, State, trivial_pattern
 from .observations import Observations
 
 CENTRE_STEPS = 6
@@ -70,6 +70,6 @@ def image_residuals(
     return fixed_cameras(observations, model).residuals(State(values, ground))
 
 
-def fixed_cameras(observations: Observations, model: RefinementModel, threads: int = 0) -> Equations:
+def fixed_cameras(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
     """Return the equations of points alone."""
-    return equations_of(observations, model, trivial_pattern(observations.cameras, len(model.parameters)), threads)
+    return NormalEquations(observations, model, trivial_pattern(observations.cameras, len(model.parameters)), threads)

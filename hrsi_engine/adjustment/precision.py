@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .equations import Cofactors, Equations
+from .equations import Cofactors, NormalEquations
 from .gauss_newton import GaussNewton, Solution
 
 #: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
@@ -46,7 +46,7 @@ class Precision:
         return self.cameras[loop.pattern.diagonal]
 
 
-def precision(equations: Equations, loop: GaussNewton, solution: Solution) -> Precision:
+def precision(equations: NormalEquations, loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     cameras = loop.system.cofactors()

@@ -20,7 +20,7 @@ from ..foundation.errors import NAMED, InputError, SolveError, list_ids
 from ..refinement import MODELS, RefinementModel
 from ..refinement.image_space import ImagePolynomial, with_drift
 from .dem_heights import DemHeights
-from .equations import Equations, Pattern, PointPriors, State, equations_of, find_pattern
+from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .intersection import fixed_cameras, start_positions
 from .observations import Observations, select
@@ -55,7 +55,7 @@ class Problem:
     camera: RefinementModel
     options: AdjustOptions
     pattern: Pattern
-    equations: Equations
+    equations: NormalEquations
     prior_weight: np.ndarray
     parts: tuple[Part, ...]
     start: State
@@ -120,7 +120,7 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     observations, ground, lost = _starting_points(block, observations, model, start, options.threads)
     camera = _camera(model, options)
     pattern = find_pattern(observations, len(camera.parameters))
-    equations = equations_of(observations, camera, pattern, options.threads)
+    equations = NormalEquations(observations, camera, pattern, options.threads)
     prior_weight = _prior_weight(observations, model, camera, parts, options)
     _require_solvable(observations, model, prior_weight)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from .equations import Equations, PointPriors
+from .equations import NormalEquations, PointPriors
 from .gauss_newton import Solution, Weighting
 from .observations import Observations
 from .precision import Precision, deletion_tests, survey_tests
@@ -48,7 +48,7 @@ def tie_variance(observations: Observations, squares: np.ndarray, rays: np.ndarr
 
 
 def point_squares(
-    equations: Equations, solution: Solution, weighting: Weighting, observations: Observations
+    equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
 ) -> np.ndarray:
     """Return each point's smallest weighted sum of squares for the cameras as they are, ``(m,)``."""
     nobody = np.zeros(len(observations.points), dtype=bool)
@@ -59,7 +59,7 @@ def point_squares(
 
 
 def tie_decisions(
-    equations: Equations,
+    equations: NormalEquations,
     observations: Observations,
     solution: Solution,
     all_in: Weighting,

@@ -16,11 +16,10 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
 
 import numpy as np
 
-Number = TypeVar("Number", float, np.ndarray)
+from ..ground.ellipsoid import Number
 
 CHUNK = 12288  # points in the buffers: fewer cost calls, more leave the cache
 #: Multiplications in one matrix product: OpenBLAS starts threads above, which cost more than they save here.

@@ -6,7 +6,8 @@ With (s, l) = RPC(ground), u = s - s0, v = l - l0 counted from the image's centr
 
 The correction's argument is the *projected* position, so that the corrected camera is a plain function of the ground
 and can be written as an RPC (Fraser and Hanley 2003; Grodecki and Dial 2003). The parameters are linear; all models
-of the family differ only in which monomials they have and how the coefficients are shared.
+of the family differ only in which monomials they have and how the coefficients are shared. With t the monomials the
+derivatives by all coefficients are I2 (x) t', and by the ground (I2 + slope of the correction) times those of the RPC.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import fold_affine
-from .model import Equations, Linearise, Priors, RefinedRPC
+from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
 from .refit import refit
 
 
@@ -54,14 +55,28 @@ class ImagePolynomial:
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""
 
+        constants = self.constants(image)[None]
+
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            projected, by_ground = image.rpc.project_with_metric_jacobian(ground)
-            by_values = self.by_values(image, projected)
-            if len(self.powers) > 1:
-                by_ground = by_ground + self._slope(projected - image.centre_px, values) @ by_ground
-            return Equations(projected + by_values @ values, by_values, by_ground)
+            computed, by_ground = image.rpc.project_with_metric_jacobian(ground)
+            terms, coefficients = np.empty((len(ground), len(self.powers))), self.coefficients(values)[None]
+            correct_in_image(self.powers, constants, coefficients, 0, computed, by_ground, terms, ALL_ROWS)
+            return Equations(computed, np.einsum("nm,cmp->ncp", terms, self.mixing), by_ground)
 
         return linearise
+
+    def constants(self, image: Image) -> np.ndarray:
+        """Return what `correct_in_image` needs of an image: its centre, ``(2,)`` px."""
+        return image.centre_px
+
+    def coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Return the coefficients of the monomials in sample and in line, ``(…, 2, m)``, of values ``(…, p)``."""
+        return np.ascontiguousarray(np.einsum("cmp,...p->...cm", self.mixing, values))
+
+    @property
+    def structure(self) -> Structure:
+        """How the derivatives by the parameters are composed."""
+        return Structure(0, len(self.powers), self.mixing.reshape(2 * len(self.powers), len(self.parameters)))
 
     def by_values(self, image: Image, projected: np.ndarray) -> np.ndarray:
         """Return the derivatives of the correction at projected positions by the parameters, ``(n, 2, p)``."""
@@ -87,16 +102,6 @@ class ImagePolynomial:
         """Return the monomials of centred positions, ``(n, m)``."""
         return np.prod(offset[:, None, :] ** self.powers, axis=2)
 
-    def _slope(self, offset: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the derivative of the correction by the projected position, ``(n, 2, 2)``."""
-        coefficients = self.mixing @ values
-        slope = np.empty((len(offset), 2, 2))
-        for axis in range(2):
-            lowered = self.powers.copy()
-            lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
-            slope[:, :, axis] = np.prod(offset[:, None, :] ** lowered, axis=2) @ (coefficients * self.powers[:, axis]).T
-        return slope
-
     def _folded(self, image: Image, values: np.ndarray) -> RPC | None:
         """Return the exact RPC of a correction of first degree, None where there is none."""
         if self.powers.sum(axis=1).max(initial=0) > 1:
@@ -107,6 +112,45 @@ class ImagePolynomial:
             affine[:, by_sample + 2 * by_line] += column
         affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.centre_px
         return fold_affine(image.rpc, affine)
+
+
+def correct_in_image(
+    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int,
+    computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
+) -> None:  # fmt: skip
+    """Add the correction of image i to its projected points; the formula of compiled loops and NumPy alike.
+
+    Parameters
+    ----------
+    powers : (m, 2); constants : (images, 2) px; coefficients : (images, 2, m)
+    computed, by_ground : (n, 2) px and (n, 2, 3) px per m, those of the RPC; they become those of the corrected camera
+    terms : (n, m), where the monomials are written
+    a : the point, or all of them
+    """
+    u, v = computed[a, 0] - constants[i, 0], computed[a, 1] - constants[i, 1]
+    sample, sample_by_u, sample_by_v = 0.0, 0.0, 0.0
+    line, line_by_u, line_by_v = 0.0, 0.0, 0.0
+    for m in range(len(powers)):
+        term, by_u, by_v = 1.0, 0.0, 0.0
+        for _ in range(powers[m, 0]):
+            by_u = by_u * u + term
+            term = term * u
+        for _ in range(powers[m, 1]):
+            by_u = by_u * v
+            by_v = by_v * v + term
+            term = term * v
+        terms[a, m] = term
+        x, y = coefficients[i, 0, m], coefficients[i, 1, m]
+        sample, sample_by_u, sample_by_v = sample + x * term, sample_by_u + x * by_u, sample_by_v + x * by_v
+        line, line_by_u, line_by_v = line + y * term, line_by_u + y * by_u, line_by_v + y * by_v
+    computed[a, 0] += sample
+    computed[a, 1] += line
+    for k in range(3):
+        by_sample, by_line = by_ground[a, 0, k], by_ground[a, 1, k]
+        more_sample = sample_by_u * by_sample + sample_by_v * by_line
+        more_line = line_by_u * by_sample + line_by_v * by_line
+        by_ground[a, 0, k] += more_sample
+        by_ground[a, 1, k] += more_line
 
 
 def with_drift(model: ImagePolynomial) -> ImagePolynomial:

@@ -32,6 +32,29 @@ class Equations(NamedTuple):
     by_ground: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """How the derivatives A of an image point by the parameters are composed: ``A = (G (x) t') mixing``.
+
+    Correction models are sums of a few *quantities* (sample and line, metres, angles), each a sum of the same *terms*
+    (1 and polynomials of a position). With G (2, q) the derivatives by the quantities and t (m,) the terms, compiled
+    loops multiply q + m numbers where A has 2 p.
+
+    quantities : q; 0 where they are sample and line themselves, G being the identity
+    terms : m
+    mixing : (q m, p) how each parameter enters the coefficients of the terms, those of the first quantity first
+    """
+
+    quantities: int
+    terms: int
+    mixing: np.ndarray
+
+
+#: One row of arrays (compiled loops), or all of them (NumPy): what formulas that are written once take as an index.
+RowIndex = int | slice
+ALL_ROWS = slice(None)
+
+
 class RefinedRPC(NamedTuple):
     """A new RPC and how far it is from its model on an independent grid (px; 0 for an exact fold)."""
 

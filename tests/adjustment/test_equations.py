@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -9,16 +10,14 @@ import pytest
 import simulated_blocks as blocks
 from scipy import sparse
 
-from hrsi.hrsi_engine.adjustment.equations import PointPriors, State
-from hrsi.hrsi_engine.adjustment.equations.array_equations import ArrayEquations
+from hrsi.hrsi_engine.adjustment.equations import NormalEquations
 from hrsi.hrsi_engine.adjustment.equations.camera_system import Factored, Iterative
+from hrsi.hrsi_engine.adjustment.equations.linearisation import CamerasByImage, whole_block
 from hrsi.hrsi_engine.adjustment.equations.nested_dissection import SparseFactor
 from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
+from hrsi.hrsi_engine.adjustment.equations.states import PointPriors, State
 from hrsi.hrsi_engine.adjustment.observations import select
-from hrsi.hrsi_engine.refinement import MODELS
-from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial
-
-COMPILED = [name for name, model in MODELS.items() if isinstance(model, ImagePolynomial)]
+from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
 
 
 def grid_matrix(width: int, size: int, seed: int = 0) -> tuple[Pattern, np.ndarray, np.ndarray]:
@@ -99,14 +98,19 @@ def blocks_priors():
 
 
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
-@pytest.mark.parametrize("name", COMPILED)
-def test_compiled_equations_equal_numpys(name):
-    from hrsi.hrsi_engine.adjustment.equations.compiled_equations import CompiledEquations
-
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("name", BLOCK_MODELS)
+def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
+    """Every model, also where images share a set of parameters (a point is then measured twice by one camera)."""
     observations, model, pattern, state, weight = linearised(name)
+    if shared:
+        observations = replace(observations, camera_of_image=np.array([0, 1, 1, 0], dtype=np.int32))
+        pattern, state = find_pattern(observations, len(model.parameters)), state._replace(values=state.values[:2])
     priors, contributes = PointPriors.of(observations, state.ground), observations.contributing_points
     results = []
-    for equations in (ArrayEquations(observations, model, pattern), CompiledEquations(observations, model, pattern)):
+    for compiled in "01":
+        monkeypatch.setenv("HRSI_COMPILED", compiled)
+        equations = NormalEquations(observations, model, pattern)
         normals = equations.normals(state, weight, priors, contributes)
         cofactors = equations.cofactors(state, weight, normals, np.abs(normals.blocks), contributes)
         local = equations.point_jacobians(state, np.array([3, 8, 20]))
@@ -118,6 +122,7 @@ def test_compiled_equations_equal_numpys(name):
                 equations.intersect(state, weight, priors),
             )
         )  # fmt: skip
+    assert len(results) == 2
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-10 * np.abs(ours).max(initial=0.0))
 
@@ -134,12 +139,12 @@ def test_reduced_system_equals_the_dense_normal_matrix(name, tolerance):
     observations, model, pattern, state, weight = linearised(name)
     p, cameras, points = pattern.parameters, pattern.cameras, len(observations.points)
     priors, contributes = PointPriors.of(observations, state.ground), np.ones(points, dtype=bool)
-    equations = ArrayEquations(observations, model, pattern)
-    linear = equations.linearise(state)
+    equations = NormalEquations(observations, model, pattern)
+    linear = CamerasByImage(observations, model).at(state)(whole_block(observations))
     design = np.zeros((2 * observations.count, cameras * p + 3 * points))
     for row in range(observations.count):
         image, point = observations.image[row], observations.point[row]
-        design[2 * row : 2 * row + 2, image * p : image * p + p] = linear.by_values[row]
+        design[2 * row : 2 * row + 2, image * p : image * p + p] = linear.by_quantity[row]
         design[2 * row : 2 * row + 2, cameras * p + 3 * point + np.arange(3)] = linear.by_ground[row]
     prior_weight = np.array([1.0 / model.prior_sigmas(image, blocks_priors()) ** 2 for image in observations.images])
     normal = design.T @ (design * np.repeat(weight, 2)[:, None])

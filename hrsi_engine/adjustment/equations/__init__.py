@@ -1,32 +1,33 @@
 """The observation equations of a block, their reduced normal equations, and the solution of those.
 
-| module              | holds                                                                       |
-|---------------------|-----------------------------------------------------------------------------|
-| states              | unknowns, point priors, and what the solver asks of the normal equations    |
-| array_equations     | … with NumPy, for every model                                               |
-| compiled_equations  | … compiled (kernels, camera_kernels), for image-space models                |
-| pattern             | which cameras share points                                                  |
-| nested_dissection   | sparse Cholesky factors and inverse on the pattern                          |
-| camera_system       | solution of the reduced system, direct or iterative                         |
+| module               | holds                                                                          |
+|----------------------|--------------------------------------------------------------------------------|
+| normal_equations     | what the solver asks: normal equations with the points eliminated, cofactors   |
+| linearisation        | residuals and derivatives of any part of a block, for every model              |
+| elimination          | elimination of the points with NumPy                                           |
+| compiled_elimination | … compiled (elimination_kernels)                                               |
+| states               | unknowns, priors of the points, sums and cofactors                             |
+| pattern              | which cameras share points                                                     |
+| nested_dissection    | sparse Cholesky factors and inverse on the pattern                             |
+| camera_system        | solution of the reduced system, direct or iterative                            |
 """
 
 from .camera_system import CameraSystem, camera_system
-from .compiled import equations_of
+from .normal_equations import NormalEquations
 from .pattern import Pattern, find_pattern, trivial_pattern
-from .states import FREE_POINT_SIGMA_M, Cofactors, Equations, Normals, PointJacobians, PointPriors, State
+from .states import FREE_POINT_SIGMA_M, Cofactors, Normals, PointJacobians, PointPriors, State
 
 __all__ = [
     "FREE_POINT_SIGMA_M",
     "CameraSystem",
     "Cofactors",
-    "Equations",
+    "NormalEquations",
     "Normals",
     "Pattern",
     "PointJacobians",
     "PointPriors",
     "State",
     "camera_system",
-    "equations_of",
     "find_pattern",
     "trivial_pattern",
 ]

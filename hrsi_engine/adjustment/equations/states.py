@@ -1,21 +1,9 @@
-"""The normal equations of a block with the ground points eliminated (thesis eqs. 5.44-5.49).
-
-Per image point, with residual v = observed - computed and weight w = (robust weight) / sigma²::
-
-    v = A da + B dx        A (2, p): camera parameters,  B (2, 3): east, north, up of the point, metres
-
-    | N  W | |da|   |n|      N  blocks (p, p) of the cameras,   V  blocks (3, 3) of the points,
-    | W' V | |dx| = |m|      W  one block (p, 3) per image point
-
-The points are eliminated one by one: (N - W V^-1 W') da = n - W V^-1 m, then dx = V^-1 (m - W' da). No matrix over
-all observations is ever formed. Two implementations do the same: `array_equations` with NumPy for every model,
-`compiled_equations` with compiled code for the image-space polynomials.
-"""
+"""Unknowns of a block, what is known of the points beforehand, and the sums and cofactors that equations give."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -141,27 +129,3 @@ class Cofactors(NamedTuple):
 
     points: np.ndarray
     computed: np.ndarray
-
-
-class Equations(Protocol):
-    """What the solver asks of the normal equations; ``weight (n,)`` in 1/px², 0 for image points without a say."""
-
-    def residuals(self, state: State) -> np.ndarray:
-        """Return observed - computed of all image points, ``(n, 2)``."""
-
-    def normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
-        """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
-
-    def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
-        """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
-
-    def point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
-        """Return residuals and derivatives by the ground of all image points of some points, in order."""
-
-    def cofactors(
-        self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray, contributes: np.ndarray
-    ) -> Cofactors:
-        """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
-
-    def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
-        """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none."""

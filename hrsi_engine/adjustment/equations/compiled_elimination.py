@@ -1,0 +1,84 @@
+"""`Elimination` by compiled loops over ranges of points (needs numba)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..observations import Observations
+from . import elimination_kernels as kernels
+from .linearisation import Linearised, Portion
+from .pattern import Pattern
+from .states import Cofactors, Normals, PointPriors
+
+ROWS_PER_PART = 4096  # image points whose equations stay in a processor's cache
+
+
+class CompiledElimination:
+    """See `normal_equations.Elimination`."""
+
+    def __init__(self, observations: Observations, pattern: Pattern) -> None:
+        self.observations, self.pattern = observations, pattern
+        self._most = max(int(np.diff(observations.first).max(initial=0)), 1)
+
+    def parts(self) -> list[Portion]:
+        """See `Elimination`."""
+        first = self.observations.first
+        bounds = np.unique(np.append(np.searchsorted(first, np.arange(0, first[-1], ROWS_PER_PART)), len(first) - 1))
+        return [
+            Portion(np.arange(begin, end), first[begin : end + 1] - first[begin])
+            for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+        ]
+
+    def eliminate(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
+        contributes: np.ndarray, sums: Normals,
+    ) -> None:  # fmt: skip
+        """See `Elimination`."""
+        kernels.eliminate(
+            self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity, ground,
+            _arrays_of(priors), contributes, self.pattern.start, self.pattern.columns, sums.blocks, sums.right,
+            (sums.residual, sums.inverse, sums.point_right),
+        )  # fmt: skip
+
+    def solve_points(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+    ) -> np.ndarray:
+        """See `Elimination`."""
+        out = np.empty((len(part.points), 3))
+        kernels.solve_points(self._rows(part, weight), _arrays(linear), ground, _arrays_of(priors), out)
+        return out
+
+    def substitute(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, normals: Normals, step: np.ndarray, out: np.ndarray
+    ) -> None:
+        """See `Elimination`."""
+        kernels.substitute(
+            self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
+            normals.point_right, np.ascontiguousarray(step), out,
+        )  # fmt: skip
+
+    def spread(
+        self,
+        part: Portion,
+        linear: Linearised,
+        weight: np.ndarray,
+        normals: Normals,
+        cameras: np.ndarray,
+        out: Cofactors,
+    ) -> None:
+        """See `Elimination`."""
+        kernels.spread(
+            self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity,
+            normals.inverse, self.pattern.start, self.pattern.columns, cameras, tuple(out),
+        )  # fmt: skip
+
+    def _rows(self, part: Portion, weight: np.ndarray) -> tuple[np.ndarray, ...]:
+        return part.points, part.place, self.observations.first, weight
+
+
+def _arrays(linear: Linearised) -> tuple[np.ndarray, ...]:
+    return linear.residual, linear.by_ground, linear.terms
+
+
+def _arrays_of(priors: PointPriors) -> tuple[np.ndarray, ...]:
+    return priors.target, priors.weight, priors.mixed

@@ -1,0 +1,195 @@
+"""Elimination of points with NumPy: products of small matrices (`elimination_kernels` does the same, compiled).
+
+Points that were measured by the same cameras stand together. The sum over such a *group* of k cameras,
+``sum W V^-1 W'``, is one matrix product of (k p, 3 m) with its counterpart, which is what processors are quick at;
+small groups are multiplied point by point instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ..observations import Observations
+from .linearisation import Linearised, Portion, whole_block
+from .pattern import Pattern
+from .states import Cofactors, Normals, PointPriors
+
+ROWS_PER_CHUNK = 60_000  # image points whose products are in memory at once
+SMALL_GROUP = 6  # points; fewer are not worth a matrix product of their own
+
+
+class Chunk(NamedTuple):
+    """Points with k image points each: ``rows (m, k)``, their cameras, and where groups of equal cameras begin."""
+
+    points: np.ndarray
+    rows: np.ndarray
+    camera: np.ndarray
+    group_start: np.ndarray
+
+
+class PlainElimination:
+    """See `Elimination`; takes the whole block as one part."""
+
+    def __init__(self, observations: Observations, pattern: Pattern) -> None:
+        self.observations, self.pattern = observations, pattern
+        self._chunks = list(_chunks(observations))
+
+    def parts(self) -> list[Portion]:
+        """See `Elimination`."""
+        return [whole_block(self.observations)]
+
+    def eliminate(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
+        contributes: np.ndarray, sums: Normals,
+    ) -> None:  # fmt: skip
+        """See `Elimination`."""
+        observations, pattern, p = self.observations, self.pattern, sums.right.shape[1]
+        sums.residual[:] = linear.residual
+        matrix, point_right = _point_normals(part, linear, weight, ground, priors)
+        sums.inverse[:], sums.point_right[:] = np.linalg.inv(matrix), point_right
+        used = weight * contributes[observations.point]
+        by_values = _by_values(linear)
+        for index, rows in enumerate(observations.by_image):
+            camera = observations.camera_of_image[index]
+            a = by_values[rows].reshape(2 * len(rows), p)
+            weighted = a * np.repeat(used[rows], 2)[:, None]
+            sums.blocks[pattern.diagonal[camera]] += weighted.T @ a
+            sums.right[camera] += weighted.T @ linear.residual[rows].ravel()
+        for chunk in self._chunks if p else ():
+            self._subtract(chunk, linear, used, sums)
+
+    def _subtract(self, chunk: Chunk, linear: Linearised, weight: np.ndarray, sums: Normals) -> None:
+        """Subtract W V^-1 W' and W V^-1 m of a chunk."""
+        p = sums.right.shape[1]
+        count, length = chunk.rows.shape
+        cross = _cross(linear, weight, chunk.rows).transpose(0, 2, 1)  # (m, 3, k p)
+        gain = sums.inverse[chunk.points] @ cross
+        reduction = np.einsum("mxq,mx->mq", gain, sums.point_right[chunk.points])
+        np.subtract.at(sums.right, chunk.camera.ravel(), reduction.reshape(-1, p))
+        bounds = [*chunk.group_start.tolist(), count]
+        small = np.diff(bounds) < SMALL_GROUP
+        for first, last in zip(
+            chunk.group_start[~small].tolist(), chunk.group_start[~small] + np.diff(bounds)[~small], strict=True
+        ):
+            product = cross[first:last].reshape(-1, length * p).T @ gain[first:last].reshape(-1, length * p)
+            self._scatter(product[None], chunk.camera[first : first + 1], sums.blocks)
+        alone = np.repeat(small, np.diff(bounds))
+        if alone.any():
+            self._scatter(cross[alone].transpose(0, 2, 1) @ gain[alone], chunk.camera[alone], sums.blocks)
+
+    def _scatter(self, products: np.ndarray, camera: np.ndarray, blocks: np.ndarray) -> None:
+        """Subtract ``products (m, k p, k p)`` from the upper blocks of their cameras ``(m, k)``."""
+        count, length = camera.shape
+        p = blocks.shape[1]
+        parts = products.reshape(count, length, p, length, p).transpose(0, 1, 3, 2, 4)
+        upper = camera[:, :, None] <= camera[:, None, :]
+        row = np.broadcast_to(camera[:, :, None], upper.shape)[upper]
+        column = np.broadcast_to(camera[:, None, :], upper.shape)[upper]
+        where, parts = self.pattern.find(row, column), parts[upper].reshape(-1, p * p)
+        if count == 1 and len(np.unique(where)) == len(where):
+            blocks.reshape(-1, p * p)[where] -= parts
+            return
+        summing = sparse.csr_matrix(
+            (np.ones(len(where)), (where, np.arange(len(where)))), (self.pattern.blocks, len(where))
+        )
+        blocks -= (summing @ parts).reshape(blocks.shape)
+
+    def solve_points(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+    ) -> np.ndarray:
+        """See `Elimination`."""
+        matrix, right = _point_normals(part, linear, weight[self._rows(part)], ground, priors)
+        return np.einsum("mij,mj->mi", np.linalg.inv(matrix), right)
+
+    def _rows(self, part: Portion) -> np.ndarray:
+        return self.observations.rows_of(part.points)[0]
+
+    def substitute(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, normals: Normals, step: np.ndarray, out: np.ndarray
+    ) -> None:
+        """See `Elimination`."""
+        moved = np.einsum("ncp,np->nc", _by_values(linear), step[self.observations.camera]) * weight[:, None]
+        pulled = (linear.by_ground * moved[:, :, None]).sum(axis=1)
+        right = normals.point_right - np.add.reduceat(pulled, self.observations.first[:-1], axis=0)
+        out[:] = np.einsum("mij,mj->mi", normals.inverse, right)
+
+    def spread(
+        self,
+        part: Portion,
+        linear: Linearised,
+        weight: np.ndarray,
+        normals: Normals,
+        cameras: np.ndarray,
+        out: Cofactors,
+    ) -> None:
+        """See `Elimination`."""
+        out.points[:] = normals.inverse
+        by_values = _by_values(linear)
+        for chunk in self._chunks:
+            between = self._between(chunk, cameras)
+            a, b = by_values[chunk.rows], linear.by_ground[chunk.rows]
+            pull = b @ normals.inverse[chunk.points][:, None]  # B V^-1 (m, k, 2, 3)
+            left = a[:, :, None] @ between  # A Q (m, k, k, 2, p)
+            seen = (left @ a[:, None].swapaxes(-1, -2)).swapaxes(2, 3)  # A Q A' (m, k, 2, k, 2)
+            weighted = pull * weight[chunk.rows][..., None, None]
+            half = np.einsum("makbl,mblx->makx", seen, weighted, optimize=True)
+            out.points[chunk.points] += np.einsum("makx,maky->mxy", weighted, half, optimize=True)
+            mixed = half @ b.transpose(0, 1, 3, 2)
+            own = np.einsum("makal->makl", seen) - mixed - mixed.transpose(0, 1, 3, 2)
+            own += b @ out.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
+            out.computed[chunk.rows] = own
+
+    def _between(self, chunk: Chunk, cameras: np.ndarray) -> np.ndarray:
+        """Return the cofactor blocks between the cameras of each point, ``(m, k, k, p, p)``."""
+        row, column = chunk.camera[:, :, None], chunk.camera[:, None, :]
+        blocks = cameras[self.pattern.find(np.minimum(row, column).ravel(), np.maximum(row, column).ravel())]
+        blocks = blocks.reshape(*chunk.camera.shape, chunk.camera.shape[1], *cameras.shape[1:])
+        return np.where((row > column)[..., None, None], blocks.swapaxes(-1, -2), blocks)
+
+
+def _by_values(linear: Linearised) -> np.ndarray:
+    """Return the derivatives by the parameters, which cameras that are evaluated by image give as they are."""
+    assert linear.by_quantity is not None
+    return linear.by_quantity
+
+
+def _point_normals(
+    part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return V and m of the points of a part; ``weight`` of its image points."""
+    first = part.place[:-1]
+    matrix, right = np.empty((len(first), 3, 3)), np.empty((len(first), 3))
+    weighted = linear.by_ground * weight[:, None, None]
+    for i in range(3):
+        right[:, i] = np.add.reduceat((weighted[:, :, i] * linear.residual).sum(axis=1), first)
+        for j in range(i, 3):
+            sums = np.add.reduceat((weighted[:, :, i] * linear.by_ground[:, :, j]).sum(axis=1), first)
+            matrix[:, i, j] = matrix[:, j, i] = sums
+    own, miss = priors.matrices(part.points), priors.miss_m(ground[part.points], part.points)
+    matrix += own
+    right += np.einsum("mij,mj->mi", own, miss)
+    return matrix, right
+
+
+def _cross(linear: Linearised, weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the blocks W of points with k image points each, ``(m, k p, 3)``."""
+    weighted = linear.by_ground[rows] * weight[rows][..., None, None]
+    return (_by_values(linear)[rows].swapaxes(-1, -2) @ weighted).reshape(len(rows), -1, 3)
+
+
+def _chunks(observations: Observations) -> Iterator[Chunk]:
+    """Yield the points by their number of image points, those of the same cameras together."""
+    for length, points in observations.by_length.items():
+        camera = observations.camera[observations.first[points][:, None] + np.arange(length)]
+        order = np.lexsort(camera.T[::-1])
+        step = max(1, ROWS_PER_CHUNK // length)
+        for begin in range(0, len(points), step):
+            some = order[begin : begin + step]
+            cameras = camera[some]
+            new = np.r_[True, np.any(cameras[1:] != cameras[:-1], axis=1)]
+            rows = observations.first[points[some]][:, None] + np.arange(length)
+            yield Chunk(points[some], rows, cameras, np.flatnonzero(new))

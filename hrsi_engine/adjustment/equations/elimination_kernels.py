@@ -1,0 +1,333 @@
+"""Elimination of points, compiled: what `elimination` does, point by point (needs numba).
+
+With the derivatives composed as `refinement.model.Structure` says, A = G (x) t', each image point a of a point gives
+``W_a = w_a G_a' B_a`` and ``U_a = W_a V^-1`` (q, 3), and each pair of image points adds to the reduced matrix ::
+
+    (delta_ab w_a G_a' G_a - U_a W_b') (x) t_a t_b'
+
+A block of it is symmetric or the transpose of the one that is kept, so the image point of the lower camera comes first.
+Where ``by_quantity`` is None, G is the identity (sample and line are the quantities): numba compiles loops of their own
+for that. The kernels release the interpreter's lock; the caller gives ranges of points to threads.
+
+Arguments that the kernels share
+    rows : points (k,), place (k + 1,) of the image points of each in the linearised arrays, first (m + 1,), weight (n,)
+    linear : residual (r, 2), by_ground (r, 2, 3), terms (r, t); by_quantity (r, 2, q) or None
+    camera (n,) : which set of parameters an image point has
+    prior : target, weight (m, 3), mixed (m, 3) or (1, 3) of the points' positions (`PointPriors`)
+    start, columns : of the pattern
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ...foundation.compiled_code import OPTIONS, Arrays, register
+from ...ground import ellipsoid
+
+register(*ellipsoid.FORMULAS)
+
+Three = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+
+
+@njit(**OPTIONS)
+def _find(start: np.ndarray, columns: np.ndarray, row: int, column: int) -> int:
+    """Return the index of block (row, column) by bisection."""
+    low, high = start[row], start[row + 1] - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if columns[middle] < column:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(**OPTIONS)
+def _invert(n: Six, out: np.ndarray, k: int) -> None:
+    """Write the inverse of the symmetric matrix n = (00, 01, 02, 11, 12, 22) to ``out[k]``."""
+    c0, c1, c2 = n[3] * n[5] - n[4] * n[4], n[2] * n[4] - n[1] * n[5], n[1] * n[4] - n[2] * n[3]
+    q = 1.0 / (n[0] * c0 + n[1] * c1 + n[2] * c2)
+    out[k, 0, 0] = c0 * q
+    out[k, 0, 1] = out[k, 1, 0] = c1 * q
+    out[k, 0, 2] = out[k, 2, 0] = c2 * q
+    out[k, 1, 1] = (n[0] * n[5] - n[2] * n[2]) * q
+    out[k, 1, 2] = out[k, 2, 1] = (n[1] * n[2] - n[0] * n[4]) * q
+    out[k, 2, 2] = (n[0] * n[3] - n[1] * n[1]) * q
+
+
+@njit(**OPTIONS)
+def _point_normal(
+    point: int, begin: int, end: int, row0: int, weight: np.ndarray, linear: Arrays, ground: np.ndarray, prior: Arrays
+) -> tuple[Six, Three]:
+    """Return V (its upper triangle by rows) and m of a point, its prior included."""
+    residual, by_ground, _ = linear
+    target, target_weight, mixed = prior
+    n00, n01, n02, n11, n12, n22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for a in range(begin, end):
+        w = weight[row0 + a - begin]
+        for c in range(2):
+            b0, b1, b2, r = by_ground[a, c, 0], by_ground[a, c, 1], by_ground[a, c, 2], residual[a, c]
+            n00 += w * b0 * b0
+            n01 += w * b0 * b1
+            n02 += w * b0 * b2
+            n11 += w * b1 * b1
+            n12 += w * b1 * b2
+            n22 += w * b2 * b2
+            g0 += w * b0 * r
+            g1 += w * b1 * r
+            g2 += w * b2 * r
+    t0, t1, t2 = target_weight[point, 0], target_weight[point, 1], target_weight[point, 2]
+    k = min(point, len(mixed) - 1)
+    t01, t02, t12 = mixed[k, 0], mixed[k, 1], mixed[k, 2]
+    east, north = ellipsoid.metres_of_a_degree(ground[point, 1], ground[point, 2])
+    d0 = ellipsoid.wrapped(target[point, 0] - ground[point, 0]) * east
+    d1 = (target[point, 1] - ground[point, 1]) * north
+    d2 = target[point, 2] - ground[point, 2]
+    g0 += t0 * d0 + t01 * d1 + t02 * d2
+    g1 += t01 * d0 + t1 * d1 + t12 * d2
+    g2 += t02 * d0 + t12 * d1 + t2 * d2
+    return (n00 + t0, n01 + t01, n02 + t02, n11 + t1, n12 + t12, n22 + t2), (g0, g1, g2)
+
+
+@njit(**OPTIONS)
+def _couple(
+    blocks: np.ndarray, k: int, u: np.ndarray, w: np.ndarray, terms: np.ndarray, own: np.ndarray, together: bool,
+    a: int, b: int, begin: int,
+) -> None:  # fmt: skip
+    """Add (own - U_a W_b') (x) t_a t_b' of two image points to block k; ``own`` only where they are the same one."""
+    q, m = u.shape[1], terms.shape[1]
+    for c in range(q):
+        for d in range(q):
+            s = -(u[a, c, 0] * w[b, d, 0] + u[a, c, 1] * w[b, d, 1] + u[a, c, 2] * w[b, d, 2])
+            if together:
+                s += own[c, d]
+            for i in range(m):
+                x = s * terms[begin + a, i]
+                for j in range(m):
+                    blocks[k, c * m + i, d * m + j] += x * terms[begin + b, j]
+
+
+@njit(**OPTIONS)
+def eliminate(
+    rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, ground: np.ndarray,
+    prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
+    blocks: np.ndarray, right: np.ndarray, out: Arrays,
+) -> None:  # fmt: skip
+    """Add points to ``blocks (b, q t, q t)`` and ``right (cameras, q t)``; write what is per point.
+
+    ``out`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3) of the whole block. Only points that
+    contribute enter the sums.
+    """
+    points, place, first, weight = rows
+    residual, by_ground, terms = linear
+    all_residuals, inverse, point_right = out
+    q = 2 if by_quantity is None else by_quantity.shape[2]
+    m = terms.shape[1]
+    w, u, own = np.empty((most, q, 3)), np.empty((most, q, 3)), np.zeros((q, q))
+    for number in range(len(points)):
+        point, begin, end = points[number], place[number], place[number + 1]
+        row0, count = first[point], end - begin
+        v, g = _point_normal(point, begin, end, row0, weight, linear, ground, prior)
+        _invert(v, inverse, point)
+        point_right[point, 0], point_right[point, 1], point_right[point, 2] = g
+        for a in range(count):
+            all_residuals[row0 + a, 0], all_residuals[row0 + a, 1] = residual[begin + a, 0], residual[begin + a, 1]
+        if not contributes[point]:
+            continue
+        for a in range(count):
+            weight_a, at = weight[row0 + a], begin + a
+            if weight_a == 0.0:
+                continue
+            for c in range(q):
+                rest = 0.0
+                if by_quantity is None:
+                    for j in range(3):
+                        w[a, c, j] = weight_a * by_ground[at, c, j]
+                    rest = weight_a * residual[at, c]
+                else:
+                    g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
+                    for j in range(3):
+                        w[a, c, j] = g0 * by_ground[at, 0, j] + g1 * by_ground[at, 1, j]
+                    rest = g0 * residual[at, 0] + g1 * residual[at, 1]
+                for j in range(3):
+                    u[a, c, j] = (
+                        w[a, c, 0] * inverse[point, 0, j]
+                        + w[a, c, 1] * inverse[point, 1, j]
+                        + w[a, c, 2] * inverse[point, 2, j]
+                    )
+                    rest -= u[a, c, j] * g[j]
+                for i in range(m):
+                    right[camera[row0 + a], c * m + i] += terms[at, i] * rest
+        for a in range(count):
+            weight_a, at = weight[row0 + a], begin + a
+            if weight_a == 0.0:
+                continue
+            ca = camera[row0 + a]
+            if by_quantity is None:
+                own[0, 0] = own[1, 1] = weight_a
+            else:
+                for c in range(q):
+                    for d in range(q):
+                        own[c, d] = weight_a * (
+                            by_quantity[at, 0, c] * by_quantity[at, 0, d]
+                            + by_quantity[at, 1, c] * by_quantity[at, 1, d]
+                        )
+            _couple(blocks, start[ca], u, w, terms, own, True, a, a, begin)
+            for b in range(a + 1, count):
+                if weight[row0 + b] == 0.0:
+                    continue
+                cb = camera[row0 + b]
+                k = _find(start, columns, min(ca, cb), max(ca, cb))
+                if ca <= cb:
+                    _couple(blocks, k, u, w, terms, own, False, a, b, begin)
+                if ca >= cb:
+                    _couple(blocks, k, u, w, terms, own, False, b, a, begin)
+
+
+@njit(**OPTIONS)
+def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays, out: np.ndarray) -> None:
+    """Write the steps ``(k, 3)`` in metres of points whose cameras stay as they are."""
+    points, place, first, weight = rows
+    inverse = np.empty((1, 3, 3))
+    for number in range(len(points)):
+        point, begin, end = points[number], place[number], place[number + 1]
+        v, g = _point_normal(point, begin, end, first[point], weight, linear, ground, prior)
+        _invert(v, inverse, 0)
+        for j in range(3):
+            out[number, j] = inverse[0, j, 0] * g[0] + inverse[0, j, 1] * g[1] + inverse[0, j, 2] * g[2]
+
+
+@njit(**OPTIONS)
+def substitute(
+    rows: Arrays, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
+    point_right: np.ndarray, step: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the points' steps (m, 3) in metres for the cameras' ``step (cameras, q t)`` of the coefficients."""
+    points, place, first, weight = rows
+    _, by_ground, terms = linear
+    q = 2 if by_quantity is None else by_quantity.shape[2]
+    m = terms.shape[1]
+    for number in range(len(points)):
+        point = points[number]
+        g0, g1, g2 = point_right[point, 0], point_right[point, 1], point_right[point, 2]
+        row = first[point]
+        for a in range(place[number], place[number + 1]):
+            k, sample, line = camera[row], 0.0, 0.0
+            for c in range(q):
+                moved = 0.0
+                for i in range(m):
+                    moved += terms[a, i] * step[k, c * m + i]
+                if by_quantity is None:
+                    if c == 0:
+                        sample = moved
+                    else:
+                        line = moved
+                else:
+                    sample += by_quantity[a, 0, c] * moved
+                    line += by_quantity[a, 1, c] * moved
+            sample, line = weight[row] * sample, weight[row] * line
+            g0 -= by_ground[a, 0, 0] * sample + by_ground[a, 1, 0] * line
+            g1 -= by_ground[a, 0, 1] * sample + by_ground[a, 1, 1] * line
+            g2 -= by_ground[a, 0, 2] * sample + by_ground[a, 1, 2] * line
+            row += 1
+        for j in range(3):
+            out[point, j] = inverse[point, j, 0] * g0 + inverse[point, j, 1] * g1 + inverse[point, j, 2] * g2
+
+
+@njit(**OPTIONS)
+def _expand(by_quantity: np.ndarray | None, terms: np.ndarray, at: int, a: int, out: np.ndarray) -> None:
+    """Write the derivatives A (2, q t) of image point ``at`` to ``out[a]``."""
+    q = 2 if by_quantity is None else by_quantity.shape[2]
+    m = terms.shape[1]
+    for c in range(2):
+        for k in range(q):
+            g = 1.0 if c == k else 0.0
+            if by_quantity is not None:
+                g = by_quantity[at, c, k]
+            for i in range(m):
+                out[a, c, k * m + i] = g * terms[at, i]
+
+
+@njit(**OPTIONS)
+def spread(
+    rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
+    start: np.ndarray, columns: np.ndarray, cofactors: np.ndarray, out: Arrays,
+) -> None:  # fmt: skip
+    """Write cofactors of the points (m, 3, 3) and of the computed image points (n, 2, 2).
+
+    Over all image points of a point, with Q the ``cofactors (b, q t, q t)`` of the cameras::
+
+        pull = B V^-1,   half = A Q A' w pull
+        point = V^-1 + pull' w half,   computed = A Q A' - half B' - B half' + B point B'
+    """
+    points, place, first, weight = rows
+    _, by_ground, terms = linear
+    size = cofactors.shape[1]
+    m = terms.shape[1]
+    derivatives, row = np.empty((most, 2, size)), np.empty(size)
+    q, pull, half = np.empty((2 * most, 2 * most)), np.empty((2 * most, 3)), np.empty((2 * most, 3))
+    for number in range(len(points)):
+        point, begin, end = points[number], place[number], place[number + 1]
+        row0, count = first[point], end - begin
+        for a in range(count):
+            _expand(by_quantity, terms, begin + a, a, derivatives)
+            for c in range(2):
+                for j in range(3):
+                    total = 0.0
+                    for i in range(3):
+                        total += inverse[point, j, i] * by_ground[begin + a, c, i]
+                    pull[2 * a + c, j] = total
+        for x in range(count):
+            for y in range(x, count):
+                a, b = (x, y) if camera[row0 + x] <= camera[row0 + y] else (y, x)
+                k = _find(start, columns, camera[row0 + a], camera[row0 + b])
+                for c in range(2):
+                    # where the quantities are sample and line, only the terms of one of them are not zero
+                    low, high = (c * m, c * m + m) if by_quantity is None else (0, size)
+                    row[:] = 0.0
+                    for i in range(low, high):
+                        factor = derivatives[a, c, i]
+                        for j in range(size):
+                            row[j] += factor * cofactors[k, i, j]
+                    for d in range(2):
+                        total = 0.0
+                        for j in range(size):
+                            total += row[j] * derivatives[b, d, j]
+                        q[2 * a + c, 2 * b + d] = total
+                        q[2 * b + d, 2 * a + c] = total
+        _spread_point(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, out)
+
+
+@njit(**OPTIONS)
+def _spread_point(
+    point: int, begin: int, row0: int, count: int, weight: np.ndarray, inverse: np.ndarray, by_ground: np.ndarray,
+    q: np.ndarray, pull: np.ndarray, half: np.ndarray, out: Arrays,
+) -> None:  # fmt: skip
+    """Write the cofactors of one point and its image points; see `spread`."""
+    out_points, out_computed = out
+    for a in range(2 * count):
+        for j in range(3):
+            total = 0.0
+            for b in range(2 * count):
+                total += weight[row0 + b // 2] * q[a, b] * pull[b, j]
+            half[a, j] = total
+    for i in range(3):
+        for j in range(3):
+            total = inverse[point, i, j]
+            for a in range(2 * count):
+                total += weight[row0 + a // 2] * pull[a, i] * half[a, j]
+            out_points[point, i, j] = total
+    for a in range(count):
+        at = begin + a
+        for c in range(2):
+            for d in range(2):
+                total = q[2 * a + c, 2 * a + d]
+                for j in range(3):
+                    total -= half[2 * a + c, j] * by_ground[at, d, j] + half[2 * a + d, j] * by_ground[at, c, j]
+                    part = 0.0
+                    for i in range(3):
+                        part += out_points[point, j, i] * by_ground[at, d, i]
+                    total += by_ground[at, c, j] * part
+                out_computed[row0 + a, c, d] = total

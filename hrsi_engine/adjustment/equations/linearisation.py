@@ -1,0 +1,142 @@
+"""Linearised observation equations of any part of a block, for every model.
+
+Models whose formula is compiled are evaluated when and where they are needed, a few thousand image points at a time,
+and nothing is kept. All others are evaluated image by image with NumPy, the whole block at once, and the last state is
+kept: evaluating it again would cost more than the memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ...refinement import RefinementModel
+from ...refinement.model import Structure
+from ..observations import Observations
+from .states import State
+
+
+class Portion(NamedTuple):
+    """Points ``(k,)`` of a block, and where the image points of each begin in the part's arrays, ``place (k + 1,)``."""
+
+    points: np.ndarray
+    place: np.ndarray
+
+    @classmethod
+    def of(cls, observations: Observations, points: np.ndarray) -> Portion:
+        """Return the part of some points."""
+        lengths = observations.first[points + 1] - observations.first[points]
+        return cls(points, np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)]))
+
+
+class Linearised(NamedTuple):
+    """Residuals and derivatives of the image points of a part, in the order of its points.
+
+    residual : (r, 2) observed - computed, px
+    by_ground : (r, 2, 3) px per metre east, north, up
+    by_quantity : (r, 2, q), None where the quantities are sample and line; terms : (r, t): see `Structure`
+    """
+
+    residual: np.ndarray
+    by_ground: np.ndarray
+    by_quantity: np.ndarray | None
+    terms: np.ndarray
+
+
+LinearisePortion = Callable[[Portion], Linearised]
+
+
+def whole_block(observations: Observations) -> Portion:
+    """Return all points as one part."""
+    return Portion(np.arange(len(observations.points)), observations.first)
+
+
+class Cameras(Protocol):
+    """The cameras of a block's images.
+
+    by_parts : whether a part is evaluated when it is asked for, at the ground as it then is; else `at` evaluates all
+    """
+
+    by_parts: bool
+
+    @property
+    def structure(self) -> Structure:
+        """How the derivatives by the parameters are composed."""
+
+    def at(self, state: State) -> LinearisePortion:
+        """Return the function that linearises parts of the block at a state."""
+
+
+class CompiledCameras:
+    """Cameras of a family that has a compiled loop (`refinement.compiled_cameras`)."""
+
+    by_parts = True
+
+    def __init__(self, observations: Observations, model: RefinementModel) -> None:
+        from ...refinement import compiled_cameras  # needs numba, and takes a second
+
+        self._camera_of_image = observations.camera_of_image
+        self._cameras = compiled_cameras.CameraTables(
+            model, observations.images, observations.by_image, observations.image, observations.xy, observations.first
+        )
+        self.structure = self._cameras.structure
+
+    def at(self, state: State) -> LinearisePortion:
+        """See `Cameras`."""
+        coefficients = self._cameras.coefficients(state.values)[self._camera_of_image]
+        q, t = self.structure.quantities, self.structure.terms
+
+        def linearise(part: Portion) -> Linearised:
+            rows = int(part.place[-1])
+            by_quantity = np.empty((rows, 2, q)) if q else np.empty((0, 2, 0))
+            out = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
+            self._cameras.write(*part, coefficients, state.ground, out)
+            return Linearised(out[0], out[1], by_quantity if q else None, out[3])
+
+        return linearise
+
+
+class CamerasByImage:
+    """Cameras of any model, image by image with NumPy."""
+
+    by_parts = False
+
+    def __init__(self, observations: Observations, model: RefinementModel) -> None:
+        count = len(model.parameters)
+        self.structure = Structure(count, 1, np.eye(count))
+        self._observations = observations
+        self._linearisers = [
+            model.equations(image, observations.xy[rows])
+            for image, rows in zip(observations.images, observations.by_image, strict=True)
+        ]
+        self._last: tuple[State, Linearised] | None = None
+
+    def at(self, state: State) -> LinearisePortion:
+        """See `Cameras`."""
+        if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
+            self._last = None  # before the new one, so that only one is in memory
+            self._last = state, self._whole(state)
+        whole = self._last[1]
+
+        def linearise(part: Portion) -> Linearised:
+            if len(part.points) == len(self._observations.points):
+                return whole
+            rows, _ = self._observations.rows_of(part.points)
+            by_quantity = None if whole.by_quantity is None else whole.by_quantity[rows]
+            return Linearised(whole.residual[rows], whole.by_ground[rows], by_quantity, whole.terms[rows])
+
+        return linearise
+
+    def _whole(self, state: State) -> Linearised:
+        observations, p = self._observations, self.structure.quantities
+        n = observations.count
+        new = Linearised(np.empty((n, 2)), np.empty((n, 2, 3)), (by_values := np.empty((n, 2, p))), np.ones((n, 1)))
+        for index, (rows, equations) in enumerate(zip(observations.by_image, self._linearisers, strict=True)):
+            if len(rows):
+                values = state.values[observations.camera_of_image[index]]
+                at = equations(values, state.ground[observations.point[rows]])
+                new.residual[rows] = observations.xy[rows] - at.computed
+                by_values[rows], new.by_ground[rows] = at.by_values, at.by_ground
+        return new

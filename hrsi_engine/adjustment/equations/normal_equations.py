@@ -1,0 +1,228 @@
+"""The normal equations of a block with the ground points eliminated (thesis eqs. 5.44-5.49).
+
+Per image point, with residual v = observed - computed and weight w = (robust weight) / sigma²::
+
+    v = A da + B dx        A (2, p): camera parameters,  B (2, 3): east, north, up of the point, metres
+
+    | N  W | |da|   |n|      N  blocks (p, p) of the cameras,   V  blocks (3, 3) of the points,
+    | W' V | |dx| = |m|      W  one block (p, 3) per image point
+
+The points are eliminated one by one: (N - W V^-1 W') da = n - W V^-1 m, then dx = V^-1 (m - W' da). No matrix over
+all observations is ever formed. For every model the same happens: the cameras are linearised (`linearisation`), part
+of the block by part, and the points of each part are eliminated, by compiled loops (`elimination_kernels`) in threads
+or, without numba, with NumPy (`elimination`).
+
+Compiled code needs numba (the extra ``fast``). numba compiles the loops once, in about half a minute, and keeps them
+in the package's ``__pycache__`` or, where that is not writable, in the user's cache. Small blocks are done by NumPy in
+less time than loading numba takes. The environment variable HRSI_COMPILED=0 turns compiled code off, 1 asks for it
+whatever the size.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol
+
+import numpy as np
+
+from ...foundation.compiled_code import is_wanted
+from ...ground.geodesy import moved_ground
+from ...refinement import RefinementModel
+from ..observations import Observations
+from .elimination import PlainElimination
+from .linearisation import Cameras, CamerasByImage, CompiledCameras, Linearised, Portion, whole_block
+from .pattern import Pattern
+from .states import Cofactors, Normals, PointJacobians, PointPriors, State
+
+WORTH_COMPILING = 20_000  # image points
+MOST_SUMS_BYTES = 2**29  # of the threads' own sums of the reduced matrix: fewer threads for very large ones
+INTERSECT_STEPS = 15
+CLOSURE_M = 1e-4  # a tenth of a millimetre on the ground: far below any measurement
+STEP_LIMIT_M = 5e3  # weak geometry takes short steps; the equations are nearly linear
+
+
+class Elimination(Protocol):
+    """How the points of a part are eliminated; ``weight (n,)`` are those of the whole block."""
+
+    def parts(self) -> list[Portion]:
+        """Return the parts that together are the block."""
+
+    def eliminate(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
+        contributes: np.ndarray, sums: Normals,
+    ) -> None:  # fmt: skip
+        """Add the part's share to blocks and right of ``sums``, and write its residuals, inverses, right-hand sides."""
+
+    def solve_points(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+    ) -> np.ndarray:
+        """Return the points' steps ``(k, 3)`` in metres with the cameras as they are."""
+
+    def substitute(
+        self, part: Portion, linear: Linearised, weight: np.ndarray, normals: Normals, step: np.ndarray, out: np.ndarray
+    ) -> None:
+        """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
+
+    def spread(
+        self,
+        part: Portion,
+        linear: Linearised,
+        weight: np.ndarray,
+        normals: Normals,
+        cameras: np.ndarray,
+        out: Cofactors,
+    ) -> None:
+        """Write the part's cofactors from those of the coefficients, ``cameras (blocks, q t, q t)``."""
+
+
+class NormalEquations:
+    """What the solver asks of the normal equations; ``weight (n,)`` in 1/px², 0 for image points without a say.
+
+    Parameters
+    ----------
+    observations : measurements and points, in the solver's order
+    model : of the cameras' corrections
+    pattern : which cameras share points
+    threads : of compiled loops; 0 takes all processors
+    """
+
+    def __init__(self, observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0) -> None:
+        self.observations, self.pattern = observations, pattern
+        self._cameras: Cameras
+        self._elimination: Elimination
+        self.threads = 1
+        if is_wanted(observations.count >= WORTH_COMPILING):
+            from ...refinement.compiled_cameras import has_loop
+            from .compiled_elimination import CompiledElimination
+
+            self._cameras = (CompiledCameras if has_loop(model) else CamerasByImage)(observations, model)
+            self._elimination = CompiledElimination(observations, pattern)
+            self.threads = threads or os.cpu_count() or 1
+        else:
+            self._cameras, self._elimination = (
+                CamerasByImage(observations, model),
+                PlainElimination(observations, pattern),
+            )
+        self._parts = self._elimination.parts()
+        mixing = self._cameras.structure.mixing
+        same = mixing.shape[0] == mixing.shape[1] and np.array_equal(mixing, np.eye(len(mixing)))
+        self._mixing = None if same else mixing
+
+    def residuals(self, state: State) -> np.ndarray:
+        """Return observed - computed of all image points, ``(n, 2)`` px."""
+        linearise, out = self._cameras.at(state), np.empty((self.observations.count, 2))
+        first = self.observations.first
+
+        def write(part: Portion, _: int) -> None:
+            out[first[part.points[0]] : first[part.points[-1] + 1]] = linearise(part).residual
+
+        self._for_parts(write)
+        return out
+
+    def normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
+        """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
+        observations, pattern, linearise = self.observations, self.pattern, self._cameras.at(state)
+        size, points = len(self._cameras.structure.mixing), len(observations.points)
+        threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * size**2, 1)))
+        by_point = np.empty((observations.count, 2)), np.empty((points, 3, 3)), np.empty((points, 3))
+        sums = [_sums(pattern, size, *by_point) for _ in range(threads)]
+
+        def add(part: Portion, thread: int) -> None:
+            self._elimination.eliminate(part, linearise(part), weight, state.ground, priors, contributes, sums[thread])
+
+        self._for_parts(add, threads)
+        total = sums[0]
+        for more in sums[1:]:
+            total.blocks += more.blocks
+            total.right += more.right
+        if self._mixing is not None:
+            total.blocks = self._mixing.T @ total.blocks @ self._mixing
+            total.right = total.right @ self._mixing
+        return total
+
+    def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
+        """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
+        linearise, out = self._cameras.at(state), np.empty_like(state.ground)
+        by_coefficient = step if self._mixing is None else step @ self._mixing.T
+
+        def write(part: Portion, _: int) -> None:
+            self._elimination.substitute(part, linearise(part), weight, normals, by_coefficient, out)
+
+        self._for_parts(write)
+        return out
+
+    def point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
+        """Return residuals and derivatives by the ground of all image points of some points, in order."""
+        rows, _ = self.observations.rows_of(points)
+        linear = self._cameras.at(state)(Portion.of(self.observations, points))
+        return PointJacobians(rows, linear.residual, linear.by_ground)
+
+    def cofactors(
+        self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray, contributes: np.ndarray
+    ) -> Cofactors:
+        """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
+        linearise = self._cameras.at(state)
+        out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
+        by_coefficient = cameras
+        if self._mixing is not None:
+            by_coefficient = np.ascontiguousarray(self._mixing @ cameras @ self._mixing.T)
+
+        def write(part: Portion, _: int) -> None:
+            self._elimination.spread(part, linearise(part), weight, normals, by_coefficient, out)
+
+        self._for_parts(write)
+        return out
+
+    def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
+        """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none."""
+        ground = state.ground.copy()  # points move in it while others are still computed from it
+        moving = self._cameras.at(State(state.values, ground))
+
+        def move(part: Portion, _: int) -> None:
+            linearise = moving
+            for _step in range(INTERSECT_STEPS):
+                step = self._elimination.solve_points(part, linearise(part), weight, ground, priors)
+                length = np.linalg.norm(step, axis=1, keepdims=True)
+                step *= np.minimum(1.0, STEP_LIMIT_M / np.maximum(length, STEP_LIMIT_M))
+                ground[part.points] = moved_ground(ground[part.points], step)
+                open_points = part.points[length[:, 0] > CLOSURE_M]
+                if not len(open_points):
+                    break
+                part = Portion.of(self.observations, open_points)
+                if not self._cameras.by_parts:
+                    linearise = self._cameras.at(State(state.values, ground.copy()))
+
+        self._for_parts(move, parts=None if self._cameras.by_parts else [whole_block(self.observations)])
+        return ground
+
+    def _for_parts(
+        self, work: Callable[[Portion, int], None], threads: int = 0, parts: Sequence[Portion] | None = None
+    ) -> None:
+        """Call ``work(part, thread)`` for all parts; the threads take them in turn."""
+        parts = self._parts if parts is None else parts
+        threads = min(threads or self.threads, len(parts))
+        waiting, lock = iter(parts), threading.Lock()
+
+        def work_off(thread: int) -> None:
+            while True:
+                with lock:
+                    part = next(waiting, None)
+                if part is None:
+                    return
+                work(part, thread)
+
+        if threads <= 1:
+            work_off(0)
+            return
+        with ThreadPoolExecutor(threads) as pool:
+            for done in [pool.submit(work_off, thread) for thread in range(threads)]:
+                done.result()
+
+
+def _sums(pattern: Pattern, size: int, residual: np.ndarray, inverse: np.ndarray, point_right: np.ndarray) -> Normals:
+    """Return sums of zero of the reduced matrix, beside arrays for what each point and image point has of its own."""
+    blocks, right = np.zeros((pattern.blocks, size, size)), np.zeros((pattern.cameras, size))
+    return Normals(residual, blocks, right, inverse, point_right)

@@ -1,0 +1,104 @@
+"""Linearised equations of many image points, compiled, for all models whose formula is written for it (needs numba).
+
+A loop per family of models goes over points and their image points, with the family's formula (`correct_in_image`
+and its like), the RPC (`compiled_rpc.project`) and the ellipsoid inside. A new family is its formula, a loop of ten
+lines here, and an entry in `FAMILIES`; models without one are linearised image by image with NumPy.
+
+Arguments that the loops share
+    points (k,), place (k + 1,) : which points, and where the image points of each are written
+    first (m + 1,), image (n,), xy (n, 2) : as in `adjustment.observations`; rays (n, r): constants of image points
+    ground (m, 3) : lon, lat, height of all points
+    constants (images, c), coefficients (images, …) : of the formula
+    out : residual (rows, 2), by_ground (rows, 2, 3), by_quantity (rows, 2, q) or (0, 2, 0), terms (rows, t)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..block.block import Image
+from ..camera.compiled_rpc import project, rpc_tables
+from ..foundation.compiled_code import OPTIONS, Arrays, register
+from ..ground import ellipsoid
+from .image_space import ImagePolynomial, correct_in_image
+from .model import RefinementModel, Structure
+
+register(correct_in_image)
+
+
+@njit(**OPTIONS)
+def image_polynomials(
+    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    out: Arrays,
+) -> None:  # fmt: skip
+    """Write the equations of `image_space.ImagePolynomial`."""
+    first, image, xy, _ = observed
+    constants, coefficients, powers = formula
+    residual, by_ground, _, terms = out
+    scratch = np.empty(20)
+    for number in range(len(points)):
+        point = points[number]
+        lon, lat, height = ground[point, 0], ground[point, 1], ground[point, 2]
+        east, north = ellipsoid.metres_of_a_degree(lat, height)
+        row = first[point]
+        for a in range(place[number], place[number + 1]):
+            i = image[row]
+            project(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
+            correct_in_image(powers, constants, coefficients, i, residual, by_ground, terms, a)
+            residual[a, 0] = xy[row, 0] - residual[a, 0]
+            residual[a, 1] = xy[row, 1] - residual[a, 1]
+            row += 1
+
+
+class Family(NamedTuple):
+    """How the models of a family are linearised: the loop, the table that tells the models apart, and the rays."""
+
+    loop: Callable[..., None]
+    table: Callable[[Any], np.ndarray]
+    rays: Callable[[Image, np.ndarray], np.ndarray] = lambda image, xy: np.empty((len(xy), 0))
+
+
+FAMILIES: dict[type, Family] = {
+    ImagePolynomial: Family(image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
+}
+
+
+class CameraTables:
+    """The cameras of a block, ready for the loop of their family."""
+
+    def __init__(
+        self, model: Any, images: Sequence[Image], by_image: Sequence[np.ndarray], image: np.ndarray, xy: np.ndarray,
+        first: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Take the images, the image points of each, and the columns that all loops share."""
+        family = FAMILIES[type(model)]
+        self.structure: Structure = model.structure
+        self._model, self._loop, self._table = model, family.loop, family.table(model)
+        self._rpcs = rpc_tables([one.rpc for one in images])
+        self._constants = np.stack([model.constants(one) for one in images])
+        rays = [family.rays(one, xy[rows]) for one, rows in zip(images, by_image, strict=True)]
+        table = np.empty((len(xy), rays[0].shape[1]))
+        if table.size:
+            for rows, of_image in zip(by_image, rays, strict=True):
+                table[rows] = of_image
+        self._observed = (first, image, xy, table)
+
+    def coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Return the coefficients ``(images, …)`` of the formula for the images' values ``(images, p)``."""
+        return np.asarray(self._model.coefficients(values))
+
+    def write(
+        self, points: np.ndarray, place: np.ndarray, coefficients: np.ndarray, ground: np.ndarray, out: Arrays
+    ) -> None:
+        """Write the linearised equations of some points; the module's docstring says what."""
+        formula = (self._constants, coefficients, self._table)
+        self._loop(points, place, self._observed, ground, self._rpcs, formula, out)
+
+
+def has_loop(model: RefinementModel) -> bool:
+    """Tell whether a model belongs to a family that is compiled."""
+    return type(model) in FAMILIES
