@@ -8,7 +8,7 @@ from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
 
-LARGE_FIELD_PX = 1.0  # RMS of a field that bends orthoimages visibly
+LARGE_FIELD_PX = 4.0  # RMS of a field that bends orthoimages visibly
 SEEN_FIELD_PX = 0.02  # what is worth a note
 
 
