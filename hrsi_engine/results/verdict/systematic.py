@@ -9,7 +9,7 @@ from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
 
 LARGE_FIELD_PX = 4.0  # RMS of a field that bends orthoimages visibly
-SEEN_FIELD_PX = 0.02  # what is worth a note
+SEEN_FIELD_PX = 0.05  # what is worth a note
 
 
 def field_notes(evidence: Evidence) -> list[str]:
