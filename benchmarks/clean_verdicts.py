@@ -1,8 +1,8 @@
 """How many sound blocks are called sound: `clean_verdicts.py [--seeds FIRST COUNT] [--model NAME] [--real]`.
 
-Blocks of every simulated sensor, two to four images, 0 to 12 GCPs, with the noise and vendor errors that the sensors are
-known for, adjusted with the defaults of the command line; and the real blocks of HRSI_TEST_DATA. Thresholds were tuned
-on seeds below 1000; judge on others.
+Blocks of every simulated sensor, two to four images, 0 to 12 GCPs, with the noise and vendor errors that the sensors
+are known for, adjusted with the defaults of the command line; and the real blocks of HRSI_TEST_DATA. Thresholds were
+tuned on seeds below 1000; judge on others.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.block import Block
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.reasons import Reason
+from hrsi.hrsi_engine.refinement import RefinedRPC
 from hrsi.hrsi_engine.results.residuals import residuals
 from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, find_reasons
 from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
@@ -42,12 +43,18 @@ def simulated(sensor: str, seed: int) -> tuple[Block, int]:
     return simulate_block(place, views, counts, noise).block, gcps
 
 
+def model_rpc(result: Adjustment, index: int) -> RefinedRPC:
+    """Return the refined RPC of one image."""
+    return result.model.refined_rpc(result.block.images[index], result.values[index])
+
+
 def judged(block: Block, options: AdjustOptions) -> tuple[Adjustment, list[Reason], float]:
     """Return an adjustment, the reasons against it, and the time these took as a share of the adjustment's."""
     began = time.perf_counter()
     result = adjust(block, options)
     middle = time.perf_counter()
-    evidence = Evidence(result, residuals(result), [result.model.refined_rpc(image, values) for image, values in zip(block.images, result.values, strict=True)])
+    refined = [model_rpc(result, index) for index in range(len(block.images))]
+    evidence = Evidence(result, residuals(result), refined)
     start = time.perf_counter()
     reasons = find_reasons(evidence)
     return result, reasons, (time.perf_counter() - start) / (middle - began)
@@ -64,7 +71,8 @@ def study(first: int, count: int, model: str) -> Iterator[tuple[str, int, list[R
                 print(f"{sensor} {seed}: {gcps} GCPs: {error}")
                 continue
             for reason in reasons:
-                print(f"{sensor} {seed}: {gcps} GCPs, sigma0 {result.sigma0:.2f}: {reason.level.label} {reason.code}: {reason.message}", flush=True)
+                told = f"{reason.level.label} {reason.code}: {reason.message}"
+                print(f"{sensor} {seed}: {gcps} GCPs, sigma0 {result.sigma0:.2f}: {told}", flush=True)
             yield sensor, seed, reasons
 
 
@@ -76,7 +84,8 @@ def real(model: str) -> Iterator[list[str]]:
         block = getattr(real_blocks, name)()
         result, reasons, share = judged(block, AdjustOptions(model=model, **COMMAND_LINE))
         verdict = Verdict.of("", reasons)
-        yield [name, model, f"{result.sigma0:.2f}", verdict.level.label, "; ".join(f"{r.code}: {r.message}" for r in reasons), f"{100 * share:.1f}"]
+        told = "; ".join(f"{reason.code}: {reason.message}" for reason in reasons)
+        yield [name, model, f"{result.sigma0:.2f}", verdict.level.label, told, f"{100 * share:.1f}"]
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -14,6 +14,8 @@ from ...refinement import RefinedRPC
 from ..residuals import Residuals
 from .fields import ResidualField, residual_fields
 
+CAMERA_PX = 0.5  # what a camera's own unmodelled errors may leave in sample and in line, beside the measurement's
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -43,6 +45,16 @@ class Evidence:
     def fields(self) -> list[ResidualField]:
         """The significant fields in the residuals of images, the largest first."""
         return residual_fields(self.result, self.took_part & ~self.left_out)
+
+    @cached_property
+    def field_px(self) -> float:
+        """RMS (two dimensions) of the largest field in an image, 0 without any."""
+        return self.fields[0].rms_px if self.fields else 0.0
+
+    @cached_property
+    def camera_px(self) -> float:
+        """Standard deviation of what the cameras leave in sample and in line, the fields told elsewhere included."""
+        return float(np.hypot(CAMERA_PX, self.field_px / np.sqrt(2.0)))
 
     def is_role(self, role: Role) -> np.ndarray:
         """Return which measurements are of points of a role, ``(n,)``."""

@@ -14,12 +14,14 @@ from scipy import special
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ..residuals import unit_sigma
+from ..residuals import by_image, unit_sigma
 from .evidence import Evidence
 from .significance import RISK, chi_square_limit, is_significant
 
-LARGE_MISFIT, RUINED_MISFIT = 4.0, 12.0  # times the standard deviation that is expected
-LARGE_ERROR, RUINED_ERROR = 3.0, 10.0  # the same of check points against prediction
+LARGE_MISFIT, RUINED_MISFIT = 3.5, 10.0  # times the standard deviation that is expected
+RUINED_ERROR = 10.0  # the same of check points against prediction
+MOST_CONDITION = 1e12  # of the normal equations of a point: rays that do not intersect
+ALONE = 4.0  # times the fields that its image has: a GCP that is wrong by more than the camera is
 LONE_ERROR = 3.0  # of one check point, times what the others show
 CLEARLY_OTHER = 0.3  # share of the GCPs that were found wrong from which the others cannot be trusted either
 AMBIGUOUS_SIGMAS = 10.0  # of a GCP that disagrees while nobody can tell which one is wrong
@@ -37,11 +39,12 @@ def check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
-    block, left = evidence.result.block, evidence.left
-    in_sigmas = (
-        left.measured_px / left.measured_sigma_px * unit_sigma(evidence.result)
-    )  # of the sigmas as they are stated
-    rows = np.flatnonzero(evidence.is_role(role) & ~evidence.left_out & np.isfinite(in_sigmas).all(axis=1))
+    result, left, block = evidence.result, evidence.left, evidence.result.block
+    stated = left.measured_sigma_px / unit_sigma(result)
+    in_sigmas = left.measured_px / np.hypot(stated, evidence.camera_px)
+    out = [finding.id for finding in result.findings if finding.left_out]
+    takes_part = evidence.is_role(role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]
+    rows = np.flatnonzero(takes_part & np.isfinite(in_sigmas).all(axis=1))
     if not len(rows):
         return
     squares = np.sum(in_sigmas[rows] ** 2, axis=1)
@@ -55,7 +58,7 @@ def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iter
     yield Reason(
         {Role.GCP: "control-misfit", Role.CHECK: "check-misfit"}[role],
         Level.UNUSABLE if factor >= ruined else Level.DOUBTFUL,
-        f"{what} not fit the refined RPCs: {length:.2g} px in the mean, {factor:.2g} times what their sigmas allow; "
+        f"{what} not fit the refined RPCs: {length:.2g} px in the mean, {factor:.2g} times what is expected of them; "
         f"beyond chance are {list_ids(ids)}",
         "compare coordinates, heights, datum and ids of these points with their source; state their sigmas as they are",
         images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
@@ -70,7 +73,7 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
     surveyed = int((result.block.points.role == Role.GCP).sum())
     candidates = surveyed + int(rows.sum())
     limit = np.sqrt(-2.0 * np.log(RISK * 10.0 / max(candidates, 1)))  # equivalent sigmas in two dimensions
-    found = [finding for finding in result.findings if finding.statistic > limit]
+    found = [f for f in result.findings if f.statistic > limit and _miss_px(evidence, f.id) > ALONE * evidence.field_px]
     out = tuple(dict.fromkeys(finding.id for finding in found if finding.left_out))
     kept = [finding for finding in found if not finding.left_out]
     if out:
@@ -95,19 +98,29 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
         )
 
 
+def _miss_px(evidence: Evidence, name: str) -> float:
+    """Return how far a known point's measurements lie from where the refined RPCs put it, RMS in two dimensions."""
+    block = evidence.result.block
+    miss = evidence.left.at_known_px[block.points.ids[block.measurements.point] == name]
+    miss = miss[np.isfinite(miss).all(axis=1)]
+    return float(np.sqrt(np.mean(np.sum(miss**2, axis=1)))) if len(miss) else np.inf
+
+
 def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
     """Check points that lie farther off than covariances and surveys predict: all together, or a few alone."""
     result, points = evidence.result, evidence.result.block.points
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
     covariance = result.ground_covariance_m2[check] + points.survey_covariance_m2(check)
+    covariance += evidence.camera_px**2 * _cofactors_of_rays(evidence, check)
     usable = np.isfinite(error[:, :2]).all(axis=1) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]
     if not len(check):
         return
     squares, freedom = _squares(error, covariance)
     factor = float(np.sqrt(squares.sum() / freedom.sum()))
-    if factor >= LARGE_ERROR and is_significant(float(squares.sum()), float(freedom.sum())):
+    # Errors of a block are common to its points: the sum is no surer than one point's.
+    if is_significant(3.0 * factor**2, 3.0):
         predicted = np.sqrt(np.nanmean(covariance.diagonal(axis1=1, axis2=2), axis=0))
         found = np.sqrt(np.nanmean(error**2, axis=0))
         yield Reason(
@@ -134,6 +147,21 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
             "compare these points with their source and their measurements in the images",
             points=ids,
         )  # fmt: skip
+
+
+def _cofactors_of_rays(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
+    """Return the covariances ``(k, 3, 3)`` m² of points intersected by images that err by 1 px each on their own."""
+    block, rows = evidence.result.block, evidence.result.block.measurements
+    normal = np.zeros((len(block.points), 3, 3))
+    for index, here in by_image(block, np.isin(rows.point, chosen)):
+        points = rows.point[here]
+        _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[points])
+        np.add.at(normal, points, by_ground.swapaxes(1, 2) @ by_ground)
+    normal = normal[chosen]
+    solvable = np.linalg.cond(normal) < MOST_CONDITION
+    cofactors = np.full_like(normal, np.nan)
+    cofactors[solvable] = np.linalg.inv(normal[solvable])
+    return cofactors
 
 
 def _squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

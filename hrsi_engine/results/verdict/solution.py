@@ -9,11 +9,11 @@ import numpy as np
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...refinement import priors_of
-from .evidence import Evidence
+from .evidence import CAMERA_PX, Evidence
 from .significance import is_significant
 
 SETTLED_SIGMAS = 1.0  # movement of the unknowns in a further step that still leaves the result what it is
-LARGE_SIGMA0, RUINED_SIGMA0 = 3.0, 10.0
+LARGE_RESIDUALS, RUINED_RESIDUALS = 3.0, 10.0  # times what measurement and camera explain
 FAR_SIGMAS, RUINED_SIGMAS = 5.0, 15.0  # of a correction from zero, in its prior's standard deviations
 COARSE_FIT_PX, RUINED_FIT_PX = 0.1, 1.0
 LEAST_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
@@ -38,20 +38,23 @@ def not_converged(evidence: Evidence) -> Iterator[Reason]:
 
 
 def sigma0_too_large(evidence: Evidence) -> Iterator[Reason]:
-    """Residuals that are much larger than the sigmas that were given for the observations."""
+    """Residuals that are much larger than the sigmas of the observations and the cameras' own errors explain."""
     result = evidence.result
     squares = result.sigma0**2 * result.redundancy
-    if result.sigma0 < LARGE_SIGMA0 or not is_significant(squares, result.redundancy):
+    if not is_significant(squares, result.redundancy):
         return
-    stated = np.median(result.block.measurements.sigma_px) if len(result.block.measurements) else np.nan
+    stated = float(np.median(result.block.measurements.sigma_px))
+    needed, allowed = result.sigma0 * stated, float(np.hypot(stated, CAMERA_PX))
+    if needed < LARGE_RESIDUALS * allowed:
+        return
     yield Reason(
         "residuals-too-large",
-        Level.UNUSABLE if result.sigma0 >= RUINED_SIGMA0 else Level.DOUBTFUL,
+        Level.UNUSABLE if needed >= RUINED_RESIDUALS * allowed else Level.DOUBTFUL,
         f"sigma0 is {result.sigma0:.2g}: residuals are that many times as large as the sigmas of the observations let "
-        f"expect; image points would need a sigma of {result.sigma0 * stated:.2g} px instead of {stated:.2g} px",
+        f"expect; image points would need a sigma of {needed:.2g} px instead of {stated:.2g} px",
         "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
         "points are no better than that, state their sigmas as they are",
-    )  # fmt: skip
+    )
 
 
 def corrections_beyond_priors(evidence: Evidence) -> Iterator[Reason]:
