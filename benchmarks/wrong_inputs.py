@@ -1,0 +1,628 @@
+"""Wrong inputs on purpose: which of them are noticed, named rightly and kept from writing refined RPCs.
+
+`wrong_inputs.py [--seeds A:B] [--kinds K …] [--checks-only] [--docs]`. Every kind is run on simulated blocks of all
+sensors, through the files and the code of the command line (`adjust`). Clean blocks and the real ones must pass without
+a reason. Seeds below 100 served to tune, those from 100 on to judge.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import tempfile
+import time
+import traceback
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from osgeo import gdal
+
+from hrsi.benchmarks.thesis_tables import render
+from hrsi.hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.foundation.errors import HrsiError
+from hrsi.hrsi_engine.ground.geodesy import (
+    geoid_heights,
+    ground_difference_m,
+    metres_per_degree,
+    moved_ground,
+    to_projected,
+    utm_epsg,
+)
+from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
+from hrsi.hrsi_engine.io.simulated_block import write_dem, write_ground_points
+from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "wrong_inputs.md"
+PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
+FOOT_M = 0.3048
+
+
+# ---- inputs --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What a user has: images, ground points, measurements, perhaps a DEM; and the options that go with them.
+
+    ``dem`` is heights ``(rows, columns)`` and a geotransform. ``crs`` is what the ground points are written in, by
+    default longitude and latitude; ``options`` are those of `adjust`.
+    """
+
+    images: tuple[Image, ...]
+    ground: GroundPoints
+    measured: ImagePoints
+    dem: tuple[np.ndarray, tuple[float, ...]] | None = None
+    crs: int | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def gsd_m(self) -> float:
+        """Length of a pixel on the ground in the middle of the first image."""
+        rpc, centre = self.images[0].rpc, self.images[0].centre_px
+        ground = rpc.localize(centre + [[0.0, 0.0], [1.0, 0.0]], rpc.height_off).ground
+        return float(np.linalg.norm(ground_difference_m(ground[1:], ground[:1])))
+
+    @property
+    def of_gcps(self) -> np.ndarray:
+        """Mask of the measurements of known points."""
+        return np.isin(self.measured.ids, self.ground.ids)
+
+    @property
+    def gcps(self) -> np.ndarray:
+        """Indices of the GCPs among the ground points."""
+        return np.flatnonzero(self.ground.role == Role.GCP)
+
+    def with_ground(self, ground: np.ndarray) -> Inputs:
+        """Return the inputs with other positions of known points."""
+        return replace(self, ground=replace(self.ground, ground=ground))
+
+    def with_xy(self, xy: np.ndarray, rows: np.ndarray | None = None) -> Inputs:
+        """Return the inputs with other image coordinates, of some rows (mask) or all."""
+        chosen = self.measured.xy.copy()
+        chosen[slice(None) if rows is None else rows] = xy if rows is None else xy[rows]
+        return replace(self, measured=replace(self.measured, xy=chosen))
+
+    def with_image_ids(self, names: dict[str, str], rows: np.ndarray | None = None) -> Inputs:
+        """Return the inputs with measurements on other images, of some rows (mask) or all."""
+        old = self.measured.image_ids
+        new = np.array([names.get(str(name), str(name)) for name in old])
+        return replace(
+            self, measured=replace(self.measured, image_ids=new if rows is None else np.where(rows, new, old))
+        )
+
+    def sizes(self) -> np.ndarray:
+        """Return samples and lines of each measurement's image ``(n, 2)``."""
+        size = {image.id: image.size for image in self.images}
+        return np.array([size[str(name)] for name in self.measured.image_ids], dtype=float)
+
+
+@lru_cache(maxsize=64)
+def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: float | None = None) -> Inputs:
+    """Return a right block of a sensor; place, relief, heading and obliqueness depend on the seed."""
+    rng = np.random.default_rng([seed, sum(map(ord, sensor))])
+    lon, lat = PLACES[int(rng.integers(len(PLACES)))]
+    relief = float(rng.choice([60.0, 150.0, 400.0])) if relief_m is None else relief_m
+    spec = SceneSpec(
+        lon, lat, mean_height_m=float(rng.uniform(50.0, 1500.0)), relief_m=relief, seed=1000 * seed + len(sensor)
+    )
+    size = (int(rng.integers(3000, 9000)), int(rng.integers(3000, 9000)))
+    views = along_track_views(
+        SENSORS[sensor], images, size, across_deg=float(rng.uniform(-15.0, 15.0)),
+        heading_deg=float(rng.choice([190.0, 350.0])),
+    )  # fmt: skip
+    block = simulate_block(spec, views, PointCounts(gcps, 6, 200), Noise()).block
+    known = block.known
+    measured = block.measurements
+    return Inputs(
+        tuple(replace(image, size=view.size) for image, view in zip(block.images, views, strict=True)),
+        block.points.select(known),
+        ImagePoints.create(
+            block.points.ids[measured.point], np.array([i.id for i in block.images])[measured.image], measured.xy,
+            measured.sigma_px, measured.kind,
+        ),
+    )  # fmt: skip
+
+
+def written(inputs: Inputs, folder: Path) -> dict[str, Any]:
+    """Write the inputs as files; return the options of `adjust`."""
+    paths = []
+    for image in inputs.images:
+        path = folder / f"{image.id}.tif"
+        if image.path:
+            paths.append(image.path)
+            continue
+        _write_empty_image(path, image)
+        paths.append(str(path))
+    options: dict[str, Any] = {"images": paths, "output_dir": str(folder / "out"), "write": "sidecar", "report": False}
+    ties = ~inputs.of_gcps
+    for name, rows in (("image_points", ~ties), ("tie_points", ties)):
+        if rows.any():
+            options[name] = str(folder / f"{name}.csv")
+            write_measurements(options[name], inputs.measured.select(rows))
+    if len(inputs.ground):
+        options["gcps"] = str(folder / "gcps.csv")
+        _write_ground(options["gcps"], inputs)
+    if inputs.dem is not None:
+        options["dem"] = str(folder / "dem.tif")
+        write_dem(options["dem"], *inputs.dem)  # type: ignore[arg-type]
+    return {"height_datum": "ellipsoidal", **options, **inputs.options}
+
+
+def _write_empty_image(path: Path, image: Image) -> None:
+    samples, lines = image.size or (100, 100)
+    driver = gdal.GetDriverByName("GTiff")
+    dataset = driver.Create(str(path), samples, lines, 1, gdal.GDT_UInt16, ["SPARSE_OK=TRUE", "TILED=YES"])
+    dataset.SetMetadata(gdal_metadata(image.rpc), "RPC")
+
+
+def _write_ground(path: str, inputs: Inputs) -> None:
+    if inputs.crs is None:
+        write_ground_points(path, inputs.ground)
+        return
+    xy = to_projected(inputs.ground.ground, inputs.crs)
+    with open(path, "w", encoding="utf-8") as file:
+        file.write("id,role,x,y,z,sigma_xy,sigma_h\n")
+        columns = zip(
+            inputs.ground.ids, inputs.ground.role, xy, inputs.ground.ground[:, 2], inputs.ground.sigma_m, strict=True
+        )
+        for name, role, (x, y), z, (plan, height) in columns:
+            file.write(f"{name},{Role(role).label},{x!r},{y!r},{z!r},{plan!r},{height!r}\n")
+
+
+# ---- kinds of wrong inputs -----------------------------------------------------------------------------------------
+
+Spoil = Callable[[Inputs, np.random.Generator], Inputs]
+
+
+class Kind(NamedTuple):
+    """A kind of wrong input: how it is made, by which codes it may be named, whether nothing may be written."""
+
+    name: str
+    spoil: Spoil
+    codes: tuple[str, ...]
+    gross: bool = True
+    images: int = 3
+    gcps: int = 8
+    note: str = ""
+
+
+def _all(inputs: Inputs) -> np.ndarray:
+    return np.ones(len(inputs.measured), dtype=bool)
+
+
+def _ties(inputs: Inputs) -> np.ndarray:
+    return ~inputs.of_gcps
+
+
+def _gcps(inputs: Inputs) -> np.ndarray:
+    return inputs.of_gcps
+
+
+def _on_first_image(inputs: Inputs) -> np.ndarray:
+    return inputs.of_gcps & (inputs.measured.image_ids == inputs.images[0].id)
+
+
+def swapped_columns(which: Callable[[Inputs], np.ndarray]) -> Spoil:
+    return lambda inputs, rng: inputs.with_xy(inputs.measured.xy[:, ::-1], which(inputs))
+
+
+def from_below(which: Callable[[Inputs], np.ndarray]) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        xy = inputs.measured.xy.copy()
+        xy[:, 1] = inputs.sizes()[:, 1] - 1.0 - xy[:, 1]
+        return inputs.with_xy(xy, which(inputs))
+
+    return spoil
+
+
+def negative_lines(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    return inputs.with_xy(inputs.measured.xy * [1.0, -1.0], inputs.of_gcps)
+
+
+def half_resolution(which: Callable[[Inputs], np.ndarray]) -> Spoil:
+    return lambda inputs, rng: inputs.with_xy((inputs.measured.xy + 0.5) / 2.0 - 0.5, which(inputs))
+
+
+def pixel_origin(step: float) -> Spoil:
+    return lambda inputs, rng: inputs.with_xy(inputs.measured.xy + step, inputs.of_gcps)
+
+
+def exchanged_images(which: Callable[[Inputs], np.ndarray], count: int) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        ids = [image.id for image in inputs.images][:count]
+        return inputs.with_image_ids(dict(zip(ids, [*ids[1:], ids[0]], strict=True)), which(inputs))
+
+    return spoil
+
+
+def exchanged_lonlat(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    return inputs.with_ground(inputs.ground.ground[:, [1, 0, 2]])
+
+
+def signs(lon: float, lat: float) -> Spoil:
+    return lambda inputs, rng: inputs.with_ground(inputs.ground.ground * [lon, lat, 1.0])
+
+
+def zone(step: int, hemisphere: bool = False) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        epsg = utm_epsg(*np.median(inputs.ground.ground[:, :2], axis=0))
+        read = epsg + step
+        if hemisphere:
+            read += 100 if epsg < 32700 else -100
+        return replace(inputs, crs=epsg, options={**inputs.options, "ground_crs": f"EPSG:{read}"})
+
+    return spoil
+
+
+def heights(factor: float = 1.0, step_m: float = 0.0) -> Spoil:
+    return lambda inputs, rng: inputs.with_ground(inputs.ground.ground * [1.0, 1.0, factor] + [0.0, 0.0, step_m])
+
+
+def zero_heights(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    return inputs.with_ground(inputs.ground.ground * [1.0, 1.0, 0.0])
+
+
+def geoid(sign: float) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        ground = inputs.ground.ground.copy()
+        ground[:, 2] += sign * geoid_heights(ground, "egm96")
+        return inputs.with_ground(ground)
+
+    return spoil
+
+
+def moved(east_m: float, north_m: float) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        c, s = np.cos(angle), np.sin(angle)
+        step = np.array([c * east_m - s * north_m, s * east_m + c * north_m, 0.0])
+        return inputs.with_ground(moved_ground(inputs.ground.ground, np.tile(step, (len(inputs.ground), 1))))
+
+    return spoil
+
+
+def degrees_off(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    return inputs.with_ground(inputs.ground.ground + [4.4, 4.1, 0.0])
+
+
+def other_datum(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    """ED50 around Provence and Turkey, AGD66 in Tasmania, and so on: the datum farthest from WGS84 at the place."""
+    from hrsi.hrsi_engine.plausibility.datums import datum_shifts
+
+    middle = np.median(inputs.ground.ground, axis=0)
+    shifts = datum_shifts(round(float(middle[0]), 1), round(float(middle[1]), 1))
+    farthest = max(shifts, key=lambda shift: np.hypot(shift.east_m, shift.north_m))
+    step = -np.array([farthest.east_m, farthest.north_m, 0.0]) / metres_per_degree(middle[None])[0]
+    return inputs.with_ground(inputs.ground.ground + step)
+
+
+def some_off(count: int | float, metres: tuple[float, float, float], pixels: float, alike: bool) -> Spoil:
+    """Some of the GCPs, a number or a share, off by metres or, where that is more, by pixels of the image."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        number = count if isinstance(count, int) else round(count * len(inputs.gcps))
+        chosen = rng.permutation(inputs.gcps)[:number]
+        direction = np.array(metres) / np.linalg.norm(metres)
+        size = max(float(np.linalg.norm(metres)), pixels * inputs.gsd_m)
+        step = np.zeros((len(inputs.ground), 3))
+        for row in chosen:
+            angle = 0.0 if alike else rng.uniform(0.0, 2.0 * np.pi)
+            c, s = np.cos(angle), np.sin(angle)
+            step[row] = size * np.array(
+                [c * direction[0] - s * direction[1], s * direction[0] + c * direction[1], direction[2]]
+            )
+        return inputs.with_ground(moved_ground(inputs.ground.ground, step))
+
+    return spoil
+
+
+def one_gcp(change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        ground = inputs.ground.ground.copy()
+        row = rng.choice(inputs.gcps)
+        ground[row] = change(ground[row])
+        return inputs.with_ground(ground)
+
+    return spoil
+
+
+def other_ids(order: Callable[[int, np.random.Generator], np.ndarray]) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        rows = inputs.gcps
+        ground = inputs.ground.ground.copy()
+        ground[rows] = ground[rows[order(len(rows), rng)]]
+        return inputs.with_ground(ground)
+
+    return spoil
+
+
+def _two_exchanged(count: int, rng: np.random.Generator) -> np.ndarray:
+    order = np.arange(count)
+    a, b = rng.choice(count, 2, replace=False)
+    order[[a, b]] = order[[b, a]]
+    return order
+
+
+def _derangement(count: int, rng: np.random.Generator) -> np.ndarray:
+    while True:
+        order = rng.permutation(count)
+        if (order != np.arange(count)).all():
+            return order
+
+
+def wrong_ties(share: float) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        rows = _ties(inputs) & (rng.random(len(inputs.measured)) < share)
+        angle = rng.uniform(0.0, 2.0 * np.pi, len(rows))
+        size = 30.0 * rng.uniform(0.5, 1.5, len(rows))
+        return inputs.with_xy(
+            inputs.measured.xy + size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]), rows
+        )
+
+    return spoil
+
+
+def scattered_gcps(pixels: float) -> Spoil:
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        step = rng.normal(0.0, pixels * inputs.gsd_m, (len(inputs.ground), 3)) * [1.0, 1.0, 0.0]
+        return inputs.with_ground(moved_ground(inputs.ground.ground, step))
+
+    return spoil
+
+
+def twin(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    """The first image a second time under another name, measured there too."""
+    first = inputs.images[0]
+    copy = replace(first, id="copy")
+    rows = inputs.measured.select(inputs.measured.image_ids == first.id)
+    joined = ImagePoints.create(
+        np.r_[inputs.measured.ids, rows.ids], np.r_[inputs.measured.image_ids, np.full(len(rows), "copy")],
+        np.vstack([inputs.measured.xy, rows.xy]), np.r_[inputs.measured.sigma_px, rows.sigma_px],
+    )  # fmt: skip
+    return replace(inputs, images=(*inputs.images, copy), measured=joined)
+
+
+def with_dem(shift_share: float = 0.0, heights_m: float = 0.0, geoid_sign: float = 0.0) -> Spoil:
+    """A DEM of the block's extent at the GCPs' heights; moved by a share of its size, lifted, or above the geoid."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        corners = np.concatenate([
+            image.rpc.localize(image.outline_px(2), height).ground
+            for image in inputs.images for height in image.rpc.height_range
+        ])  # fmt: skip
+        low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+        reach = high - low
+        low, high = low - 0.1 * reach + shift_share * reach, high + 0.1 * reach + shift_share * reach
+        side = 60
+        cell = (high - low) / side
+        known = inputs.ground.ground
+        centre = known.mean(axis=0)
+        plane = np.linalg.lstsq(
+            np.column_stack([np.ones(len(known)), known[:, :2] - centre[:2]]), known[:, 2], rcond=None
+        )[0]
+        lon = low[0] + (np.arange(side) + 0.5) * cell[0] - centre[0]
+        lat = high[1] - (np.arange(side) + 0.5) * cell[1] - centre[1]
+        surface = plane[0] + plane[1] * lon[None, :] + plane[2] * lat[:, None] + heights_m
+        if geoid_sign:
+            surface += geoid_sign * float(np.median(geoid_heights(known, "egm96")))
+        return replace(inputs, dem=(surface, (low[0], cell[0], 0.0, high[1], 0.0, -cell[1])))
+
+    return spoil
+
+
+def _dem_then(spoil: Spoil) -> Spoil:
+    """A right DEM, then points spoilt."""
+    return lambda inputs, rng: spoil(with_dem()(inputs, rng), rng)
+
+
+APART = ("control-groups", "control-outliers")
+KINDS: tuple[Kind, ...] = (
+    Kind("longitude and latitude swapped", exchanged_lonlat, ("lon-lat-swapped",)),
+    Kind("sign of the longitude", signs(-1.0, 1.0), ("lon-sign",)),
+    Kind("sign of the latitude", signs(1.0, -1.0), ("lat-sign",)),
+    Kind("UTM zone one too far east", zone(1), ("utm-zone",)),
+    Kind("UTM zone one too far west", zone(-1), ("utm-zone",)),
+    Kind("UTM zone of the other hemisphere", zone(0, True), ("hemisphere",)),
+    Kind("sample and line swapped, all points", swapped_columns(_all), ("sample-line-swapped",)),
+    Kind("sample and line swapped, GCPs", swapped_columns(_gcps), ("sample-line-swapped",)),
+    Kind("sample and line swapped, GCPs of one image", swapped_columns(_on_first_image), ("sample-line-swapped",)),
+    Kind("sample and line swapped, ties", swapped_columns(_ties), ("sample-line-swapped",)),
+    Kind("lines from below, all points", from_below(_all), ("lines-from-below",)),
+    Kind("lines from below, GCPs", from_below(_gcps), ("lines-from-below",)),
+    Kind("lines negative, GCPs", negative_lines, ("lines-from-below",)),
+    Kind("coordinates of a half-size copy, GCPs", half_resolution(_gcps), ("image-scale",)),
+    Kind("coordinates of a half-size copy, all points", half_resolution(_all), ("image-scale",)),
+    Kind("ids of two images swapped, all points", exchanged_images(_all, 2), ("image-ids-permuted",)),
+    Kind("ids of two images swapped, GCPs", exchanged_images(_gcps, 2), ("image-ids-permuted",)),
+    Kind("ids of three images in a circle", exchanged_images(_all, 3), ("image-ids-permuted",)),
+    Kind("GCP ids off by one", other_ids(lambda count, rng: np.roll(np.arange(count), 1)), ("point-ids-permuted",)),
+    Kind("GCP ids shuffled", other_ids(_derangement), ("point-ids-permuted",)),
+    Kind("two GCP ids exchanged", other_ids(_two_exchanged), ("point-ids-permuted",)),
+    Kind("heights in feet", heights(1.0 / FOOT_M), ("height-unit",)),
+    Kind("heights + 5000 m", heights(step_m=5000.0), ("height-offset",)),
+    Kind("heights all 0", zero_heights, ("heights-alike", "height-offset")),
+    Kind("GCPs 1.6 km off", moved(1600.0, 0.0), ("control-misfit", "control-far")),
+    Kind("GCPs 6 degrees off", degrees_off, ("control-misfit",)),
+    Kind("GCPs scatter by 100 px", scattered_gcps(100.0), ("control-misfit",)),
+    Kind("half of the GCPs 16 m (25 px) east", some_off(0.5, (16.0, 0.0, 0.0), 25.0, True), ("control-groups",)),
+    Kind("two of six GCPs 16 m (25 px) east", some_off(2, (16.0, 0.0, 0.0), 25.0, True), APART, gcps=6),
+    Kind("two of six heights 25 m (60 px) off", some_off(2, (0.0, 0.0, 25.0), 60.0, True), APART, gcps=6),
+    Kind("one of eight GCPs 100 px off", some_off(1, (1.0, 0.0, 0.0), 100.0, False), ("control-outliers",), False),
+    Kind("one GCP with the wrong sign", one_gcp(lambda ground: ground * [-1.0, 1.0, 1.0]), ("lon-sign",), False),
+    Kind("30 % of the ties wrong", wrong_ties(0.3), ("ties-wrong",), False),
+    Kind("55 % of the ties wrong", wrong_ties(0.55), ("ties-wrong",)),
+    Kind("heights above the geoid, count as ellipsoidal", geoid(-1.0), ("height-datum",), False),
+    Kind("ellipsoidal heights, converted", geoid(1.0), ("height-datum",), False),
+    Kind("another datum", other_datum, ("horizontal-datum",), False),
+    Kind("an image twice under two names", twin, ("duplicate-images",), False),
+    Kind("a DEM of another place", with_dem(shift_share=5.0), ("dem-coverage",), False),
+    Kind("a DEM that covers half of the block", with_dem(shift_share=0.5), ("dem-coverage",), False),
+    Kind("heights above the geoid, with a DEM", _dem_then(geoid(-1.0)), ("height-datum",), False),
+    Kind("GCP coordinates from the corner (+ 0.5 px)", pixel_origin(0.5), (), False, note="not visible"),
+    Kind("GCP coordinates from 1 (+ 1 px)", pixel_origin(1.0), (), False, note="not visible"),
+)  # fmt: skip
+
+
+# ---- running -------------------------------------------------------------------------------------------------------
+
+
+class Outcome(NamedTuple):
+    """What came of a run: codes with levels, whether refined RPCs were written, an error, a traceback."""
+
+    codes: tuple[tuple[str, str], ...]
+    written: bool
+    error: str = ""
+    crash: str = ""
+
+    @property
+    def level(self) -> str:
+        levels = {level for _, level in self.codes}
+        return next((level for level in ("unusable", "doubtful") if level in levels), "ok")
+
+    def names(self, codes: Sequence[str]) -> bool:
+        """Whether one of the codes was given, or an error before it says the same."""
+        said = {code for code, _ in self.codes}
+        return (
+            bool(said & set(codes))
+            or any(word in self.error for word in codes)
+            or ("lon-lat-swapped" in codes and "swapped" in self.error)
+        )
+
+
+def run_whole(inputs: Inputs) -> Outcome:
+    """Run `adjust` on files, as the command line does."""
+    from hrsi.processing_algorithms import run
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        try:
+            report = run("adjust", **written(inputs, folder))
+        except HrsiError as error:
+            return Outcome((), False, str(error))
+        except Exception:
+            return Outcome((), False, crash=traceback.format_exc())
+        reasons = tuple((reason["code"], reason["level"]) for reason in report["verdict"]["reasons"])
+        return Outcome(reasons, any((folder / "out").glob("*_RPC.TXT")))
+
+
+def run_checks(inputs: Inputs) -> Outcome:
+    """Read the files as `adjust` does, and run the checks of the inputs alone."""
+    from hrsi.hrsi_engine.foundation.reasons import Level
+    from hrsi.processing_algorithms import REGISTRY
+    from hrsi.processing_algorithms.block_steps.inputs import read_block
+    from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
+    from hrsi.processing_algorithms.files.image_files import open_images
+    from hrsi.processing_algorithms.interface.options import checked_options
+
+    with tempfile.TemporaryDirectory() as name:
+        try:
+            options = dict(checked_options(REGISTRY["adjust"], written(inputs, Path(name))))
+            images = open_images(options["images"], lambda message: None)
+            block, _ = read_block(images, options | {"tie_points_file": options["tie_points"]})
+            reasons = input_reasons(block, options)
+        except HrsiError as error:
+            return Outcome((), False, str(error))
+        except Exception:
+            return Outcome((), False, crash=traceback.format_exc())
+    unusable = any(reason.level is Level.UNUSABLE for reason in reasons)
+    return Outcome(tuple((reason.code, reason.level.label) for reason in reasons), not unusable)
+
+
+Runner = Callable[[Inputs], Outcome]
+
+
+class Row(NamedTuple):
+    """Counts of one kind: runs, noticed, named rightly, kept from writing, crashed; and what else was said."""
+
+    runs: int
+    noticed: int
+    named: int
+    kept: int
+    crashed: int
+    others: dict[str, int]
+
+
+def judge(kind: Kind, sensors: Sequence[str], seeds: Sequence[int], runner: Runner, tell: bool = False) -> Row:
+    """Return how often a kind of wrong input is noticed and named."""
+    counts, others = np.zeros(5, dtype=int), defaultdict(int)
+    for sensor, seed in itertools.product(sensors, seeds):
+        rng = np.random.default_rng([seed, len(kind.name)])
+        inputs = kind.spoil(clean(sensor, seed, kind.images, kind.gcps), rng)
+        found = runner(inputs)
+        right = found.names(kind.codes)
+        noticed = bool(found.codes or found.error)
+        counts += [1, noticed, right, not found.written, bool(found.crash)]
+        if not right or (kind.gross and found.written) or found.crash:
+            text = (
+                ", ".join(f"{code} {level}" for code, level in found.codes) or found.error or found.crash or "nothing"
+            )
+            others[f"{sensor}: {text if not right else 'written'}"] += 1
+            if tell:
+                print("   ", sensor, seed, text[-600:])
+    return Row(*counts.tolist(), dict(others))
+
+
+def clean_blocks(seeds: Sequence[int], sensors: Sequence[str], runner: Runner) -> Iterator[tuple[str, int, Outcome]]:
+    """Yield the outcome of right blocks with 0 to 12 GCPs and 1 to 4 images."""
+    for seed in seeds:
+        for sensor in sensors:
+            rng = np.random.default_rng([seed, 7])
+            gcps, images = int(rng.integers(0, 13)), int(rng.integers(1, 5))
+            images = max(images, 2) if gcps == 0 else images
+            yield sensor, seed, runner(clean(sensor, seed, images, gcps))
+
+
+def main(words: Sequence[str] = ()) -> None:
+    """Print the table; ``--docs`` writes the page."""
+    parser = argparse.ArgumentParser(prog="wrong_inputs.py", description=__doc__)
+    parser.add_argument("--seeds", default="100:104", metavar="A:B", help="seeds from A to below B")
+    parser.add_argument("--kinds", nargs="*", help="kinds whose name begins so")
+    parser.add_argument("--sensors", nargs="*", default=list(SENSORS))
+    parser.add_argument("--clean", type=int, default=0, metavar="N", help="also N seeds of right blocks")
+    parser.add_argument("--checks-only", action="store_true", help="only the checks before the adjustment")
+    parser.add_argument("--tell", action="store_true", help="say what came instead")
+    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
+    options = parser.parse_args(list(words))
+    first, last = map(int, options.seeds.split(":"))
+    runner = run_checks if options.checks_only else run_whole
+    rows = []
+    start = time.process_time()
+    for kind in KINDS:
+        if options.kinds is not None and not any(kind.name.startswith(name) for name in options.kinds):
+            continue
+        row = judge(kind, options.sensors, range(first, last), runner, options.tell)
+        cells = [
+            kind.name,
+            "gross" if kind.gross else "subtle",
+            row.runs,
+            row.noticed,
+            row.named,
+            row.kept,
+            row.crashed,
+        ]
+        rows.append(
+            [*map(str, cells), "; ".join(f"{text} ({count})" for text, count in list(row.others.items())[:3])[:90]]
+        )
+        print(rows[-1], flush=True)
+    print(render(["wrong input", "size", "runs", "noticed", "named", "kept back", "crashed", "else"], rows))
+    if options.clean:
+        bad = total = 0
+        for sensor, seed, found in clean_blocks(range(first, first + options.clean), options.sensors, runner):
+            total += 1
+            if found.codes or found.error or found.crash:
+                bad += 1
+                print("clean", sensor, seed, found.codes, found.error, found.crash[-400:])
+        print(f"clean blocks: {total}, with a reason: {bad}")
+    print(f"{time.process_time() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    import sys
+
+    main(sys.argv[1:])

@@ -1,0 +1,50 @@
+"""Could the inputs be what they claim? Everything that can be asked of a block before it is adjusted."""
+
+from __future__ import annotations
+
+from ..block.block import Block
+from ..foundation.reasons import Reason
+from ..surface.dem import HeightSurface
+from .accuracy import image_accuracy
+from .control import control_of
+from .control_reasons import control_reasons
+from .places import dem_reasons, duplicate_reasons, height_reasons, outside_reasons
+from .ties import tie_reasons
+
+#: Slips of image coordinates or heights that explain why points lie outside an image, or heights outside a range.
+OF_PIXELS = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-scale", "image-ids-permuted"}
+OF_HEIGHTS = {"height-unit", "height-offset", "height-datum", "heights-alike"}
+
+
+def check_block(block: Block, *, surface: HeightSurface | None = None) -> list[Reason]:
+    """Return what in a block's inputs cannot be what it claims, worst first; nothing where all is plausible.
+
+    Parameters
+    ----------
+    block : images with the RPCs as they came, points and measurements
+    surface : the DEM that comes with the block, if any
+    """
+    accuracies = [image_accuracy(image) for image in block.images]
+    control = control_of(block, accuracies)
+    reasons = [] if control is None else control_reasons(control)
+    reasons += tie_reasons(block, accuracies)
+    reasons += height_reasons(block)
+    reasons += [] if surface is None else dem_reasons(block, surface)
+    reasons += outside_reasons(block)
+    reasons += duplicate_reasons(block)
+    return sorted(_without_consequences(reasons), key=lambda reason: -reason.level)
+
+
+def _without_consequences(reasons: list[Reason]) -> list[Reason]:
+    """Leave out what follows from a reason that is named, and a slip that is said of points and of ties alike."""
+    codes = {reason.code for reason in reasons}
+    kept: list[Reason] = []
+    for reason in reasons:
+        follows = (
+            (reason.code == "outside-image" and codes & OF_PIXELS)
+            or (reason.code == "heights-out-of-range" and codes & OF_HEIGHTS)
+            or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
+        )
+        if not follows:
+            kept.append(reason)
+    return kept

@@ -1,0 +1,170 @@
+"""How well surveyed points fit the images they are measured on, when each image's RPC may be shifted.
+
+    e = place on the ray at the surveyed height - survey = shift of the image + misfit of the point   (m east, north)
+
+The shift of an image is the median over its points. A set of surveys is judged by the size of the shifts against what
+the RPCs' errors are, and by the robust scatter of the misfits against what measuring and surveying explain. Two
+readings of the same numbers are compared by the logarithm of their likelihoods::
+
+    cost = 2 f ln(s) + sum over images of rho(shift / sigma)        f: points beyond those that the shifts take
+
+with the scatter ``s``, never below what is expected, and squares ``rho`` that grow slowly beyond ten sigmas. A
+difference of 20 is what five sigmas of one shift make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..block.block import Block
+from .accuracy import ImageAccuracy
+from .sights import Sights, sights
+
+LEAST_PX = 0.3  # nobody measures and surveys better
+DRIFT = 3e-4  # px/px: standard deviation of the drift of a right RPC's error over its image
+BELONG = 0.7  # share of an image's points that must fit for the image to fit
+RAYLEIGH_MEDIAN = 1.1774  # median length of a normal vector in the plane, in its sigmas
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    """Measurements of surveyed points.
+
+    point, image : (n,) indices into the block's points and images
+    xy : (n, 2); ground : (n, 3); sights : their rays
+    noise_m : (n,) what measuring and surveying explain of a misfit; expected_m : (n,) the same with the RPC's drift
+    accuracies : one of each image of the block
+    """
+
+    block: Block
+    point: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+    ground: np.ndarray
+    sights: Sights
+    noise_m: np.ndarray
+    expected_m: np.ndarray
+    accuracies: Sequence[ImageAccuracy]
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    @cached_property
+    def images(self) -> np.ndarray:
+        """Indices of the images on which surveyed points are measured."""
+        return np.unique(self.image)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Indices of the surveyed points that are measured."""
+        return np.unique(self.point)
+
+    def of_images(self, name: str) -> np.ndarray:
+        """Return a figure of every image of the block, ``(images,)``."""
+        return np.array([getattr(accuracy, name) for accuracy in self.accuracies])
+
+    def select(self, rows: np.ndarray) -> Control:
+        """Return some of the measurements."""
+        columns = ("point", "image", "xy", "ground", "noise_m", "expected_m")
+        chosen = {name: getattr(self, name)[rows] for name in columns}
+        return replace(self, sights=self.sights.select(rows), **chosen)
+
+    def point_ids(self, points: np.ndarray) -> tuple[str, ...]:
+        """Return the ids of points by index."""
+        return tuple(self.block.points.ids[points].tolist())
+
+    def image_ids(self, images: np.ndarray) -> tuple[str, ...]:
+        """Return the ids of images by index."""
+        return tuple(self.block.images[index].id for index in images)
+
+
+def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Control | None:
+    """Return the measurements of surveyed points of a block; None where there are none."""
+    covariance = block.points.survey_covariance_m2()
+    sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
+    known = block.known & np.isfinite(block.points.ground).all(axis=1) & np.isfinite(sigma).all(axis=1)
+    rows = np.flatnonzero(known[block.measurements.point])
+    if not len(rows):
+        return None
+    measured = block.measurements
+    point, image, xy = measured.point[rows], measured.image[rows], measured.xy[rows]
+    seen = sights(block.images, image, xy)
+    gsd = np.array([accuracy.gsd_m for accuracy in accuracies])[image]
+    noise = np.sqrt(
+        (gsd * np.maximum(measured.sigma_px[rows], LEAST_PX)) ** 2
+        + sigma[point, :2].max(axis=1) ** 2
+        + np.nan_to_num(np.sum(seen.slope**2, axis=1)) * sigma[point, 2] ** 2
+    )
+    centre = np.array([one.centre_px for one in block.images])[image]
+    expected = np.hypot(noise, DRIFT * gsd * np.hypot(*(xy - centre).T))
+    return Control(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Surveyed points under one reading of the numbers.
+
+    distance_m : (n, 2) east, north; shift_m : (images, 2) of each image, NaN without points
+    misfit_m : (n, 2) what is left; scatter : robust sigma of a misfit, in units of the expected one
+    """
+
+    control: Control
+    distance_m: np.ndarray
+    shift_m: np.ndarray
+    misfit_m: np.ndarray
+    scatter: float
+
+    @cached_property
+    def shift_sigmas(self) -> np.ndarray:
+        """Size of each image's shift in sigmas of its RPC ``(images,)``, 0 without points."""
+        return np.asarray(np.hypot(*np.nan_to_num(self.shift_m).T) / self.control.of_images("sigma_m"))
+
+    @cached_property
+    def belongs(self) -> np.ndarray:
+        """Which measurements fit their image, up to the worst measuring and drift, ``(n,)``."""
+        limit = np.maximum(self.control.of_images("misfit_m")[self.control.image], 8.0 * self.control.expected_m)
+        return np.asarray(np.hypot(*self.misfit_m.T) <= limit)
+
+    @cached_property
+    def fitting(self) -> np.ndarray:
+        """Which images fit their points: shift within what an RPC does, and most points agree; ``(images,)``."""
+        control = self.control
+        count = np.bincount(control.image, minlength=len(control.accuracies))
+        agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
+        near = np.hypot(*np.nan_to_num(self.shift_m).T) <= control.of_images("far_m")
+        return np.asarray((agree >= np.where(count < 4, count, BELONG * count)) & near)
+
+    @property
+    def fits(self) -> bool:
+        """Whether all images fit their points."""
+        return bool(self.fitting[self.control.images].all())
+
+    @cached_property
+    def cost(self) -> float:
+        """Minus twice the logarithm of the likelihood."""
+        control = self.control
+        freedom = len(control) - len(control.images)
+        sigmas = np.minimum(self.shift_sigmas[control.images], 1e9)
+        by_shift = np.where(sigmas < 10.0, sigmas**2, 100.0 + 20.0 * np.log(np.maximum(sigmas, 10.0) / 10.0))
+        return float(4.0 * freedom * np.log(max(self.scatter, 1.0)) + by_shift.sum())
+
+
+def fit(control: Control, ground: np.ndarray | None = None, seen: Sights | None = None) -> Fit:
+    """Return how surveys ``ground (n, 3)`` fit rays, by default both as they are given."""
+    surveyed = control.ground if ground is None else ground
+    distance = (control.sights if seen is None else seen).distance_m(surveyed)
+    shift = np.full((len(control.accuracies), 2), np.nan)
+    for index in control.images:
+        shift[index] = np.median(distance[control.image == index], axis=0)
+    misfit = distance - shift[control.image]
+    # an image takes one point's misfit for its shift: of k points about k - 1 are left to tell the scatter
+    count = np.bincount(control.image)[control.image]
+    several = count > 1
+    relative = np.hypot(*misfit[several].T) / control.expected_m[several]
+    relative *= np.sqrt(count[several] / (count[several] - 1.0))
+    scatter = float(np.median(relative)) / RAYLEIGH_MEDIAN if several.any() else 0.0
+    return Fit(control, distance, shift, misfit, scatter)

@@ -1,0 +1,304 @@
+"""From surveyed points that do not fit their images to a reason that names the slip, where one explains them.
+
+A slip is named where, undone, everything fits, and clearly better than with every other slip. Else the reason says
+that the points do not fit, and makes no guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..block.points import Role
+from ..foundation.errors import named
+from ..foundation.reasons import Level, Reason
+from .control import Control, Fit, fit
+from .groups import Disagreement, disagreement
+from .identities import permuted_images, permuted_points
+from .sights import sights
+from .slips import PIXEL_SLIPS, Slip, common_lift, ground_readings
+
+SURE = 50.0  # cost that a slip saves from which on the input is wrong beyond doubt
+WORTH = 22.0  # cost that a slip saves to be named at all: a chance of one in ten thousand among all slips
+CLEARER = 6.0  # than every other slip
+SUSPICIOUS_SIGMAS, SUSPICIOUS_SCATTER = 3.5, 2.5
+EXPLAINED_SIGMAS, EXPLAINED_SCATTER = 4.5, 12.0  # what a right block shows at most
+WRONG_SHARE = 0.25  # of the surveyed points, from which on nobody should trust the set
+LIFT_SIGMAS = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A slip undone: how everything fits then; ``points``, ``images`` (indices) that it concerns, None for all."""
+
+    slip: Slip
+    fit: Fit
+    points: np.ndarray | None = None
+    images: np.ndarray | None = None
+
+    @property
+    def cost(self) -> float:
+        """Cost of the numbers read this way."""
+        return self.fit.cost + self.slip.burden
+
+
+def control_reasons(control: Control) -> list[Reason]:
+    """Return what is wrong with the surveyed points of a block, nothing where they fit."""
+    given = fit(control)
+    apart = disagreement(given)
+    if not _suspicious(given) and apart is None:
+        return []
+    named_slip = _named_slip(control, given)
+    if named_slip is not None:
+        return [_slip_reason(control, given, named_slip)]
+    if apart is not None:
+        single = _slip_of_points(control, given, apart)
+        return [_apart_reason(control, given, apart) if single is None else single]
+    if not given.fits:
+        return [_misfit_reason(control, given)]
+    return [*_large_shift(control, given), *_common_height(control, given)]
+
+
+def _suspicious(given: Fit) -> bool:
+    """Whether a slip is worth looking for: a right block hardly ever is."""
+    return (
+        not given.fits
+        or given.scatter > SUSPICIOUS_SCATTER
+        or bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
+        or abs(_lift_sigmas(given)) > SUSPICIOUS_SIGMAS
+    )
+
+
+def _lift_sigmas(given: Fit) -> float:
+    lift, sigma = common_lift(given.control, given.shift_m)
+    return lift / sigma if sigma > 0.0 else 0.0
+
+
+# ---- the slip that explains ----------------------------------------------------------------------------------------
+
+
+def _named_slip(control: Control, given: Fit) -> Reading | None:
+    """Return the slip that explains the misfit, clearly better than every other; None without."""
+    best: dict[str, Reading] = {}
+    for reading in _readings(control, given):
+        saved = given.cost - reading.cost
+        if saved > WORTH and _explains(reading.fit, given):
+            code = reading.slip.code
+            if code not in best or reading.cost < best[code].cost:
+                best[code] = reading
+    ranked = sorted(best.values(), key=lambda reading: reading.cost)
+    if not ranked or (len(ranked) > 1 and ranked[1].cost - ranked[0].cost < CLEARER):
+        return None
+    return ranked[0]
+
+
+def _explains(read: Fit, given: Fit) -> bool:
+    """Whether everything fits as a right block does, and what was wrong has become clearly less."""
+    largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
+    good_shift = largest < max(EXPLAINED_SIGMAS, 0.02 * before)
+    return read.fits and good_shift and read.scatter < max(EXPLAINED_SCATTER, 0.02 * given.scatter)
+
+
+def _readings(control: Control, given: Fit) -> Iterator[Reading]:
+    """Yield every slip, undone; those of image coordinates on all images, or on those that do not fit alone."""
+    far = bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
+    for slip, ground in ground_readings(control, given.shift_m, far):
+        yield Reading(slip, fit(control, ground))
+    wrong = control.images[~given.fitting[control.images]]
+    for some in (None, wrong) if 0 < len(wrong) < len(control.images) else (None,):
+        for slip, undo in PIXEL_SLIPS:
+            yield Reading(slip, _read_pixels(control, undo, some), images=some)
+    suspects = wrong if len(wrong) > 1 else control.images
+    images = permuted_images(control, suspects)
+    if images is not None:
+        changed = np.unique(control.image[images[0] != control.image])
+        slip = Slip("image-ids-permuted", _image_exchange(control, images[0]), "correct the field 'image'", 4.0)
+        yield Reading(slip, fit(replace(control, image=images[0], sights=images[1])), images=changed)
+    owners = permuted_points(control)
+    if owners is not None:
+        points = control.points
+        survey = control.block.points.ground[points[owners]]
+        moved = owners != np.arange(len(points))
+        slip = Slip(
+            "point-ids-permuted",
+            _point_exchange(control.block.points.ids[points], owners),
+            "correct the ids of these points",
+            4.0,
+        )
+        yield Reading(slip, fit(control, survey[np.searchsorted(points, control.point)]), points=points[moved])
+
+
+def _read_pixels(control: Control, undo: Callable[..., np.ndarray], some: np.ndarray | None) -> Fit:
+    xy = control.xy.copy()
+    for index in control.images if some is None else some:
+        rows = control.image == index
+        xy[rows] = undo(control.xy[rows], control.block.images[index])
+    rows = np.any(xy != control.xy, axis=1)
+    if not rows.any():
+        return fit(control)
+    fresh = sights(control.block.images, control.image[rows], xy[rows])
+    return fit(control, seen=control.sights.replaced(rows, fresh))
+
+
+def _image_exchange(control: Control, owner: np.ndarray) -> str:
+    pairs = sorted({(int(a), int(b)) for a, b in zip(control.image, owner, strict=True) if a != b})
+    ids = control.block.images
+    text = ", ".join(f"{ids[a].id} are of {ids[b].id}" for a, b in pairs[:4])
+    return f"measurements belong to other images: those said to be on {text}"
+
+
+def _point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
+    moved = np.flatnonzero(owners != np.arange(len(owners)))
+    text = ", ".join(f"{ids[a]} is {ids[owners[a]]}" for a in moved[:4])
+    return f"ids of ground points are mixed up: what is measured as {text}{' …' if len(moved) > 4 else ''}"
+
+
+# ---- reasons -------------------------------------------------------------------------------------------------------
+
+
+def _slip_reason(control: Control, given: Fit, found: Reading) -> Reason:
+    sure = not given.fits or given.cost - found.cost > SURE
+    points = control.points if found.points is None else found.points
+    images = control.images if found.images is None else found.images
+    where = "" if found.images is None else f" on image {named(control.image_ids(images))}"
+    return Reason(
+        found.slip.code,
+        Level.UNUSABLE if sure else Level.DOUBTFUL,
+        f"{found.slip.what}{where}: the ground points lie {_typical(given)} from where the RPCs put them, and "
+        f"{_typical(found.fit)} when this is undone",
+        found.slip.advice,
+        control.image_ids(images),
+        control.point_ids(points),
+    )
+
+
+def _typical(read: Fit) -> str:
+    """Return the median distance of points from their places, ``1.2 km (2400 px)``."""
+    away = np.hypot(*read.distance_m.T)
+    pixels = away / read.control.of_images("gsd_m")[read.control.image]
+    return f"{_metres(float(np.median(away)))} ({float(np.median(pixels)):.3g} px)"
+
+
+def _metres(distance: float) -> str:
+    return f"{distance / 1e3:.4g} km" if distance >= 2e3 else f"{distance:.3g} m"
+
+
+def _slip_of_points(control: Control, given: Fit, apart: Disagreement) -> Reason | None:
+    """Return the slip of the points that disagree, where they alone have one."""
+    rows = np.isin(control.point, apart.points)
+    rest = control.select(~rows)
+    shift = fit(rest).shift_m
+    limit = np.maximum(control.of_images("misfit_m")[control.image], 8.0 * control.expected_m)[rows] / 3.0
+    before = np.hypot(*(given.distance_m - shift[control.image])[rows].T)
+    if np.median(before / limit) < 3.0:
+        return None
+    fitting: dict[str, Slip] = {}
+    owners = permuted_points(control.select(rows))
+    if owners is not None:
+        points = control.block.points
+        survey = points.ground[apart.points[owners]][np.searchsorted(apart.points, control.point[rows])]
+        away = np.hypot(*(control.sights.select(rows).distance_m(survey) - shift[control.image[rows]]).T)
+        if (away < limit).all():
+            fitting["point-ids-permuted"] = Slip(
+                "point-ids-permuted",
+                _point_exchange(points.ids[apart.points], owners),
+                "correct the ids of these points",
+            )
+    for slip, ground in ground_readings(control, shift, False):
+        away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
+        if (away < limit).all() and slip.code != "height-offset":
+            fitting.setdefault(slip.code, slip)
+    for slip, undo in PIXEL_SLIPS:
+        read = _read_pixels(control, undo, None)
+        if (np.hypot(*(read.distance_m - shift[control.image])[rows].T) < limit).all():
+            fitting.setdefault(slip.code, slip)
+    if len(fitting) != 1:
+        return None
+    slip = next(iter(fitting.values()))
+    ids = control.point_ids(apart.points)
+    return Reason(
+        slip.code, _level(control, apart.points), f"of ground point {named(ids)}: {slip.what}", slip.advice,
+        control.image_ids(np.unique(control.image[rows])), ids,
+    )  # fmt: skip
+
+
+def _level(control: Control, points: np.ndarray) -> Level:
+    """A few wrong points are left out or outvoted; a quarter of the GCPs, or of all, is too much to trust any."""
+    gcps = control.points[control.block.points.role[control.points] == Role.GCP]
+    wrong = np.isin(gcps, points)
+    of_gcps = wrong.sum() > 1 and wrong.sum() >= WRONG_SHARE * len(gcps)
+    of_all = len(points) > 1 and len(points) >= WRONG_SHARE * len(control.points)
+    return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
+
+
+def _apart_reason(control: Control, given: Fit, apart: Disagreement) -> Reason:
+    ids = control.point_ids(apart.points)
+    east, north, up = apart.step_m
+    rows = np.isin(control.point, apart.points)
+    images = control.image_ids(np.unique(control.image[rows]))
+    count = f"{len(ids)} of {len(control.points)} ground points"
+    sides = "east" if east >= 0.0 else "west", "north" if north >= 0.0 else "south"
+    off = f"{abs(east):.3g} m {sides[0]} and {abs(north):.3g} m {sides[1]}"
+    if np.isfinite(up) and abs(up) > 3.0 * np.hypot(east, north):
+        off = f"{abs(up):.3g} m {'above' if up > 0.0 else 'below'}"
+    if apart.group:
+        return Reason(
+            "control-groups", _level(control, apart.points),
+            f"{count} ({named(ids)}) lie {off} of where the others put them, all alike: two surveys that disagree",
+            "find out which of the two is right (datum, base station, epoch) and leave the other out", images, ids,
+        )  # fmt: skip
+    return Reason(
+        "control-outliers", _level(control, apart.points),
+        f"{count} ({named(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more",
+        "check where these points are measured, their coordinates and their ids", images, ids,
+    )  # fmt: skip
+
+
+def _misfit_reason(control: Control, given: Fit) -> Reason:
+    wrong = control.images[~given.fitting[control.images]]
+    sigma = max(control.accuracies[index].sigma_m for index in wrong)
+    rows = np.isin(control.image, wrong)
+    points = np.unique(control.point[rows & ~given.belongs])
+    if not len(points):
+        points = np.unique(control.point[rows])
+    return Reason(
+        "control-misfit", Level.UNUSABLE,
+        f"the ground points lie {_typical(given)} from where the RPCs of {named(control.image_ids(wrong))} put them, "
+        f"which no error of these RPCs explains (about {sigma:.3g} m); none of the usual slips does either",
+        "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together",
+        control.image_ids(wrong), control.point_ids(points),
+    )  # fmt: skip
+
+
+def _large_shift(control: Control, given: Fit) -> list[Reason]:
+    size = np.hypot(*np.nan_to_num(given.shift_m).T)
+    large = np.flatnonzero(size > control.of_images("large_m"))
+    if not len(large):
+        return []
+    sigma = max(control.accuracies[index].sigma_m for index in large)
+    return [
+        Reason(
+            "control-far", Level.DOUBTFUL,
+            f"the ground points on {named(control.image_ids(large))} lie {_metres(float(size[large].max()))} from "
+            f"where the RPCs put them, which is much for RPCs of about {sigma:.3g} m",
+            "check the datum of the ground points and that RPC and image belong together",
+            control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)])),
+        )
+    ]  # fmt: skip
+
+
+def _common_height(control: Control, given: Fit) -> list[Reason]:
+    lift, sigma = common_lift(control, given.shift_m)
+    if sigma <= 0.0 or abs(lift) < LIFT_SIGMAS * sigma:
+        return []
+    return [
+        Reason(
+            "height-offset", Level.DOUBTFUL,
+            f"the heights of the ground points seem to be {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'} "
+            f"({sigma:.0f} m can be told): images from different sides disagree by it",
+            "check what the heights refer to (height_datum) and their unit",
+            control.image_ids(control.images), control.point_ids(control.points),
+        )
+    ]  # fmt: skip

@@ -1,0 +1,49 @@
+"""Horizontal datums of an area: by how much coordinates move when one of them is taken for WGS84."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pyproj
+from pyproj.aoi import AreaOfInterest
+from pyproj.enums import PJType
+
+from ..ground.geodesy import metres_per_degree, wrap_degrees
+
+LEAST_M = 3.0  # datums nearer to WGS84 are not told apart from it
+
+
+class DatumShift(NamedTuple):
+    """Metres east and north from coordinates of a datum taken for WGS84 to where the point really is."""
+
+    name: str
+    east_m: float
+    north_m: float
+
+
+@lru_cache(maxsize=16)
+def datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
+    """Return the datums in use at a place that PROJ can transform and that are not WGS84 in disguise."""
+    area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
+    known = pyproj.database.query_crs_info(
+        auth_name="EPSG", pj_types=PJType.GEOGRAPHIC_2D_CRS, area_of_interest=area, contains=True
+    )
+    factors = metres_per_degree(np.array([[lon_deg, lat_deg, 0.0]]))[0]
+    found: list[DatumShift] = []
+    for info in known:
+        with warnings.catch_warnings(), contextlib.suppress(pyproj.exceptions.ProjError):
+            warnings.simplefilter("ignore")
+            to_wgs84 = pyproj.Transformer.from_crs(f"EPSG:{info.code}", "EPSG:4326", always_xy=True)
+            lon, lat = to_wgs84.transform(lon_deg, lat_deg)
+            shift = DatumShift(
+                info.name,
+                float(wrap_degrees(np.array(lon - lon_deg)) * factors[0]),
+                float((lat - lat_deg) * factors[1]),
+            )
+            if LEAST_M < np.hypot(shift.east_m, shift.north_m) < 5e3:
+                found.append(shift)
+    return tuple(found)

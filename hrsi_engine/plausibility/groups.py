@@ -1,0 +1,122 @@
+"""Surveyed points that disagree with the others: single ones, and a group that is moved against the rest.
+
+Each point has one vector: the mean over its images of the misfit on the ground. Where they fall into two heaps, one
+as tight as the measuring and the other apart from it by several times that, two surveys were mixed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .control import LEAST_PX, RAYLEIGH_MEDIAN, Fit
+
+APART = 8.0  # gap between two groups, and distance of a single point, over the spread within
+LEAST_SIGMAS = 8.0  # of the expected misfit
+LEAST_GAP_PX = 2.0
+LEAST_POINTS = 4
+DIRECTIONS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Disagreement:
+    """Points (indices into the block's) that disagree with the rest.
+
+    step_m : (3,) east, north, height by which they are off on the median; NaN height where it cannot be told
+    gap : distance over the spread within; group : whether they are off by the same step
+    """
+
+    points: np.ndarray
+    step_m: np.ndarray
+    gap: float
+    group: bool
+
+
+def disagreement(given: Fit) -> Disagreement | None:
+    """Return the smaller part of the surveyed points that disagrees with the larger; None where all agree."""
+    control = given.control
+    points = control.points
+    if len(points) < LEAST_POINTS:
+        return None
+    vector, expected = point_vectors(given)
+    least = np.maximum(LEAST_SIGMAS * expected, LEAST_GAP_PX * _gsd(given))
+    two = _two_heaps(vector, expected, float(least.max()))
+    if two is not None:
+        smaller, gap = two
+        return _described(given, points, vector, smaller, gap, group=True)
+    middle = np.median(vector, axis=0)
+    away = np.abs(vector - middle).max(axis=1)
+    spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / RAYLEIGH_MEDIAN, expected)
+    off = (away > APART * spread) & (away > least)
+    if not off.any() or off.sum() > len(points) / 2:
+        return None
+    return _described(given, points, vector, off, float((away / spread)[off].min()), group=False)
+
+
+def point_vectors(given: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Return each point's mean misfit and its difference between rays from both sides ``(p, 3)``; and the noise ``(p,)``.
+
+    The third column is in metres on the ground too: the misfit of an image times the direction in which its rays lean,
+    from the mean of the point's images. It tells a wrong height, which moves the images against each other.
+    """
+    control = given.control
+    place = np.searchsorted(control.points, control.point)
+    count = np.bincount(place)
+    mean = np.column_stack([np.bincount(place, given.misfit_m[:, axis]) / count for axis in (0, 1)])
+    lean = control.sights.slope - np.column_stack(
+        [(np.bincount(place, control.sights.slope[:, axis]) / count)[place] for axis in (0, 1)]
+    )
+    length = np.hypot(*lean.T)
+    along = np.sum(given.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
+    along[length < 0.02] = 0.0
+    parallax = np.bincount(place, along) / count
+    expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
+    return np.column_stack([mean, parallax]), np.maximum(expected, LEAST_PX * _gsd(given))
+
+
+def _gsd(given: Fit) -> float:
+    control = given.control
+    return float(np.median(control.of_images("gsd_m")[control.images]))
+
+
+def _two_heaps(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
+    """Return the smaller of two heaps of points (mask), and the gap between them over their spread."""
+    best: tuple[np.ndarray, float] | None = None
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    directions = np.vstack([np.column_stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)]), [[0.0, 0.0, 1.0]]])
+    count = len(vector)
+    for direction in directions:
+        along = vector @ direction
+        order = np.argsort(along)
+        step = np.diff(along[order])
+        step[[0, -1]] = 0.0  # a heap has two points at least
+        cut = int(np.argmax(step))
+        if step[cut] < least_m:
+            continue
+        low, high = order[: cut + 1], order[cut + 1 :]
+        within = max(_width(along[low]), _width(along[high]), float(np.median(expected)))
+        gap = float(step[cut] / within)
+        if gap > APART and (best is None or gap > best[1]):
+            smaller = np.zeros(count, dtype=bool)
+            smaller[low if len(low) <= len(high) else high] = True
+            best = smaller, gap
+    return best
+
+
+def _width(along: np.ndarray) -> float:
+    """Return the standard deviation within a heap; of two or three points their range says little: it is doubled."""
+    spread = float(np.std(along, ddof=1))
+    return 2.0 * spread if len(along) < 4 else spread
+
+
+def _described(
+    given: Fit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
+) -> Disagreement:
+    step = -(np.median(vector[off], axis=0) - np.median(vector[~off], axis=0))
+    control = given.control
+    place = np.searchsorted(points, control.point)
+    lean = np.hypot(*(control.sights.slope - np.median(control.sights.slope, axis=0)).T)[off[place]]
+    typical = float(np.median(lean)) if len(lean) else 0.0
+    height = -step[2] / typical if typical > 0.02 else np.nan
+    return Disagreement(points[off], np.array([step[0], step[1], height]), gap, group)

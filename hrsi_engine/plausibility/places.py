@@ -1,0 +1,176 @@
+"""Where things lie: points outside their images, heights outside a range, a DEM beside the block, an image twice."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from ..block.block import Block, Image
+from ..camera.rpc import RPC
+from ..foundation.errors import named
+from ..foundation.reasons import Level, Reason
+from ..ground import height_datum
+from ..surface.dem import HeightSurface, surface_heights
+from .slips import undulations
+
+OUTSIDE_SHARE = 0.5  # of an image's size: a point so far outside was not measured on it
+OUTSIDE_PX = 1.5  # an edge, and a count from 1
+MANY_OUTSIDE, LEAST_POINTS = 0.5, 4
+HEIGHT_SHARE, HEIGHT_M = (
+    0.1,
+    50.0,
+)  # of the RPC's heights, and metres, beyond which a height is no longer in their range
+COVERED = 0.8  # share of the block that a DEM should cover
+GRID = 5
+DEM_DIFFERENCE_M = 20.0  # trees, houses and a coarse DEM do less
+
+
+def outside_reasons(block: Block) -> list[Reason]:
+    """Return images on which points are measured far outside, or most of them outside."""
+    measured = block.measurements
+    reasons = []
+    known = np.array([image.size is not None for image in block.images])
+    if not known.any():
+        return []
+    middle = np.array([image.centre_px for image in block.images])[measured.image]
+    half = np.array([image.half_size_px + 0.5 for image in block.images])[measured.image]
+    beyond = np.abs(measured.xy - middle) - half
+    far = (beyond > OUTSIDE_SHARE * 2.0 * half).any(axis=1) & known[measured.image]
+    outside = (beyond > OUTSIDE_PX).any(axis=1) & known[measured.image]
+    count = np.bincount(measured.image, minlength=len(known))
+    many = np.bincount(measured.image[outside], minlength=len(known)) > np.maximum(MANY_OUTSIDE * count, LEAST_POINTS)
+    wrong = far | (outside & many[measured.image])
+    for index in np.unique(measured.image[wrong]):
+        rows = wrong & (measured.image == index)
+        ids = tuple(np.unique(block.points.ids[measured.point[rows]]).tolist())
+        image = block.images[index]
+        reasons.append(
+            Reason(
+                "outside-image", Level.DOUBTFUL,
+                f"{rows.sum()} of {count[index]} points on image {image.id} lie outside its {image.size[0]} x "
+                f"{image.size[1]} px, up to {beyond[rows].max():.0f} px ({named(ids)})",
+                "check the columns sample and line, and that the points were measured on this image", (image.id,), ids,
+            )
+        )  # fmt: skip
+    return reasons
+
+
+def height_reasons(block: Block) -> list[Reason]:
+    """Return surveyed heights that no image of the point was made for, and heights that are all the same."""
+    measured, points = block.measurements, block.points
+    rows = np.flatnonzero(block.known[measured.point])
+    if not len(rows):
+        return []
+    ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
+    slack = np.maximum(HEIGHT_SHARE * (ranges[:, 1] - ranges[:, 0]), HEIGHT_M)
+    height = points.ground[measured.point[rows], 2]
+    wrong = (height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack)
+    reasons = []
+    if wrong.any():
+        which = np.unique(measured.point[rows[wrong]])
+        ids = tuple(points.ids[which].tolist())
+        low, high = np.median(ranges[wrong], axis=0)
+        images = tuple(block.images[index].id for index in np.unique(measured.image[rows[wrong]]))
+        reasons.append(
+            Reason(
+                "heights-out-of-range", Level.DOUBTFUL,
+                f"the height of ground point {named(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) "
+                f"is outside the {low:.0f} to {high:.0f} m that the RPCs were made for",
+                "check the heights' unit and what they refer to (height_datum)", images, ids,
+            )
+        )  # fmt: skip
+    which = np.unique(measured.point[rows])
+    heights = points.ground[which, 2]
+    if len(which) >= LEAST_POINTS and np.ptp(heights) == 0.0:
+        reasons.append(
+            Reason(
+                "heights-alike", Level.DOUBTFUL,
+                f"all {len(which)} ground points have the height {heights[0]:g} m: heights were lost, or never there",
+                "name the field that holds the heights, or a DEM that gives them",
+                points=tuple(points.ids[which].tolist()),
+            )
+        )  # fmt: skip
+    return reasons
+
+
+def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
+    """Return whether a DEM leaves out a part of the block, and whether its heights and the surveyed ones disagree."""
+    reasons = []
+    covered = np.array([_covered(image, block, surface) for image in block.images])
+    if covered.mean() < COVERED:
+        ids = tuple(image.id for image, share in zip(block.images, covered, strict=True) if share < COVERED)
+        reasons.append(
+            Reason(
+                "dem-coverage", Level.DOUBTFUL,
+                f"the DEM covers {covered.mean():.0%} of the images' ground"
+                + (f", least of all {named(ids)}" if len(ids) < len(covered) else ""),
+                "name a DEM of the whole block, and check its CRS", ids,
+            )
+        )  # fmt: skip
+    known = block.known & np.isfinite(block.points.ground).all(axis=1)
+    ground = block.points.ground[known]
+    grid = undulations(ground, "egm96")
+    found = height_datum.height_difference(
+        ground[:, 2], surface_heights(surface, ground[:, :2]), np.full(len(ground), np.nan) if grid is None else grid
+    )
+    if found is None or not found.significant:
+        return reasons
+    ids = tuple(block.points.ids[known].tolist())
+    text = (
+        f"the heights of {found.points} ground points lie {abs(found.median_m):.1f} m "
+        f"{'above' if found.median_m > 0.0 else 'below'} the DEM (median)"
+    )
+    if found.sign_of_geoid:
+        low, high = ("DEM", "ground points") if found.sign_of_geoid > 0 else ("ground points", "DEM")
+        argument = "dem_datum" if found.sign_of_geoid > 0 else "height_datum"
+        reasons.append(
+            Reason(
+                "height-datum", Level.DOUBTFUL,
+                f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of the {low} "
+                f"are above the geoid but count as ellipsoidal, or those of the {high} are ellipsoidal but were converted",
+                f"say what the heights of both refer to ({argument})", (), ids,
+            )
+        )  # fmt: skip
+    elif abs(found.median_m) > DEM_DIFFERENCE_M:
+        reasons.append(
+            Reason(
+                "height-offset", Level.DOUBTFUL, text,
+                "check what the heights of both refer to (height_datum, dem_datum) and their unit", (), ids,
+            )
+        )  # fmt: skip
+    return reasons
+
+
+def _covered(image: Image, block: Block, surface: HeightSurface) -> float:
+    """Return the share of an image's ground at which a DEM has a height."""
+    known = block.points.ground[block.known, 2]
+    height = float(np.median(known)) if len(known) else image.rpc.height_off
+    low, high = image.rpc.height_range
+    ground = image.rpc.localize(image.grid_px(GRID, GRID, margin=-0.05), float(np.clip(height, low, high))).ground
+    return float(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
+
+
+def duplicate_reasons(block: Block) -> list[Reason]:
+    """Return images that are the same scene under two names: one RPC, or the same pixels measured everywhere."""
+    groups: dict[RPC, list[int]] = {}
+    for index, image in enumerate(block.images):
+        groups.setdefault(image.rpc, []).append(index)
+    twins = {(a, b) for same in groups.values() for a, b in pairwise(same)}
+    measured = block.measurements
+    first = np.flatnonzero((measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1]))
+    key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
+    same = np.all(measured.xy[first] == measured.xy[first + 1], axis=1)
+    for pair in np.unique(key[same]):
+        rows = key == pair
+        if rows.sum() >= LEAST_POINTS and same[rows].mean() > 0.5:
+            twins.add((int(pair) // len(block.images), int(pair) % len(block.images)))
+    return [
+        Reason(
+            "duplicate-images", Level.DOUBTFUL,
+            f"images {block.images[a].id} and {block.images[b].id} are the same scene: rays from one place count twice "
+            "and tell no heights",
+            "leave one of them out", (block.images[a].id, block.images[b].id),
+        )
+        for a, b in sorted(twins)
+    ]  # fmt: skip

@@ -1,0 +1,61 @@
+"""Lines of sight: where image points lie on the ground, as straight lines over the height.
+
+A point is judged on the ground, not on the image: an RPC carries an image point to the ground wherever its survey is,
+but far outside its domain it projects nonsense. East and north of a ray are linear in its height, so that a survey
+with other heights needs no new ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..block.block import Image
+from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
+
+NOWHERE_M = 2e7  # distance of a point without a ray
+
+
+@dataclass(frozen=True, eq=False)
+class Sights:
+    """Rays of image points: ``ground (n, 3)`` on them, and metres east and north per metre of height ``(n, 2)``."""
+
+    ground: np.ndarray
+    slope: np.ndarray
+
+    def distance_m(self, surveyed: np.ndarray) -> np.ndarray:
+        """Return metres east and north ``(n, 2)`` from surveyed points to where their rays are at that height."""
+        difference = self.ground[:, :2] - surveyed[:, :2]
+        difference[:, 0] = wrap_degrees(difference[:, 0])
+        across = difference * metres_per_degree(self.ground)[:, :2]
+        across += self.slope * (surveyed[:, 2] - self.ground[:, 2])[:, None]
+        lost = ~np.isfinite(across).all(axis=1)
+        across[lost] = NOWHERE_M
+        return across
+
+    def select(self, rows: np.ndarray) -> Sights:
+        """Return some of the rays."""
+        return Sights(self.ground[rows], self.slope[rows])
+
+    def replaced(self, rows: np.ndarray, others: Sights) -> Sights:
+        """Return the rays with others at some rows (mask)."""
+        ground, slope = self.ground.copy(), self.slope.copy()
+        ground[rows], slope[rows] = others.ground, others.slope
+        return Sights(ground, slope)
+
+
+def sights(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sights:
+    """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, through the heights of each RPC."""
+    ground, slope = np.full((len(xy), 3), np.nan), np.full((len(xy), 2), np.nan)
+    for index in np.unique(image):
+        rpc, rows = images[index].rpc, np.flatnonzero(image == index)
+        high = rpc.height_range[1]
+        points = np.concatenate([xy[rows], xy[rows]])
+        heights = np.repeat([rpc.height_off, high], len(rows))
+        found = rpc.localize(points, heights).ground
+        middle, upper = found[: len(rows)], found[len(rows) :]
+        ground[rows] = middle
+        slope[rows] = ground_difference_m(upper, middle)[:, :2] / (high - rpc.height_off)
+    return Sights(ground, slope)

@@ -1,0 +1,269 @@
+"""Likely slips: what the numbers would be if somebody had made one, and the sentence that names it.
+
+A slip is undone, and the result is fitted again: the slip explains the misfit where everything then fits. Slips of
+image coordinates may concern some images only, those that do not fit.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pyproj
+
+from ..block.block import Image
+from ..foundation.errors import InputError
+from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, utm_epsg, wrap_degrees
+from .control import Control
+from .datums import datum_shifts
+
+FOOT_M = 0.3048
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A reading of the numbers: a code, what is wrong, and what to do.
+
+    burden : cost of a slip that fits itself to the data, so that one without does not lose against it
+    """
+
+    code: str
+    what: str
+    advice: str
+    burden: float = 0.0
+
+
+# ---- image coordinates ---------------------------------------------------------------------------------------------
+
+Pixels = Callable[[np.ndarray, Image], np.ndarray]
+
+
+def _mirrored(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
+    turned = xy.copy()
+    turned[:, axis] = 2.0 * image.centre_px[axis] - xy[:, axis]
+    return turned
+
+
+def _scaled(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
+    """Return coordinates of larger or smaller pixels; both images have their corner in common."""
+    return (xy + 0.5) * factor - 0.5
+
+
+SCALES = (
+    (2.0, "twice as large"), (4.0, "four times as large"), (0.5, "half as large"), (0.25, "a quarter as large"),
+)  # fmt: skip
+
+#: How measured image points are to be read, by slip; each takes ``xy (n, 2)`` of an image and undoes the slip.
+PIXEL_SLIPS: tuple[tuple[Slip, Pixels], ...] = (
+    (
+        Slip("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
+        lambda xy, image: xy[:, ::-1],
+    ),
+    (
+        Slip("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
+        lambda xy, image: _mirrored(xy, image, 1),
+    ),
+    (
+        Slip("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
+        lambda xy, image: xy * [1.0, -1.0],
+    ),
+    (
+        Slip("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
+        lambda xy, image: _mirrored(xy, image, 0),
+    ),
+    *(
+        (
+            Slip(
+                "image-scale", f"image coordinates are those of an image with pixels {text}",
+                "measure on the image itself, or multiply the coordinates",
+            ),
+            partial(_scaled, factor=factor),
+        )
+        for factor, text in SCALES
+    ),
+)  # fmt: skip
+
+
+# ---- ground coordinates --------------------------------------------------------------------------------------------
+
+GroundReading = tuple[Slip, np.ndarray]
+
+
+def ground_readings(control: Control, shift_m: np.ndarray, suspicious_shift: bool) -> Iterator[GroundReading]:
+    """Yield the slips of ground coordinates with the points ``(n, 3)`` as they would be without.
+
+    ``shift_m (images, 2)`` are the shifts of the numbers as given. Datums are looked up only where the shifts are
+    suspicious.
+    """
+    ground = control.ground
+    near = np.nanmedian(control.sights.ground, axis=0)
+    yield from _exchanged(ground)
+    yield from _other_zone(ground, near)
+    yield from _other_hemisphere(ground, near)
+    yield from _other_heights(control, shift_m)
+    if suspicious_shift:
+        yield from _other_datum(ground, near)
+
+
+def _exchanged(ground: np.ndarray) -> Iterator[GroundReading]:
+    yield (
+        Slip("lon-lat-swapped", "longitude and latitude are exchanged", "exchange the columns of the ground points"),
+        ground[:, [1, 0, 2]],
+    )
+    for code, what, signs in (
+        ("lon-sign", "the longitude has the wrong sign", [-1.0, 1.0, 1.0]),
+        ("lat-sign", "the latitude has the wrong sign", [1.0, -1.0, 1.0]),
+        ("lon-lat-sign", "longitude and latitude have the wrong sign", [-1.0, -1.0, 1.0]),
+    ):
+        yield Slip(code, what, "change the sign: east and north are positive"), ground * signs
+    for signs in ([-1.0, 1.0, 1.0], [1.0, -1.0, 1.0]):
+        yield (
+            Slip(
+                "lon-lat-swapped", "longitude and latitude are exchanged and one has the wrong sign",
+                "exchange the columns of the ground points; east and north are positive",
+            ),
+            ground[:, [1, 0, 2]] * signs,
+        )  # fmt: skip
+
+
+def _other_zone(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+    """Coordinates of a zone read in another one: the zones are alike, so that only the longitude changes."""
+    away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
+    for width, code, what in ((6.0, "utm-zone", "UTM zone"), (3.0, "utm-zone", "3 degree zone")):
+        zones = round(away / width)
+        if zones and abs(zones) < 20:
+            moved = ground.copy()
+            moved[:, 0] = wrap_degrees(ground[:, 0] - zones * width)
+            yield (
+                Slip(
+                    code, f"the {what} is {abs(zones)} too far {'east' if zones > 0 else 'west'}",
+                    "correct the CRS of the ground points (ground_crs, or that of the layer)",
+                    0.0 if width == 6.0 else 1.0,
+                ),
+                moved,
+            )  # fmt: skip
+
+
+def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+    """Northings of one hemisphere read as those of the other, perhaps in another zone too."""
+    if not (np.abs(ground[:, 1]) < 90.0).all():
+        return
+    own = utm_epsg(float(wrap_degrees(near[0])), float(near[1])) % 100
+    for zone, south in itertools.product((own, own % 60 + 1, (own - 2) % 60 + 1), (False, True)):
+        read, meant = (32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)
+        try:
+            there = pyproj.Transformer.from_crs(4326, read, always_xy=True).transform(ground[:, 0], ground[:, 1])
+            back = pyproj.Transformer.from_crs(meant, 4326, always_xy=True).transform(*there)
+        except pyproj.exceptions.ProjError:
+            continue
+        moved = np.column_stack([*back, ground[:, 2]])
+        if not np.isfinite(moved).all():
+            continue
+        # the zone may be wrong too: zones are alike, so that only the longitude changes
+        zones = (zone - own + 30) % 60 - 30
+        moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
+        also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
+        yield (
+            Slip(
+                "hemisphere", f"the UTM zone is of the wrong hemisphere{also}",
+                "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)",
+            ),
+            moved,
+        )  # fmt: skip
+
+
+def _other_heights(control: Control, shift_m: np.ndarray) -> Iterator[GroundReading]:
+    ground = control.ground
+    for factor, what in ((FOOT_M, "are in feet"), (1.0 / FOOT_M, "were converted from feet though they were metres")):
+        yield (
+            Slip("height-unit", f"the heights of the ground points {what}", "give heights in metres"),
+            ground * [1.0, 1.0, factor],
+        )
+    for name in GEOID_GRIDS:
+        undulation = undulations(ground, name)
+        if undulation is None:
+            continue
+        middle = float(np.median(undulation))
+        yield (
+            Slip(
+                "height-datum",
+                f"the heights of the ground points are above the geoid ({middle:+.1f} m there), not ellipsoidal",
+                f"say what the heights are: height_datum {name}",
+            ),
+            ground + np.column_stack([np.zeros((len(ground), 2)), undulation]),
+        )  # fmt: skip
+        yield (
+            Slip(
+                "height-datum",
+                f"the heights of the ground points are ellipsoidal but were converted as if above the geoid "
+                f"({middle:+.1f} m there)",
+                "say what the heights are: height_datum ellipsoidal",
+            ),
+            ground - np.column_stack([np.zeros((len(ground), 2)), undulation]),
+        )  # fmt: skip
+        break  # the models of the geoid differ by less than images can tell
+    lift, _ = common_lift(control, shift_m)
+    side = "high" if lift > 0.0 else "low"
+    yield (
+        Slip(
+            "height-offset", f"the heights of the ground points are {abs(lift):.0f} m too {side}",
+            "check what the heights refer to, and their unit", 8.0,
+        ),
+        ground - [0.0, 0.0, lift],
+    )  # fmt: skip
+
+
+def common_lift(control: Control, shift_m: np.ndarray) -> tuple[float, float]:
+    """Return by how much all surveyed heights are too high, from the images' shifts, and its standard deviation.
+
+    A survey too high by h moves every image by h times the slope of its rays. The images' own errors, of their sigma
+    each and as much for all together (images of one pass are wrong together), hide it.
+    """
+    rows, right, sigma = [], [], []
+    for index in control.images:
+        slope = np.median(control.sights.slope[control.image == index], axis=0)
+        for axis in (0, 1):
+            unit = np.zeros(3)
+            unit[axis], unit[2] = 1.0, slope[axis]
+            rows.append(unit)
+            right.append(shift_m[index, axis])
+            sigma.append(control.accuracies[index].sigma_m)
+    matrix, weight = np.array(rows), 1.0 / np.array(sigma) ** 2
+    normal = (matrix.T * weight) @ matrix
+    normal[0, 0] += weight.mean()
+    normal[1, 1] += weight.mean()
+    inverse = np.linalg.pinv(normal)
+    solved = inverse @ (matrix.T * weight) @ np.array(right)
+    return float(solved[2]), float(np.sqrt(max(inverse[2, 2], 0.0)))
+
+
+def undulations(ground: np.ndarray, name: str) -> np.ndarray | None:
+    """Return the geoid's heights (m) at points; None where its grid is not installed or they are nowhere."""
+    if not (np.abs(ground[:, 1]) <= 90.0).all():
+        return None
+    try:
+        return geoid_heights(ground, name)
+    except InputError:
+        return None
+
+
+def _other_datum(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+    degrees = 1.0 / metres_per_degree(near[None])[0]
+    candidates = datum_shifts(round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1))
+    for sign, what in (
+        (1.0, "refer to {} but count as WGS84"),
+        (-1.0, "were converted from {} though they were WGS84"),
+    ):
+        for datum in candidates:
+            step = sign * np.array([datum.east_m, datum.north_m, 0.0])
+            yield (
+                Slip(
+                    "horizontal-datum",
+                    f"the ground points {what.format(datum.name)} ({size:.0f} m there)",
+                    "name the CRS that the coordinates really have", 4.0,
+                ),
+                ground + step * degrees,
+            )  # fmt: skip

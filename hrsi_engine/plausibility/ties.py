@@ -1,0 +1,250 @@
+"""Do the tie points join the images that they are measured on?
+
+Two rays of one point miss each other across the plane in which they converge by what the two RPCs are wrong there,
+which is alike for all points of a pair; where along that plane they meet is the point's height. Points that miss by
+another amount than the bulk of their pair, or meet at no height of this earth, are wrong. Each pair is judged on a
+sample of its points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from ..block.block import Block, Role
+from ..foundation.errors import named
+from ..foundation.reasons import Level, Reason
+from ..ground.geodesy import moved_ground
+from .accuracy import ImageAccuracy
+from .sights import Sights, sights
+from .slips import PIXEL_SLIPS, Slip
+
+PER_PAIR = 60  # points looked at
+MOST = 20_000
+LEAST = 8  # points of a pair that tell something
+WEAK = 0.02  # difference of the slopes of two rays below which they tell no height
+TOLERANCE_PX, TOLERANCE_SIGMAS, TOLERANCE_DRIFT = 4.0, 6.0, 3e-4
+MODE_SHARE = 0.15  # of a pair's points, whose narrowest interval is where the bulk is
+MANY, MOST_WRONG = 0.2, 0.42  # share of wrong measurements that is worth a look, and that nobody should trust
+JOINED = 0.5  # share of a pair's points that must agree for the pair to fit
+CURED, CURED_BY = 0.15, 3.0  # share of wrong points that a named slip leaves, and how many times fewer
+MOST_SUSPECTS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Sampled points on pairs of images.
+
+    image : (n, 2) indices of the two images; xy : (n, 2, 2); sigma_px : (n,); pair : (n,) which pair of images
+    """
+
+    block: Block
+    accuracies: Sequence[ImageAccuracy]
+    point: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+    sigma_px: np.ndarray
+    pair: np.ndarray
+    height_m: float
+
+    @property
+    def count(self) -> int:
+        """Number of pairs of images."""
+        return int(self.pair.max(initial=-1)) + 1
+
+
+def pairs_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Pairs | None:
+    """Return a sample of the tie points of every pair of images; None without tie points."""
+    measured = block.measurements
+    tie = (block.points.role == Role.TIE)[measured.point]
+    first = np.flatnonzero(
+        tie[:-1] & (measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1])
+    )
+    if len(first) < LEAST:
+        return None
+    key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
+    order = np.argsort(key, kind="stable")
+    first, key = first[order], key[order]
+    starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
+    sizes = np.diff(np.r_[starts, len(key)])
+    pair = np.repeat(np.arange(len(starts)), sizes)
+    per_pair = max(LEAST, min(PER_PAIR, MOST // len(starts)))
+    # every k-th point of a pair: the rank within the pair, stretched, steps by one
+    rank = np.arange(len(key)) - starts[pair]
+    wanted = np.minimum(sizes, per_pair)[pair]
+    chosen = np.floor((rank + 1) * wanted / sizes[pair]) > np.floor(rank * wanted / sizes[pair])
+    rows = first[chosen]
+    known = block.points.ground[block.known, 2]
+    height = known[np.isfinite(known)] if len(known) else np.empty(0)
+    middle = float(np.median(height)) if len(height) else float(np.median([i.rpc.height_off for i in block.images]))
+    return Pairs(
+        block, accuracies, measured.point[rows], np.column_stack([measured.image[rows], measured.image[rows + 1]]),
+        np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
+        np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]), pair[chosen], middle,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """How well pairs meet: ``wrong (n,)`` which points do not; ``share`` of them over all pairs that tell something;
+    ``good (pairs,)`` share of each pair's points that agree, NaN where they are too few to tell."""
+
+    wrong: np.ndarray
+    share: float
+    good: np.ndarray
+
+
+def joint(pairs: Pairs, image: np.ndarray | None = None, xy: np.ndarray | None = None) -> Joint:
+    """Return how well the pairs meet, with their own or other images and coordinates."""
+    image = pairs.image if image is None else image
+    xy = pairs.xy if xy is None else xy
+    images = pairs.block.images
+    flat = sights(images, image.ravel(), xy.reshape(-1, 2))
+    at_height = _at_height(flat, pairs.height_m)
+    apart = at_height.distance_m(
+        np.column_stack([flat_other(at_height.ground), np.full(len(flat.ground), pairs.height_m)])
+    )[::2]
+    slope = flat.slope[::2] - flat.slope[1::2]
+    length = np.hypot(*slope.T)
+    weak = ~(length > WEAK)
+    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, WEAK)[:, None])
+    across = unit[:, 0] * apart[:, 1] - unit[:, 1] * apart[:, 0]
+    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, WEAK))
+    figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
+    gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
+    reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
+    tolerance = gsd * np.maximum(TOLERANCE_PX, np.maximum(TOLERANCE_SIGMAS * pairs.sigma_px, TOLERANCE_DRIFT * reach))
+    low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
+    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK)
+    possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
+    wrong = ~possible | ~np.isfinite(across)
+    good = np.full(pairs.count, np.nan)
+    starts = np.r_[np.flatnonzero(np.r_[True, pairs.pair[1:] != pairs.pair[:-1]]), len(pairs.pair)]
+    for number, (begin, end) in enumerate(pairwise(starts)):
+        part = slice(begin, end)
+        bulk = _mode(across[part])
+        wrong[part] |= np.abs(across[part] - bulk) > tolerance[part]
+        if abs(bulk) > 8.0 * sigma[begin]:
+            wrong[part] = True
+        if end - begin >= LEAST:
+            good[number] = 1.0 - wrong[part].mean()
+    telling = np.isfinite(good)[pairs.pair]
+    return Joint(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
+
+
+def _other_ends(ground: np.ndarray) -> np.ndarray:
+    """Return the other point of each pair; the two follow each other."""
+    return ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)
+
+
+def _at_height(flat: Sights, height_m: float) -> Sights:
+    """Return the rays with their points at one height."""
+    climb = height_m - flat.ground[:, 2]
+    step = np.column_stack([flat.slope * climb[:, None], climb])
+    return Sights(moved_ground(flat.ground, step), flat.slope)
+
+
+def _mode(values: np.ndarray) -> float:
+    """Return the middle of the narrowest interval that holds a share of the numbers: where their bulk is."""
+    ordered = np.sort(values[np.isfinite(values)])
+    if not len(ordered):
+        return 0.0
+    number = min(max(5, round(MODE_SHARE * len(ordered))), len(ordered))
+    width = ordered[number - 1 :] - ordered[: len(ordered) - number + 1]
+    begin = int(np.argmin(width))
+    return float(np.median(ordered[begin : begin + number]))
+
+
+def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
+    """Return what is wrong with a block's tie points; nothing where most of them join their images."""
+    pairs = pairs_of(block, accuracies)
+    if pairs is None:
+        return []
+    given = joint(pairs)
+    failing = np.flatnonzero(given.good < JOINED)
+    share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
+    if not len(failing) and share < MANY:
+        return []
+    suspects = _suspects(pairs, given, failing)
+    found = _named_slip(pairs, given, suspects)
+    if found is not None:
+        slip, images, cured = found
+        ids = tuple(block.images[index].id for index in images)
+        where = "" if len(ids) == len(block.images) else f" on image {named(ids)}"
+        return [
+            Reason(
+                slip.code, Level.UNUSABLE,
+                f"of tie points{where}: {slip.what}; {given.share:.0%} of them do not join their images, and "
+                f"{cured:.0%} when this is undone",
+                slip.advice, ids,
+            )
+        ]  # fmt: skip
+    ids = tuple(block.images[index].id for index in np.unique(pairs.image[np.isin(pairs.pair, failing)]))
+    wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
+    unusable = share >= MOST_WRONG or bool((given.good < 0.25).any())
+    return [
+        Reason(
+            "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
+            f"about {share:.0%} of the measurements of tie points do not join their images"
+            + (f", most of all those of {named(ids)}" if 0 < len(ids) < len(block.images) else ""),
+            "check that the tie points belong to these images, the columns and ids of their file; or find them anew",
+            ids, wrong,
+        )
+    ]  # fmt: skip
+
+
+def _suspects(pairs: Pairs, given: Joint, failing: np.ndarray) -> np.ndarray:
+    """Return the images most of whose pairs fail, those with most failures first."""
+    ends = np.array([pairs.image[np.argmax(pairs.pair == number)] for number in range(pairs.count)])
+    count = len(pairs.block.images)
+    telling = np.isfinite(given.good)
+    all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
+    failed = np.bincount(ends[failing].ravel(), minlength=count)
+    bad = np.flatnonzero(failed >= np.maximum(0.5 * all_pairs, 1))
+    return bad[np.argsort(-failed[bad] / all_pairs[bad], kind="stable")][:MOST_SUSPECTS]
+
+
+def _named_slip(pairs: Pairs, given: Joint, suspects: np.ndarray) -> tuple[Slip, np.ndarray, float] | None:
+    """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong."""
+    best: dict[str, tuple[float, Slip, np.ndarray]] = {}
+    for slip, images, share in _readings(pairs, suspects):
+        if share < CURED and share * CURED_BY < given.share and (slip.code not in best or share < best[slip.code][0]):
+            best[slip.code] = share, slip, images
+    ranked = sorted(best.values(), key=lambda entry: entry[0])
+    if not ranked or (len(ranked) > 1 and ranked[1][0] < 2.0 * ranked[0][0] + 0.03):
+        return None
+    share, slip, images = ranked[0]
+    return slip, images, share
+
+
+def _readings(pairs: Pairs, suspects: np.ndarray) -> Iterator[tuple[Slip, np.ndarray, float]]:
+    """Yield every slip undone, on all images or a suspected one, with the images and the share of points wrong."""
+    every = np.arange(len(pairs.block.images))
+    for images in (every, *(suspects[k : k + 1] for k in range(len(suspects)))):
+        for slip, undo in PIXEL_SLIPS:
+            yield slip, images, joint(pairs, xy=_read_pixels(pairs, undo, images)).share
+    for some in (2, 3):
+        for group in combinations(suspects.tolist(), some):
+            for owners in ((group[1:] + group[:1]),) if some == 2 else (group[1:] + group[:1], group[2:] + group[:2]):
+                names = [pairs.block.images[index].id for index in group]
+                other = [pairs.block.images[index].id for index in owners]
+                text = ", ".join(f"{a} are of {b}" for a, b in zip(names, other, strict=True))
+                slip = Slip(
+                    "image-ids-permuted", f"measurements belong to other images: those said to be on {text}",
+                    "correct the field 'image'",
+                )  # fmt: skip
+                image = pairs.image.copy()
+                for label, owner in zip(group, owners, strict=True):
+                    image[pairs.image == label] = owner
+                yield slip, np.array(group), joint(pairs, image=image).share
+
+
+def _read_pixels(pairs: Pairs, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
+    xy = pairs.xy.copy()
+    for index in images:
+        rows = pairs.image == index
+        xy[rows] = undo(pairs.xy[rows], pairs.block.images[index])
+    return xy
