@@ -18,7 +18,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
     from .block_steps import inputs as block_inputs
-    from .block_steps import model_choice
+    from .block_steps import model_choice, plausibility
     from .block_steps import outputs as block_outputs
 
     check_output_dir(options["output_dir"], options["overwrite"])
@@ -26,12 +26,15 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     images = open_images(options["images"], context.log)
     block, warnings = block_inputs.read_block(images, dict(options) | {"tie_points_file": options["tie_points"]})
     clock.lap("read")
-    chosen = model_choice.choose(block, options)
-    result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.1, 0.6))
+    reasons = plausibility.input_reasons(block, options)
+    clock.lap("check")
+    with plausibility.explained_by(reasons):
+        chosen = model_choice.choose(block, options)
+        result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.6, 1.0), context.log)
     return block_outputs.write_results(
-        "adjust", options, result, [*warnings, *chosen.warnings], clock, rest, chosen.entries
+        "adjust", options, result, [*warnings, *chosen.warnings], clock, rest, chosen.entries, reasons
     )
 
 

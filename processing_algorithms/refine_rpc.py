@@ -30,13 +30,17 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.results.separate_images import separate_result
     from .block_steps import inputs as block_inputs
     from .block_steps import outputs as block_outputs
+    from .block_steps import plausibility
 
     check_output_dir(options["output_dir"], options["overwrite"])
     clock = block_outputs.Clock()
     images = open_images(options["images"], context.log)
     block, warnings = block_inputs.read_block(images, options)
     clock.lap("read")
-    refinements = _refine(block, options, Context(stage(context.progress, 0.1, 0.3), context.log))
+    reasons = plausibility.input_reasons(block, options)
+    clock.lap("check")
+    with plausibility.explained_by(reasons):
+        refinements = _refine(block, options, Context(stage(context.progress, 0.1, 0.3), context.log))
     result = separate_result(block, refinements)
     clock.lap("refine")
     more = _entries(options["model"], refinements)
@@ -44,7 +48,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         more["models"] = _compared(block, refinements, Context(stage(context.progress, 0.3, 0.6), context.log))
         clock.lap("compare")
     rest = Context(stage(context.progress, 0.6, 1.0), context.log)
-    report = block_outputs.write_results("refine-rpc", options, result, warnings, clock, rest, more)
+    report = block_outputs.write_results("refine-rpc", options, result, warnings, clock, rest, more, reasons)
     return report
 
 

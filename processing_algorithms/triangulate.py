@@ -26,7 +26,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from ..hrsi_engine.adjustment import adjust
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
-    from .block_steps import dem_offset, model_choice, reference_control
+    from .block_steps import dem_offset, model_choice, plausibility, reference_control
     from .block_steps import inputs as block_inputs
     from .block_steps import outputs as block_outputs
 
@@ -42,13 +42,16 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     block, more, entries = reference_control.read_block(
         images, dict(options) | {"tie_points_file": file}, found, reading
     )
-    chosen = model_choice.choose(block, options)
-    result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.5, 0.7))
+    reasons = plausibility.input_reasons(block, options)
+    clock.lap("check")
+    with plausibility.explained_by(reasons):
+        chosen = model_choice.choose(block, options)
+        result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.7, 1.0), context.log)
     warnings += [*more, *chosen.warnings, *dem_offset.offset_warning(result, options)]
     report = block_outputs.write_results(
-        "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}
+        "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}, reasons
     )
     if finished is not None:
         finished.remove()

@@ -30,6 +30,7 @@ ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.drawing": BLOCK,
     "hrsi_engine.refinement": BLOCK,
     "hrsi_engine.measurement": BLOCK,
+    "hrsi_engine.plausibility": BLOCK,
     "hrsi_engine.simulation": BLOCK,
     "hrsi_engine.ortho": BLOCK | {"hrsi_engine.measurement.window_matching"},
     "hrsi_engine.adjustment": ADJUSTMENT,

@@ -24,7 +24,7 @@ from ..ground.geodesy import ground_difference_m
 UNKNOWN_SIGMA_PX, UNKNOWN_SIGMA_M = 12.0, 15.0  # of a shift, where the product says nothing
 LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
 LARGE_SIGMAS = 10.0  # a shift worth a look
-FAR_SIGMAS, FAR_M = 15.0, 500.0  # a shift that no RPC's error is: beyond both
+IMPOSSIBLE_SIGMAS, IMPOSSIBLE_M = 15.0, 500.0  # a shift that no RPC's error is: beyond both
 MISFIT_PX = 15.0  # of points of one image among each other, beyond the worst measuring and drift
 MOST_DRIFT = 1e-3  # px/px
 
@@ -47,19 +47,19 @@ class ImageAccuracy:
 
 def image_accuracy(image: Image) -> ImageAccuracy:
     """Return what can be expected of an image, by its RPC's ERR_BIAS or its resolution."""
-    gsd = ground_sample_m(image)
+    gsd = middle_gsd_m(image)
     stated = image.rpc.err_bias
     if stated and stated > 0.0 and np.isfinite(stated):
         sigma = max(float(stated), LEAST_SIGMA_M, LEAST_SIGMA_PX * gsd)
     else:
         sigma = max(UNKNOWN_SIGMA_M, UNKNOWN_SIGMA_PX * gsd)
     return ImageAccuracy(
-        gsd, sigma, LARGE_SIGMAS * sigma, max(FAR_SIGMAS * sigma, FAR_M),
+        gsd, sigma, LARGE_SIGMAS * sigma, max(IMPOSSIBLE_SIGMAS * sigma, IMPOSSIBLE_M),
         gsd * max(MISFIT_PX, MOST_DRIFT * float(np.hypot(*image.half_size_px))),
     )  # fmt: skip
 
 
-def ground_sample_m(image: Image) -> float:
+def middle_gsd_m(image: Image) -> float:
     """Return the side of a pixel on the ground in the middle of an image; NaN where the RPC has no ground there."""
     steps = image.centre_px + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     ground = image.rpc.localize(steps, image.rpc.height_off).ground

@@ -24,14 +24,14 @@ from ..block.block import Block
 from .accuracy import ImageAccuracy
 from .sights import Sights, sights
 
-LEAST_PX = 0.3  # nobody measures and surveys better
-DRIFT = 3e-4  # px/px: standard deviation of the drift of a right RPC's error over its image
+LEAST_NOISE_PX = 0.3  # nobody measures and surveys better
+RPC_DRIFT = 3e-4  # px/px: standard deviation of the drift of a right RPC's error over its image
 BELONG = 0.7  # share of an image's points that must fit for the image to fit
-RAYLEIGH_MEDIAN = 1.1774  # median length of a normal vector in the plane, in its sigmas
+MEDIAN_LENGTH = 1.1774  # median length of a normal vector in the plane, in its sigmas
 
 
 @dataclass(frozen=True, eq=False)
-class Control:
+class SurveyedRows:
     """Measurements of surveyed points.
 
     point, image : (n,) indices into the block's points and images
@@ -67,7 +67,7 @@ class Control:
         """Return a figure of every image of the block, ``(images,)``."""
         return np.array([getattr(accuracy, name) for accuracy in self.accuracies])
 
-    def select(self, rows: np.ndarray) -> Control:
+    def select(self, rows: np.ndarray) -> SurveyedRows:
         """Return some of the measurements."""
         columns = ("point", "image", "xy", "ground", "noise_m", "expected_m")
         chosen = {name: getattr(self, name)[rows] for name in columns}
@@ -82,7 +82,7 @@ class Control:
         return tuple(self.block.images[index].id for index in images)
 
 
-def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Control | None:
+def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> SurveyedRows | None:
     """Return the measurements of surveyed points of a block; None where there are none."""
     covariance = block.points.survey_covariance_m2()
     sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
@@ -95,24 +95,24 @@ def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Control | N
     seen = sights(block.images, image, xy)
     gsd = np.array([accuracy.gsd_m for accuracy in accuracies])[image]
     noise = np.sqrt(
-        (gsd * np.maximum(measured.sigma_px[rows], LEAST_PX)) ** 2
+        (gsd * np.maximum(measured.sigma_px[rows], LEAST_NOISE_PX)) ** 2
         + sigma[point, :2].max(axis=1) ** 2
         + np.nan_to_num(np.sum(seen.slope**2, axis=1)) * sigma[point, 2] ** 2
     )
     centre = np.array([one.centre_px for one in block.images])[image]
-    expected = np.hypot(noise, DRIFT * gsd * np.hypot(*(xy - centre).T))
-    return Control(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
+    expected = np.hypot(noise, RPC_DRIFT * gsd * np.hypot(*(xy - centre).T))
+    return SurveyedRows(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class RowFit:
     """Surveyed points under one reading of the numbers.
 
     distance_m : (n, 2) east, north; shift_m : (images, 2) of each image, NaN without points
     misfit_m : (n, 2) what is left; scatter : robust sigma of a misfit, in units of the expected one
     """
 
-    control: Control
+    control: SurveyedRows
     distance_m: np.ndarray
     shift_m: np.ndarray
     misfit_m: np.ndarray
@@ -153,7 +153,7 @@ class Fit:
         return float(4.0 * freedom * np.log(max(self.scatter, 1.0)) + by_shift.sum())
 
 
-def fit(control: Control, ground: np.ndarray | None = None, seen: Sights | None = None) -> Fit:
+def fit(control: SurveyedRows, ground: np.ndarray | None = None, seen: Sights | None = None) -> RowFit:
     """Return how surveys ``ground (n, 3)`` fit rays, by default both as they are given."""
     surveyed = control.ground if ground is None else ground
     distance = (control.sights if seen is None else seen).distance_m(surveyed)
@@ -166,5 +166,5 @@ def fit(control: Control, ground: np.ndarray | None = None, seen: Sights | None 
     several = count > 1
     relative = np.hypot(*misfit[several].T) / control.expected_m[several]
     relative *= np.sqrt(count[several] / (count[several] - 1.0))
-    scatter = float(np.median(relative)) / RAYLEIGH_MEDIAN if several.any() else 0.0
-    return Fit(control, distance, shift, misfit, scatter)
+    scatter = float(np.median(relative)) / MEDIAN_LENGTH if several.any() else 0.0
+    return RowFit(control, distance, shift, misfit, scatter)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..block.points import Role
-from ..foundation.errors import named
+from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from .control import Control, Fit, fit
+from .control import SurveyedRows, RowFit, fit
 from .groups import Disagreement, disagreement
 from .identities import permuted_images, permuted_points
 from .sights import sights
@@ -30,11 +30,11 @@ LIFT_SIGMAS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class Undone:
     """A slip undone: how everything fits then; ``points``, ``images`` (indices) that it concerns, None for all."""
 
     slip: Slip
-    fit: Fit
+    fit: RowFit
     points: np.ndarray | None = None
     images: np.ndarray | None = None
 
@@ -44,7 +44,7 @@ class Reading:
         return self.fit.cost + self.slip.burden
 
 
-def control_reasons(control: Control) -> list[Reason]:
+def control_reasons(control: SurveyedRows) -> list[Reason]:
     """Return what is wrong with the surveyed points of a block, nothing where they fit."""
     given = fit(control)
     apart = disagreement(given)
@@ -61,7 +61,7 @@ def control_reasons(control: Control) -> list[Reason]:
     return [*_large_shift(control, given), *_common_height(control, given)]
 
 
-def _suspicious(given: Fit) -> bool:
+def _suspicious(given: RowFit) -> bool:
     """Whether a slip is worth looking for: a right block hardly ever is."""
     return (
         not given.fits
@@ -71,7 +71,7 @@ def _suspicious(given: Fit) -> bool:
     )
 
 
-def _lift_sigmas(given: Fit) -> float:
+def _lift_sigmas(given: RowFit) -> float:
     lift, sigma = common_lift(given.control, given.shift_m)
     return lift / sigma if sigma > 0.0 else 0.0
 
@@ -79,9 +79,9 @@ def _lift_sigmas(given: Fit) -> float:
 # ---- the slip that explains ----------------------------------------------------------------------------------------
 
 
-def _named_slip(control: Control, given: Fit) -> Reading | None:
+def _named_slip(control: SurveyedRows, given: RowFit) -> Undone | None:
     """Return the slip that explains the misfit, clearly better than every other; None without."""
-    best: dict[str, Reading] = {}
+    best: dict[str, Undone] = {}
     for reading in _readings(control, given):
         saved = given.cost - reading.cost
         if saved > WORTH and _explains(reading.fit, given):
@@ -94,28 +94,28 @@ def _named_slip(control: Control, given: Fit) -> Reading | None:
     return ranked[0]
 
 
-def _explains(read: Fit, given: Fit) -> bool:
+def _explains(read: RowFit, given: RowFit) -> bool:
     """Whether everything fits as a right block does, and what was wrong has become clearly less."""
     largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
     good_shift = largest < max(EXPLAINED_SIGMAS, 0.02 * before)
     return read.fits and good_shift and read.scatter < max(EXPLAINED_SCATTER, 0.02 * given.scatter)
 
 
-def _readings(control: Control, given: Fit) -> Iterator[Reading]:
+def _readings(control: SurveyedRows, given: RowFit) -> Iterator[Undone]:
     """Yield every slip, undone; those of image coordinates on all images, or on those that do not fit alone."""
     far = bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
     for slip, ground in ground_readings(control, given.shift_m, far):
-        yield Reading(slip, fit(control, ground))
+        yield Undone(slip, fit(control, ground))
     wrong = control.images[~given.fitting[control.images]]
     for some in (None, wrong) if 0 < len(wrong) < len(control.images) else (None,):
         for slip, undo in PIXEL_SLIPS:
-            yield Reading(slip, _read_pixels(control, undo, some), images=some)
+            yield Undone(slip, _read_pixels(control, undo, some), images=some)
     suspects = wrong if len(wrong) > 1 else control.images
     images = permuted_images(control, suspects)
     if images is not None:
         changed = np.unique(control.image[images[0] != control.image])
         slip = Slip("image-ids-permuted", _image_exchange(control, images[0]), "correct the field 'image'", 4.0)
-        yield Reading(slip, fit(replace(control, image=images[0], sights=images[1])), images=changed)
+        yield Undone(slip, fit(replace(control, image=images[0], sights=images[1])), images=changed)
     owners = permuted_points(control)
     if owners is not None:
         points = control.points
@@ -127,10 +127,10 @@ def _readings(control: Control, given: Fit) -> Iterator[Reading]:
             "correct the ids of these points",
             4.0,
         )
-        yield Reading(slip, fit(control, survey[np.searchsorted(points, control.point)]), points=points[moved])
+        yield Undone(slip, fit(control, survey[np.searchsorted(points, control.point)]), points=points[moved])
 
 
-def _read_pixels(control: Control, undo: Callable[..., np.ndarray], some: np.ndarray | None) -> Fit:
+def _read_pixels(control: SurveyedRows, undo: Callable[..., np.ndarray], some: np.ndarray | None) -> RowFit:
     xy = control.xy.copy()
     for index in control.images if some is None else some:
         rows = control.image == index
@@ -142,7 +142,7 @@ def _read_pixels(control: Control, undo: Callable[..., np.ndarray], some: np.nda
     return fit(control, seen=control.sights.replaced(rows, fresh))
 
 
-def _image_exchange(control: Control, owner: np.ndarray) -> str:
+def _image_exchange(control: SurveyedRows, owner: np.ndarray) -> str:
     pairs = sorted({(int(a), int(b)) for a, b in zip(control.image, owner, strict=True) if a != b})
     ids = control.block.images
     text = ", ".join(f"{ids[a].id} are of {ids[b].id}" for a, b in pairs[:4])
@@ -158,11 +158,11 @@ def _point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
 # ---- reasons -------------------------------------------------------------------------------------------------------
 
 
-def _slip_reason(control: Control, given: Fit, found: Reading) -> Reason:
+def _slip_reason(control: SurveyedRows, given: RowFit, found: Undone) -> Reason:
     sure = not given.fits or given.cost - found.cost > SURE
     points = control.points if found.points is None else found.points
     images = control.images if found.images is None else found.images
-    where = "" if found.images is None else f" on image {named(control.image_ids(images))}"
+    where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
     return Reason(
         found.slip.code,
         Level.UNUSABLE if sure else Level.DOUBTFUL,
@@ -174,7 +174,7 @@ def _slip_reason(control: Control, given: Fit, found: Reading) -> Reason:
     )
 
 
-def _typical(read: Fit) -> str:
+def _typical(read: RowFit) -> str:
     """Return the median distance of points from their places, ``1.2 km (2400 px)``."""
     away = np.hypot(*read.distance_m.T)
     pixels = away / read.control.of_images("gsd_m")[read.control.image]
@@ -185,7 +185,7 @@ def _metres(distance: float) -> str:
     return f"{distance / 1e3:.4g} km" if distance >= 2e3 else f"{distance:.3g} m"
 
 
-def _slip_of_points(control: Control, given: Fit, apart: Disagreement) -> Reason | None:
+def _slip_of_points(control: SurveyedRows, given: RowFit, apart: Disagreement) -> Reason | None:
     """Return the slip of the points that disagree, where they alone have one."""
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
@@ -219,12 +219,12 @@ def _slip_of_points(control: Control, given: Fit, apart: Disagreement) -> Reason
     slip = next(iter(fitting.values()))
     ids = control.point_ids(apart.points)
     return Reason(
-        slip.code, _level(control, apart.points), f"of ground point {named(ids)}: {slip.what}", slip.advice,
+        slip.code, _level(control, apart.points), f"of ground point {list_ids(ids)}: {slip.what}", slip.advice,
         control.image_ids(np.unique(control.image[rows])), ids,
     )  # fmt: skip
 
 
-def _level(control: Control, points: np.ndarray) -> Level:
+def _level(control: SurveyedRows, points: np.ndarray) -> Level:
     """A few wrong points are left out or outvoted; a quarter of the GCPs, or of all, is too much to trust any."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
     wrong = np.isin(gcps, points)
@@ -233,7 +233,7 @@ def _level(control: Control, points: np.ndarray) -> Level:
     return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
 
 
-def _apart_reason(control: Control, given: Fit, apart: Disagreement) -> Reason:
+def _apart_reason(control: SurveyedRows, given: RowFit, apart: Disagreement) -> Reason:
     ids = control.point_ids(apart.points)
     east, north, up = apart.step_m
     rows = np.isin(control.point, apart.points)
@@ -246,17 +246,17 @@ def _apart_reason(control: Control, given: Fit, apart: Disagreement) -> Reason:
     if apart.group:
         return Reason(
             "control-groups", _level(control, apart.points),
-            f"{count} ({named(ids)}) lie {off} of where the others put them, all alike: two surveys that disagree",
+            f"{count} ({list_ids(ids)}) lie {off} of where the others put them, all alike: two surveys that disagree",
             "find out which of the two is right (datum, base station, epoch) and leave the other out", images, ids,
         )  # fmt: skip
     return Reason(
         "control-outliers", _level(control, apart.points),
-        f"{count} ({named(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more",
+        f"{count} ({list_ids(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more",
         "check where these points are measured, their coordinates and their ids", images, ids,
     )  # fmt: skip
 
 
-def _misfit_reason(control: Control, given: Fit) -> Reason:
+def _misfit_reason(control: SurveyedRows, given: RowFit) -> Reason:
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
     rows = np.isin(control.image, wrong)
@@ -264,15 +264,15 @@ def _misfit_reason(control: Control, given: Fit) -> Reason:
     if not len(points):
         points = np.unique(control.point[rows])
     return Reason(
-        "control-misfit", Level.UNUSABLE,
-        f"the ground points lie {_typical(given)} from where the RPCs of {named(control.image_ids(wrong))} put them, "
-        f"which no error of these RPCs explains (about {sigma:.3g} m); none of the usual slips does either",
+        "control-implausible", Level.UNUSABLE,
+        f"the ground points lie {_typical(given)} from where the RPCs of {list_ids(control.image_ids(wrong))} put "
+        f"them, which no error of these RPCs explains (about {sigma:.3g} m); none of the usual slips does either",
         "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together",
         control.image_ids(wrong), control.point_ids(points),
     )  # fmt: skip
 
 
-def _large_shift(control: Control, given: Fit) -> list[Reason]:
+def _large_shift(control: SurveyedRows, given: RowFit) -> list[Reason]:
     size = np.hypot(*np.nan_to_num(given.shift_m).T)
     large = np.flatnonzero(size > control.of_images("large_m"))
     if not len(large):
@@ -281,7 +281,7 @@ def _large_shift(control: Control, given: Fit) -> list[Reason]:
     return [
         Reason(
             "control-far", Level.DOUBTFUL,
-            f"the ground points on {named(control.image_ids(large))} lie {_metres(float(size[large].max()))} from "
+            f"the ground points on {list_ids(control.image_ids(large))} lie {_metres(float(size[large].max()))} from "
             f"where the RPCs put them, which is much for RPCs of about {sigma:.3g} m",
             "check the datum of the ground points and that RPC and image belong together",
             control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)])),
@@ -289,7 +289,7 @@ def _large_shift(control: Control, given: Fit) -> list[Reason]:
     ]  # fmt: skip
 
 
-def _common_height(control: Control, given: Fit) -> list[Reason]:
+def _common_height(control: SurveyedRows, given: RowFit) -> list[Reason]:
     lift, sigma = common_lift(control, given.shift_m)
     if sigma <= 0.0 or abs(lift) < LIFT_SIGMAS * sigma:
         return []

@@ -14,7 +14,7 @@ from pyproj.enums import PJType
 
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
-LEAST_M = 3.0  # datums nearer to WGS84 are not told apart from it
+LEAST_DATUM_M = 3.0  # datums nearer to WGS84 are not told apart from it
 
 
 class DatumShift(NamedTuple):
@@ -44,6 +44,6 @@ def datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
                 float(wrap_degrees(np.array(lon - lon_deg)) * factors[0]),
                 float((lat - lat_deg) * factors[1]),
             )
-            if LEAST_M < np.hypot(shift.east_m, shift.north_m) < 5e3:
+            if LEAST_DATUM_M < np.hypot(shift.east_m, shift.north_m) < 5e3:
                 found.append(shift)
     return tuple(found)

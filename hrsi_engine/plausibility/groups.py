@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .control import LEAST_PX, RAYLEIGH_MEDIAN, Fit
+from .control import LEAST_NOISE_PX, MEDIAN_LENGTH, RowFit
 
-APART = 8.0  # gap between two groups, and distance of a single point, over the spread within
-LEAST_SIGMAS = 8.0  # of the expected misfit
+HEAPS_APART = 8.0  # gap between two groups, and distance of a single point, over the spread within
+LEAST_APART_SIGMAS = 8.0  # of the expected misfit
 LEAST_GAP_PX = 2.0
-LEAST_POINTS = 4
-DIRECTIONS = 12
+LEAST_SURVEYS = 4
+TRIED_DIRECTIONS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,29 +33,29 @@ class Disagreement:
     group: bool
 
 
-def disagreement(given: Fit) -> Disagreement | None:
+def disagreement(given: RowFit) -> Disagreement | None:
     """Return the smaller part of the surveyed points that disagrees with the larger; None where all agree."""
     control = given.control
     points = control.points
-    if len(points) < LEAST_POINTS:
+    if len(points) < LEAST_SURVEYS:
         return None
     vector, expected = point_vectors(given)
-    least = np.maximum(LEAST_SIGMAS * expected, LEAST_GAP_PX * _gsd(given))
+    least = np.maximum(LEAST_APART_SIGMAS * expected, LEAST_GAP_PX * _gsd(given))
     two = _two_heaps(vector, expected, float(least.max()))
     if two is not None:
         smaller, gap = two
         return _described(given, points, vector, smaller, gap, group=True)
     middle = np.median(vector, axis=0)
     away = np.abs(vector - middle).max(axis=1)
-    spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / RAYLEIGH_MEDIAN, expected)
-    off = (away > APART * spread) & (away > least)
+    spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
+    off = (away > HEAPS_APART * spread) & (away > least)
     if not off.any() or off.sum() > len(points) / 2:
         return None
     return _described(given, points, vector, off, float((away / spread)[off].min()), group=False)
 
 
-def point_vectors(given: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Return each point's mean misfit and its difference between rays from both sides ``(p, 3)``; and the noise ``(p,)``.
+def point_vectors(given: RowFit) -> tuple[np.ndarray, np.ndarray]:
+    """Return each point's mean misfit and its difference between rays from both sides ``(p, 3)``, and its noise.
 
     The third column is in metres on the ground too: the misfit of an image times the direction in which its rays lean,
     from the mean of the point's images. It tells a wrong height, which moves the images against each other.
@@ -72,10 +72,10 @@ def point_vectors(given: Fit) -> tuple[np.ndarray, np.ndarray]:
     along[length < 0.02] = 0.0
     parallax = np.bincount(place, along) / count
     expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
-    return np.column_stack([mean, parallax]), np.maximum(expected, LEAST_PX * _gsd(given))
+    return np.column_stack([mean, parallax]), np.maximum(expected, LEAST_NOISE_PX * _gsd(given))
 
 
-def _gsd(given: Fit) -> float:
+def _gsd(given: RowFit) -> float:
     control = given.control
     return float(np.median(control.of_images("gsd_m")[control.images]))
 
@@ -83,8 +83,10 @@ def _gsd(given: Fit) -> float:
 def _two_heaps(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
     """Return the smaller of two heaps of points (mask), and the gap between them over their spread."""
     best: tuple[np.ndarray, float] | None = None
-    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    directions = np.vstack([np.column_stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)]), [[0.0, 0.0, 1.0]]])
+    angles = np.pi * np.arange(TRIED_DIRECTIONS) / TRIED_DIRECTIONS
+    directions = np.vstack(
+        [np.column_stack([np.cos(angles), np.sin(angles), np.zeros(TRIED_DIRECTIONS)]), [[0.0, 0.0, 1.0]]]
+    )
     count = len(vector)
     for direction in directions:
         along = vector @ direction
@@ -97,7 +99,7 @@ def _two_heaps(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tupl
         low, high = order[: cut + 1], order[cut + 1 :]
         within = max(_width(along[low]), _width(along[high]), float(np.median(expected)))
         gap = float(step[cut] / within)
-        if gap > APART and (best is None or gap > best[1]):
+        if gap > HEAPS_APART and (best is None or gap > best[1]):
             smaller = np.zeros(count, dtype=bool)
             smaller[low if len(low) <= len(high) else high] = True
             best = smaller, gap
@@ -111,7 +113,7 @@ def _width(along: np.ndarray) -> float:
 
 
 def _described(
-    given: Fit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
+    given: RowFit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
 ) -> Disagreement:
     step = -(np.median(vector[off], axis=0) - np.median(vector[~off], axis=0))
     control = given.control

@@ -9,26 +9,26 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from .control import Control
+from .control import SurveyedRows
 from .sights import Sights, sights
 
-MOST_POINTS = 400  # the costs grow with their square
-MOST_IMAGES = 12
-POINTS_PER_IMAGE = 12
+MOST_PERMUTED_POINTS = 400  # the costs grow with their square
+MOST_PERMUTED_IMAGES = 12
+TRIED_PER_IMAGE = 12
 
 
-def permuted_images(control: Control, wrong: np.ndarray) -> tuple[np.ndarray, Sights] | None:
+def permuted_images(control: SurveyedRows, wrong: np.ndarray) -> tuple[np.ndarray, Sights] | None:
     """Return the image that each measurement was really made on ``(n,)``, and its rays.
 
     ``wrong`` are the images that do not fit; only these are exchanged. None where they stay as they are.
     """
-    if not 2 <= len(wrong) <= MOST_IMAGES:
+    if not 2 <= len(wrong) <= MOST_PERMUTED_IMAGES:
         return None
     images = control.block.images
     cost = np.empty((len(wrong), len(wrong)))
     for row, label in enumerate(wrong):
         some = np.flatnonzero(control.image == label)
-        some = some[:: max(1, len(some) // POINTS_PER_IMAGE)]
+        some = some[:: max(1, len(some) // TRIED_PER_IMAGE)]
         for column, owner in enumerate(wrong):
             seen = sights(images, np.full(len(some), owner), control.xy[some])
             away = np.hypot(*seen.distance_m(control.ground[some]).T) / control.accuracies[owner].sigma_m
@@ -42,13 +42,13 @@ def permuted_images(control: Control, wrong: np.ndarray) -> tuple[np.ndarray, Si
     return image, sights(images, image, control.xy)
 
 
-def permuted_points(control: Control) -> np.ndarray | None:
-    """Return for every surveyed point of `Control.points` the one whose survey fits its measurements, ``(p,)``.
+def permuted_points(control: SurveyedRows) -> np.ndarray | None:
+    """Return for every surveyed point of `SurveyedRows.points` the one whose survey fits its measurements, ``(p,)``.
 
     None for a single point, for too many, and where every point fits its own survey best.
     """
     points = control.points
-    if not 2 <= len(points) <= MOST_POINTS:
+    if not 2 <= len(points) <= MOST_PERMUTED_POINTS:
         return None
     survey = control.block.points.ground[points]
     place = np.searchsorted(points, control.point)

@@ -8,21 +8,21 @@ import numpy as np
 
 from ..block.block import Block, Image
 from ..camera.rpc import RPC
-from ..foundation.errors import named
+from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..ground import height_datum
 from ..surface.dem import HeightSurface, surface_heights
 from .slips import undulations
 
-OUTSIDE_SHARE = 0.5  # of an image's size: a point so far outside was not measured on it
-OUTSIDE_PX = 1.5  # an edge, and a count from 1
-MANY_OUTSIDE, LEAST_POINTS = 0.5, 4
-HEIGHT_SHARE, HEIGHT_M = (
+FAR_OUTSIDE = 0.5  # of an image's size: a point so far outside was not measured on it
+EDGE_SLACK_PX = 1.5  # an edge, and a count from 1
+MANY_OUTSIDE, SEVERAL_POINTS = 0.5, 4
+RANGE_SHARE, RANGE_SLACK_M = (
     0.1,
     50.0,
 )  # of the RPC's heights, and metres, beyond which a height is no longer in their range
 COVERED = 0.8  # share of the block that a DEM should cover
-GRID = 5
+COVERAGE_GRID = 5
 DEM_DIFFERENCE_M = 20.0  # trees, houses and a coarse DEM do less
 
 
@@ -36,10 +36,10 @@ def outside_reasons(block: Block) -> list[Reason]:
     middle = np.array([image.centre_px for image in block.images])[measured.image]
     half = np.array([image.half_size_px + 0.5 for image in block.images])[measured.image]
     beyond = np.abs(measured.xy - middle) - half
-    far = (beyond > OUTSIDE_SHARE * 2.0 * half).any(axis=1) & known[measured.image]
-    outside = (beyond > OUTSIDE_PX).any(axis=1) & known[measured.image]
+    far = (beyond > FAR_OUTSIDE * 2.0 * half).any(axis=1) & known[measured.image]
+    outside = (beyond > EDGE_SLACK_PX).any(axis=1) & known[measured.image]
     count = np.bincount(measured.image, minlength=len(known))
-    many = np.bincount(measured.image[outside], minlength=len(known)) > np.maximum(MANY_OUTSIDE * count, LEAST_POINTS)
+    many = np.bincount(measured.image[outside], minlength=len(known)) > np.maximum(MANY_OUTSIDE * count, SEVERAL_POINTS)
     wrong = far | (outside & many[measured.image])
     for index in np.unique(measured.image[wrong]):
         rows = wrong & (measured.image == index)
@@ -49,7 +49,7 @@ def outside_reasons(block: Block) -> list[Reason]:
             Reason(
                 "outside-image", Level.DOUBTFUL,
                 f"{rows.sum()} of {count[index]} points on image {image.id} lie outside its {image.size[0]} x "
-                f"{image.size[1]} px, up to {beyond[rows].max():.0f} px ({named(ids)})",
+                f"{image.size[1]} px, up to {beyond[rows].max():.0f} px ({list_ids(ids)})",
                 "check the columns sample and line, and that the points were measured on this image", (image.id,), ids,
             )
         )  # fmt: skip
@@ -63,7 +63,7 @@ def height_reasons(block: Block) -> list[Reason]:
     if not len(rows):
         return []
     ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
-    slack = np.maximum(HEIGHT_SHARE * (ranges[:, 1] - ranges[:, 0]), HEIGHT_M)
+    slack = np.maximum(RANGE_SHARE * (ranges[:, 1] - ranges[:, 0]), RANGE_SLACK_M)
     height = points.ground[measured.point[rows], 2]
     wrong = (height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack)
     reasons = []
@@ -75,14 +75,14 @@ def height_reasons(block: Block) -> list[Reason]:
         reasons.append(
             Reason(
                 "heights-out-of-range", Level.DOUBTFUL,
-                f"the height of ground point {named(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) "
-                f"is outside the {low:.0f} to {high:.0f} m that the RPCs were made for",
+                f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} "
+                f"m) is outside the {low:.0f} to {high:.0f} m that the RPCs were made for",
                 "check the heights' unit and what they refer to (height_datum)", images, ids,
             )
         )  # fmt: skip
     which = np.unique(measured.point[rows])
     heights = points.ground[which, 2]
-    if len(which) >= LEAST_POINTS and np.ptp(heights) == 0.0:
+    if len(which) >= SEVERAL_POINTS and np.ptp(heights) == 0.0:
         reasons.append(
             Reason(
                 "heights-alike", Level.DOUBTFUL,
@@ -104,7 +104,7 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
             Reason(
                 "dem-coverage", Level.DOUBTFUL,
                 f"the DEM covers {covered.mean():.0%} of the images' ground"
-                + (f", least of all {named(ids)}" if len(ids) < len(covered) else ""),
+                + (f", least of all {list_ids(ids)}" if len(ids) < len(covered) else ""),
                 "name a DEM of the whole block, and check its CRS", ids,
             )
         )  # fmt: skip
@@ -127,8 +127,8 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
         reasons.append(
             Reason(
                 "height-datum", Level.DOUBTFUL,
-                f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of the {low} "
-                f"are above the geoid but count as ellipsoidal, or those of the {high} are ellipsoidal but were converted",
+                f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of the "
+                f"{low} are above the geoid but count as ellipsoidal, or those of the {high} were converted needlessly",
                 f"say what the heights of both refer to ({argument})", (), ids,
             )
         )  # fmt: skip
@@ -147,7 +147,9 @@ def _covered(image: Image, block: Block, surface: HeightSurface) -> float:
     known = block.points.ground[block.known, 2]
     height = float(np.median(known)) if len(known) else image.rpc.height_off
     low, high = image.rpc.height_range
-    ground = image.rpc.localize(image.grid_px(GRID, GRID, margin=-0.05), float(np.clip(height, low, high))).ground
+    ground = image.rpc.localize(
+        image.grid_px(COVERAGE_GRID, COVERAGE_GRID, margin=-0.05), float(np.clip(height, low, high))
+    ).ground
     return float(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
 
 
@@ -163,7 +165,7 @@ def duplicate_reasons(block: Block) -> list[Reason]:
     same = np.all(measured.xy[first] == measured.xy[first + 1], axis=1)
     for pair in np.unique(key[same]):
         rows = key == pair
-        if rows.sum() >= LEAST_POINTS and same[rows].mean() > 0.5:
+        if rows.sum() >= SEVERAL_POINTS and same[rows].mean() > 0.5:
             twins.add((int(pair) // len(block.images), int(pair) % len(block.images)))
     return [
         Reason(

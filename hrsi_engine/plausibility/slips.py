@@ -17,10 +17,10 @@ import pyproj
 from ..block.block import Image
 from ..foundation.errors import InputError
 from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, utm_epsg, wrap_degrees
-from .control import Control
+from .control import SurveyedRows
 from .datums import datum_shifts
 
-FOOT_M = 0.3048
+FEET_M = 0.3048
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Slip:
 
 # ---- image coordinates ---------------------------------------------------------------------------------------------
 
-Pixels = Callable[[np.ndarray, Image], np.ndarray]
+UndoPixels = Callable[[np.ndarray, Image], np.ndarray]
 
 
 def _mirrored(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
@@ -57,7 +57,7 @@ SCALES = (
 )  # fmt: skip
 
 #: How measured image points are to be read, by slip; each takes ``xy (n, 2)`` of an image and undoes the slip.
-PIXEL_SLIPS: tuple[tuple[Slip, Pixels], ...] = (
+PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     (
         Slip("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
         lambda xy, image: xy[:, ::-1],
@@ -92,7 +92,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, Pixels], ...] = (
 GroundReading = tuple[Slip, np.ndarray]
 
 
-def ground_readings(control: Control, shift_m: np.ndarray, suspicious_shift: bool) -> Iterator[GroundReading]:
+def ground_readings(control: SurveyedRows, shift_m: np.ndarray, suspicious_shift: bool) -> Iterator[GroundReading]:
     """Yield the slips of ground coordinates with the points ``(n, 3)`` as they would be without.
 
     ``shift_m (images, 2)`` are the shifts of the numbers as given. Datums are looked up only where the shifts are
@@ -175,9 +175,9 @@ def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
         )  # fmt: skip
 
 
-def _other_heights(control: Control, shift_m: np.ndarray) -> Iterator[GroundReading]:
+def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[GroundReading]:
     ground = control.ground
-    for factor, what in ((FOOT_M, "are in feet"), (1.0 / FOOT_M, "were converted from feet though they were metres")):
+    for factor, what in ((FEET_M, "are in feet"), (1.0 / FEET_M, "were converted from feet though they were metres")):
         yield (
             Slip("height-unit", f"the heights of the ground points {what}", "give heights in metres"),
             ground * [1.0, 1.0, factor],
@@ -216,7 +216,7 @@ def _other_heights(control: Control, shift_m: np.ndarray) -> Iterator[GroundRead
     )  # fmt: skip
 
 
-def common_lift(control: Control, shift_m: np.ndarray) -> tuple[float, float]:
+def common_lift(control: SurveyedRows, shift_m: np.ndarray) -> tuple[float, float]:
     """Return by how much all surveyed heights are too high, from the images' shifts, and its standard deviation.
 
     A survey too high by h moves every image by h times the slope of its rays. The images' own errors, of their sigma
@@ -258,6 +258,7 @@ def _other_datum(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading
         (-1.0, "were converted from {} though they were WGS84"),
     ):
         for datum in candidates:
+            size = np.hypot(datum.east_m, datum.north_m)
             step = sign * np.array([datum.east_m, datum.north_m, 0.0])
             yield (
                 Slip(

@@ -15,27 +15,27 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from ..block.block import Block, Role
-from ..foundation.errors import named
+from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..ground.geodesy import moved_ground
 from .accuracy import ImageAccuracy
 from .sights import Sights, sights
 from .slips import PIXEL_SLIPS, Slip
 
-PER_PAIR = 60  # points looked at
-MOST = 20_000
-LEAST = 8  # points of a pair that tell something
-WEAK = 0.02  # difference of the slopes of two rays below which they tell no height
-TOLERANCE_PX, TOLERANCE_SIGMAS, TOLERANCE_DRIFT = 4.0, 6.0, 3e-4
+SAMPLE_PER_PAIR = 60  # points looked at
+MOST_SAMPLED = 20_000
+LEAST_OF_PAIR = 8  # points of a pair that tell something
+WEAK_SLOPE = 0.02  # difference of the slopes of two rays below which they tell no height
+MISS_PX, MISS_SIGMAS, MISS_DRIFT = 4.0, 6.0, 3e-4
 MODE_SHARE = 0.15  # of a pair's points, whose narrowest interval is where the bulk is
-MANY, MOST_WRONG = 0.2, 0.42  # share of wrong measurements that is worth a look, and that nobody should trust
+MANY_WRONG, MOST_WRONG = 0.2, 0.42  # share of wrong measurements that is worth a look, and that nobody should trust
 JOINED = 0.5  # share of a pair's points that must agree for the pair to fit
 CURED, CURED_BY = 0.15, 3.0  # share of wrong points that a named slip leaves, and how many times fewer
 MOST_SUSPECTS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class SampledPairs:
     """Sampled points on pairs of images.
 
     image : (n, 2) indices of the two images; xy : (n, 2, 2); sigma_px : (n,); pair : (n,) which pair of images
@@ -56,14 +56,14 @@ class Pairs:
         return int(self.pair.max(initial=-1)) + 1
 
 
-def pairs_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Pairs | None:
+def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> SampledPairs | None:
     """Return a sample of the tie points of every pair of images; None without tie points."""
     measured = block.measurements
     tie = (block.points.role == Role.TIE)[measured.point]
     first = np.flatnonzero(
         tie[:-1] & (measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1])
     )
-    if len(first) < LEAST:
+    if len(first) < LEAST_OF_PAIR:
         return None
     key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
     order = np.argsort(key, kind="stable")
@@ -71,7 +71,7 @@ def pairs_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Pairs | None:
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
     pair = np.repeat(np.arange(len(starts)), sizes)
-    per_pair = max(LEAST, min(PER_PAIR, MOST // len(starts)))
+    per_pair = max(LEAST_OF_PAIR, min(SAMPLE_PER_PAIR, MOST_SAMPLED // len(starts)))
     # every k-th point of a pair: the rank within the pair, stretched, steps by one
     rank = np.arange(len(key)) - starts[pair]
     wanted = np.minimum(sizes, per_pair)[pair]
@@ -80,7 +80,7 @@ def pairs_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> Pairs | None:
     known = block.points.ground[block.known, 2]
     height = known[np.isfinite(known)] if len(known) else np.empty(0)
     middle = float(np.median(height)) if len(height) else float(np.median([i.rpc.height_off for i in block.images]))
-    return Pairs(
+    return SampledPairs(
         block, accuracies, measured.point[rows], np.column_stack([measured.image[rows], measured.image[rows + 1]]),
         np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
         np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]), pair[chosen], middle,
@@ -97,28 +97,26 @@ class Joint:
     good: np.ndarray
 
 
-def joint(pairs: Pairs, image: np.ndarray | None = None, xy: np.ndarray | None = None) -> Joint:
+def joint(pairs: SampledPairs, image: np.ndarray | None = None, xy: np.ndarray | None = None) -> Joint:
     """Return how well the pairs meet, with their own or other images and coordinates."""
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
     images = pairs.block.images
     flat = sights(images, image.ravel(), xy.reshape(-1, 2))
     at_height = _at_height(flat, pairs.height_m)
-    apart = at_height.distance_m(
-        np.column_stack([flat_other(at_height.ground), np.full(len(flat.ground), pairs.height_m)])
-    )[::2]
+    apart = at_height.distance_m(_other_ends(at_height.ground))[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
     length = np.hypot(*slope.T)
-    weak = ~(length > WEAK)
-    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, WEAK)[:, None])
+    weak = ~(length > WEAK_SLOPE)
+    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, WEAK_SLOPE)[:, None])
     across = unit[:, 0] * apart[:, 1] - unit[:, 1] * apart[:, 0]
-    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, WEAK))
+    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, WEAK_SLOPE))
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
-    tolerance = gsd * np.maximum(TOLERANCE_PX, np.maximum(TOLERANCE_SIGMAS * pairs.sigma_px, TOLERANCE_DRIFT * reach))
+    tolerance = gsd * np.maximum(MISS_PX, np.maximum(MISS_SIGMAS * pairs.sigma_px, MISS_DRIFT * reach))
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
-    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK)
+    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK_SLOPE)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~possible | ~np.isfinite(across)
     good = np.full(pairs.count, np.nan)
@@ -129,7 +127,7 @@ def joint(pairs: Pairs, image: np.ndarray | None = None, xy: np.ndarray | None =
         wrong[part] |= np.abs(across[part] - bulk) > tolerance[part]
         if abs(bulk) > 8.0 * sigma[begin]:
             wrong[part] = True
-        if end - begin >= LEAST:
+        if end - begin >= LEAST_OF_PAIR:
             good[number] = 1.0 - wrong[part].mean()
     telling = np.isfinite(good)[pairs.pair]
     return Joint(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
@@ -160,20 +158,20 @@ def _mode(values: np.ndarray) -> float:
 
 def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
     """Return what is wrong with a block's tie points; nothing where most of them join their images."""
-    pairs = pairs_of(block, accuracies)
+    pairs = sample_pairs(block, accuracies)
     if pairs is None:
         return []
     given = joint(pairs)
     failing = np.flatnonzero(given.good < JOINED)
     share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
-    if not len(failing) and share < MANY:
+    if not len(failing) and share < MANY_WRONG:
         return []
     suspects = _suspects(pairs, given, failing)
     found = _named_slip(pairs, given, suspects)
     if found is not None:
         slip, images, cured = found
         ids = tuple(block.images[index].id for index in images)
-        where = "" if len(ids) == len(block.images) else f" on image {named(ids)}"
+        where = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
         return [
             Reason(
                 slip.code, Level.UNUSABLE,
@@ -189,14 +187,14 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
         Reason(
             "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
             f"about {share:.0%} of the measurements of tie points do not join their images"
-            + (f", most of all those of {named(ids)}" if 0 < len(ids) < len(block.images) else ""),
+            + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else ""),
             "check that the tie points belong to these images, the columns and ids of their file; or find them anew",
             ids, wrong,
         )
     ]  # fmt: skip
 
 
-def _suspects(pairs: Pairs, given: Joint, failing: np.ndarray) -> np.ndarray:
+def _suspects(pairs: SampledPairs, given: Joint, failing: np.ndarray) -> np.ndarray:
     """Return the images most of whose pairs fail, those with most failures first."""
     ends = np.array([pairs.image[np.argmax(pairs.pair == number)] for number in range(pairs.count)])
     count = len(pairs.block.images)
@@ -207,7 +205,7 @@ def _suspects(pairs: Pairs, given: Joint, failing: np.ndarray) -> np.ndarray:
     return bad[np.argsort(-failed[bad] / all_pairs[bad], kind="stable")][:MOST_SUSPECTS]
 
 
-def _named_slip(pairs: Pairs, given: Joint, suspects: np.ndarray) -> tuple[Slip, np.ndarray, float] | None:
+def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tuple[Slip, np.ndarray, float] | None:
     """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong."""
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
     for slip, images, share in _readings(pairs, suspects):
@@ -220,7 +218,7 @@ def _named_slip(pairs: Pairs, given: Joint, suspects: np.ndarray) -> tuple[Slip,
     return slip, images, share
 
 
-def _readings(pairs: Pairs, suspects: np.ndarray) -> Iterator[tuple[Slip, np.ndarray, float]]:
+def _readings(pairs: SampledPairs, suspects: np.ndarray) -> Iterator[tuple[Slip, np.ndarray, float]]:
     """Yield every slip undone, on all images or a suspected one, with the images and the share of points wrong."""
     every = np.arange(len(pairs.block.images))
     for images in (every, *(suspects[k : k + 1] for k in range(len(suspects)))):
@@ -242,7 +240,7 @@ def _readings(pairs: Pairs, suspects: np.ndarray) -> Iterator[tuple[Slip, np.nda
                 yield slip, np.array(group), joint(pairs, image=image).share
 
 
-def _read_pixels(pairs: Pairs, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
+def _read_pixels(pairs: SampledPairs, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
     xy = pairs.xy.copy()
     for index in images:
         rows = pairs.image == index
