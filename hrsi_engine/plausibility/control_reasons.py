@@ -14,7 +14,7 @@ import numpy as np
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from .control import SurveyedRows, RowFit, fit
+from .control import RowFit, SurveyedRows, fit
 from .groups import Disagreement, disagreement
 from .identities import permuted_images, permuted_points
 from .sights import sights
