@@ -37,8 +37,8 @@ from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 
-#: The competitor's priors, and its rule that the measurements of check points are ties.
-OPTIONS = AdjustOptions(model="affine", sigma_shift_px=20.0, sigma_drift=1e-3, check_as_ties=True)
+#: The competitor's priors, and its rules that the measurements of check points are ties and nothing is left out.
+OPTIONS = AdjustOptions(model="affine", sigma_shift_px=20.0, sigma_drift=1e-3, check_as_ties=True, reject_sigma=0.0)
 
 
 def high_water_mb() -> float:

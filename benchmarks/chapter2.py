@@ -153,7 +153,7 @@ def hobart_deviations(data: Path, kind: str, model: str = "shift") -> np.ndarray
     )  # fmt: skip
     known = np.isin(ground.ids, measured.ids)
     control = GroundPoints(ground.ids[known], ground.ground[known], ground.role[known], ground.sigma_m[known])
-    result = adjust(assemble(images, [control], [measured]), AdjustOptions(model=model))
+    result = adjust(assemble(images, [control], [measured]), AdjustOptions(model=model, reject_sigma=0.0))
     rpcs = [result.model.refined_rpc(image, value).rpc for image, value in zip(images, result.values, strict=True)]
     block = result.block
     deviations = []

@@ -24,11 +24,8 @@ from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90  # noqa: E4
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image  # noqa: E402
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, reference_shift  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference.matching import (  # noqa: E402
-    ReferenceControl,
-    ReferenceOptions,
-    match_reference,
-)
+from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions  # noqa: E402
 from hrsi.hrsi_engine.simulation import (  # noqa: E402
     SENSORS,
     Noise,
@@ -124,7 +121,7 @@ def without() -> None:
     circle, line, scaled = [], [], []
     for seed in range(SEEDS):
         simulated = pleiades_triplet(seed, PointCounts(0, 30, 80))
-        result = adjust(simulated.block, AdjustOptions())
+        result = adjust(simulated.block, AdjustOptions(reject_sigma=0.0))
         sigma = np.array(result.parts[0].sigma_m)
         error = ground_difference_m(result.ground, simulated.truth.ground).mean(axis=0)
         circle.append(np.hypot(*error[:2]) <= CIRCLE_90 * np.sqrt(0.5 * (sigma[:2] ** 2).sum()))
@@ -144,7 +141,7 @@ def refined_images(scene: scenes.Scene, gcps: bool) -> list[Image]:
     if not gcps:
         role = np.where(block.points.role == 0, 2, block.points.role)
         block = replace(block, points=replace(block.points, role=role))
-    result = adjust(block, AdjustOptions(model="shift-drift" if gcps else "shift"))
+    result = adjust(block, AdjustOptions(model="shift-drift" if gcps else "shift", reject_sigma=0.0))
     return [
         replace(image, rpc=result.model.refined_rpc(image, values).rpc)
         for image, values in zip(scene.images, result.values, strict=True)

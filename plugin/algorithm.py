@@ -14,11 +14,12 @@ from qgis.PyQt.QtGui import QIcon
 
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ..processing_algorithms.interface.declare import Algorithm, Context, Report
+from ..processing_algorithms.interface.naming import spell_arguments
 from ..processing_algorithms.interface.options import checked_options
 from .dependencies import missing_package_message
 from .help_text import short_help
 from .icons import icon_path
-from .parameters import Reading, definition, option
+from .parameters import Reading, definition, label_of, option_value
 from .results import collect_results, output_definitions, show_layers
 
 
@@ -63,7 +64,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
 
     def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
         for param in self.declaration.params:
-            self.addParameter(definition(param))
+            self.addParameter(definition(param, self.declaration.params))
         for output in output_definitions(self.declaration):
             self.addOutput(output)
 
@@ -71,7 +72,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
         reading = Reading(self, parameters, context, feedback)
-        self._options = {param.key: option(param, reading) for param in self.declaration.params}
+        self._options = {param.key: option_value(param, reading) for param in self.declaration.params}
         return True
 
     def processAlgorithm(
@@ -83,7 +84,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         except Cancelled:
             feedback.pushInfo("Cancelled; nothing was written")
             return {}
-        feedback.pushInfo(self.declaration.summarise(report))
+        feedback.pushInfo(self._spelt(self.declaration.summarise(report)))
         show_layers(self.declaration, self._options, context)
         return collect_results(self.declaration, self._options, report)
 
@@ -91,16 +92,21 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
         try:
             options = checked_options(self.declaration, self._options)
-            return self.declaration.execute(options, Context(progress_to(feedback), feedback.pushInfo))
+            told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._spelt(message)))
+            return self.declaration.execute(options, told)
         except Cancelled:
             raise
         except (HrsiError, OSError) as error:
-            raise QgsProcessingException(str(error)) from None
+            raise QgsProcessingException(self._spelt(str(error))) from None
         except ImportError as error:
             message = missing_package_message(error)
             if message is None:
                 raise
             raise QgsProcessingException(message) from error
+
+    def _spelt(self, message: str) -> str:
+        """Return a message with the arguments that it names as the dialog labels them."""
+        return spell_arguments(message, self.declaration.params, label_of)
 
 
 def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]:

@@ -5,20 +5,27 @@ from __future__ import annotations
 from html import escape
 
 from ..processing_algorithms.interface.declare import Algorithm, Param
+from ..processing_algorithms.interface.naming import spell_arguments
 from .dependencies import absence_note
 from .parameters import label_of
 
 
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
-    paragraphs = [part for part in declaration.help.split("\n\n") if part.strip()] or [declaration.summary]
+    told = _told(declaration.help, declaration).split("\n\n")
+    paragraphs = [part for part in told if part.strip()] or [declaration.summary]
     note = absence_note(declaration.packages)
     text = "".join(f"<p>{_text(part)}</p>" for part in ([note] if note else []) + paragraphs)
-    return text + "<h2>Parameters</h2>" + "".join(map(_parameter_help, declaration.params))
+    return text + "<h2>Parameters</h2>" + "".join(_parameter_help(param, declaration) for param in declaration.params)
 
 
-def _parameter_help(param: Param) -> str:
-    return f"<p><b>{_text(label_of(param))}</b><br/>{_text(param.help)}.</p>"
+def _parameter_help(param: Param, declaration: Algorithm) -> str:
+    return f"<p><b>{_text(label_of(param))}</b><br/>{_text(_told(param.help, declaration))}.</p>"
+
+
+def _told(text: str, declaration: Algorithm) -> str:
+    """Return a text with the arguments that it names as the dialog labels them."""
+    return spell_arguments(text, declaration.params, label_of)
 
 
 def _text(plain: str) -> str:

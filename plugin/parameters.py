@@ -7,7 +7,7 @@ or a file that is not there (which the engine names in its error) must pass, so 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -30,6 +30,7 @@ from qgis.core import (
 )
 
 from ..processing_algorithms.interface.declare import Kind, Param
+from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
 
@@ -115,16 +116,16 @@ def label_of(param: Param) -> str:
     return words[0].upper() + words[1:] + unit
 
 
-def definition(param: Param) -> QgsProcessingParameterDefinition:
+def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParameterDefinition:
     """Make the QGIS parameter of a declared one."""
     made = BINDINGS[param.kind].make(param)
-    made.setHelp(f"{param.help}.")
+    made.setHelp(f"{spell_arguments(param.help, params, label_of)}.")
     if param.advanced:
         made.setFlags(made.flags() | ADVANCED)
     return made
 
 
-def option(param: Param, reading: Reading) -> Any:
+def option_value(param: Param, reading: Reading) -> Any:
     """Return the value of a parameter as the engine takes it; the declared default where none is given."""
     value = reading.parameters.get(qgis_name(param))
     if value is None or value == NULL or value == "":
@@ -236,6 +237,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.CRS: Binding(_crs, _read_crs),
     Kind.TEXT: Binding(_text, _reader("parameterAsString")),
     Kind.IDS: Binding(_text, _read_ids),
+    Kind.GROUPS: Binding(_text, _read_ids),
     Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),
     Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
     Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),

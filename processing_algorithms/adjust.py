@@ -2,35 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
-from .block_steps.params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
+from ..hrsi_engine.adjustment.options import AdjustOptions
+from ..hrsi_engine.foundation.options import nested, option
+from .block_steps.options import BlockOutput, PointFiles, images_option
 from .block_steps.summary import summarise
 from .files.image_files import open_images
-from .files.terrain import DEM, DEM_DATUM
-from .interface.declare import Algorithm, Context, Kind, Param, Report
+from .files.terrain import DemOptions
+from .interface.declare import Algorithm, Context, Kind, Report
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class AdjustAlgorithmOptions:
+    """What `adjust` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nested(PointFiles)
+    tie_points: str | None = option(
+        None, "Further image points, measured on two or more images", kind=Kind.POINTS, metavar="FILE"
+    )
+    dem: DemOptions = nested(DemOptions)
+    adjustment: AdjustOptions = nested(AdjustOptions)
+    output: BlockOutput = nested(BlockOutput)
+
+
+def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
-    from ..hrsi_engine.adjustment import adjust
+    from ..hrsi_engine.adjustment.solver import adjust
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
     from .block_steps import inputs as block_inputs
     from .block_steps import model_choice, plausibility
     from .block_steps import outputs as block_outputs
 
-    check_output_dir(options["output_dir"], options["overwrite"])
+    check_output_dir(options.output.folder.output_dir, options.output.folder.overwrite)
     clock = block_outputs.Clock()
-    images = open_images(options["images"], context.log)
-    block, warnings = block_inputs.read_block(images, dict(options) | {"tie_points_file": options["tie_points"]})
+    images = open_images(options.images, context.log)
+    block, warnings = block_inputs.read_block(images, options.points, options.dem, options.tie_points)
     clock.lap("read")
-    reasons = plausibility.input_reasons(block, options)
+    reasons = plausibility.input_reasons(block, options.points, options.dem)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        chosen = model_choice.choose(block, options)
-        result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.1, 0.6))
+        chosen = model_choice.choose(block, options.adjustment)
+        how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
+        result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.6, 1.0), context.log)
     return block_outputs.write_results(
@@ -47,15 +63,7 @@ ALGORITHM = Algorithm(
         "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
         "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
     ),
-    params=(
-        IMAGES,
-        *POINT_PARAMS,
-        Param("tie-points", Kind.POINTS, "Further image points, measured on two or more images", metavar="FILE"),
-        DEM,
-        DEM_DATUM,
-        *ADJUST_PARAMS,
-        *BLOCK_OUTPUT_PARAMS,
-    ),
+    options=AdjustAlgorithmOptions,
     run=run,
     summarise=summarise,
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),

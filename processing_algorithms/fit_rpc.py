@@ -110,7 +110,7 @@ ALGORITHM = Algorithm(
         "point in five is left out once, and the differences there are reported. A full RPC takes 45 points or more, "
         "spread over the image and at several heights; with fewer points only its lower terms are estimated."
     ),
-    params=(
+    declared=(
         Param(
             "points", Kind.POINTS, "Table of correspondences: a CSV or vector layer", required=True,
             metavar="FILE[|layername=L]",

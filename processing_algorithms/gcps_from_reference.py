@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from .block_steps.reference_control import REFERENCE, REFERENCE_PARAMS, FromReference
+from ..hrsi_engine.foundation.options import nested, option
+from .block_steps.options import images_option
+from .block_steps.reference_control import FromReference, ReferenceImage
 from .files.image_files import open_images
 from .files.result_folder import check_folder, write_folder
-from .files.terrain import DEM, DEM_DATUM, HEIGHT_DATUM
-from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .files.terrain import DemOptions, height_datum_option
+from .interface.declare import Algorithm, Context, Kind, Report, ResultFolder, settings_of
 
 if TYPE_CHECKING:
     from ..hrsi_engine.io.layers import Layer
@@ -19,27 +20,63 @@ LAYERS_FILE, LAYER, REJECTED = "gcps.gpkg", "gcps", "rejected"
 WGS84_3D = 4979
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class RequiredReference(ReferenceImage):
+    """A reference orthoimage that has to be named."""
+
+    reference: str = option(
+        help="Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequiredDem(DemOptions):
+    """A DEM that has to be named."""
+
+    dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GcpsFromReferenceOptions:
+    """What `gcps-from-reference` takes."""
+
+    images: tuple[str, ...] = images_option("Images with RPC and pixels")
+    reference: RequiredReference = nested(RequiredReference)
+    dem: RequiredDem = nested(RequiredDem)
+    height_datum: str = height_datum_option()
+    sigma_dem: float | None = option(
+        None,
+        "Standard deviation of the DEM's heights; by default from the size of its cells",
+        minimum=1e-6,
+        unit="m",
+        metavar="M",
+    )
+    folder: ResultFolder = nested(ResultFolder)
+
+
+def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
     from ..hrsi_engine.foundation.errors import SolveError
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.foundation.version import VERSION
     from .block_steps import reference_control
 
-    check_folder(options)
-    images = open_images(options["images"], context.log)
+    check_folder(options.folder)
+    images = open_images(options.images, context.log)
     matching = Context(stage(context.progress, 0.0, 0.9), context.log)
-    found = reference_control.match(images, options, matching)
+    found = reference_control.match(
+        images, options.reference, options.dem.surface(options.height_datum), options.sigma_dem, matching
+    )
     ground, measured = reference_control.points(found)
     if not len(ground):
-        raise SolveError(f"{options['reference']}: no GCP was found: {'; '.join(found.warnings)}")
+        raise SolveError(f"{options.reference.reference}: no GCP was found: {'; '.join(found.warnings)}")
     report: Report = {
         "schema": 1, "algorithm": "gcps-from-reference", "version": VERSION, "points": len(ground),
         "measurements": len(measured), "reference": found.entries, "warnings": found.warnings,
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }  # fmt: skip
     layers = [_layer(LAYER, found, used=True), _layer(REJECTED, found, used=False)]
-    write_folder(options, report, LAYERS_FILE, layers, [image.path for image in images], context)
+    write_folder(options.folder, report, LAYERS_FILE, layers, [image.path for image in images], context)
     return report
 
 
@@ -105,24 +142,9 @@ ALGORITHM = Algorithm(
         "ellipsoid), and sigmas such that all points of the reference together count as four independent ones of its "
         "accuracy, because errors of an orthoimage are alike over wide areas. A reference that lies farther beside the "
         "RPCs than ERR_BIAS and its own sigma explain is named.\n\n"
-        "The layer gcps is ready for adjust and triangulate; triangulate --reference does both in one go."
+        "The layer gcps is ready for adjust and triangulate; triangulate with its `reference` does both in one go."
     ),
-    params=(
-        Param(
-            "images", Kind.IMAGES, "Images with RPC and pixels", required=True, metavar="IMAGE",
-        ),
-        replace(REFERENCE, required=True),
-        replace(DEM, required=True),
-        HEIGHT_DATUM,
-        DEM_DATUM,
-        *REFERENCE_PARAMS,
-        Param(
-            "sigma-dem", Kind.NUMBER, "Standard deviation of the DEM's heights; by default from the size of its cells",
-            minimum=1e-6, unit="m", metavar="M",
-        ),
-        *OUTPUT_PARAMS,
-        *COMMON_PARAMS,
-    ),
+    options=GcpsFromReferenceOptions,
     run=run,
     summarise=summarise,
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),

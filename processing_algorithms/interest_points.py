@@ -142,7 +142,7 @@ ALGORITHM = Algorithm(
         "The layer lies at the points' ground positions where the image has an RPC (at its mean height, a given "
         "height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of the first pixel."
     ),
-    params=(
+    declared=(
         IMAGES_WITH_PIXELS,
         Param("detector", Kind.CHOICE, "What to find", default="all", choices=tuple(DETECTOR_SETS)),
         Param("window", Kind.TEXT, "Only this window of the image", metavar="SAMPLE,LINE,SAMPLES,LINES"),

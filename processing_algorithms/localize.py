@@ -148,7 +148,7 @@ ALGORITHM = Algorithm(
         "--height. On a DEM the first hit of the ray from above counts. Sample 0, line 0 is the CENTRE of the first "
         "pixel (GDAL's pixel and line are 0.5 larger)."
     ),
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
         Param(
             "points", Kind.POINTS, "Image points: a vector layer or CSV; by default lines on standard input",

@@ -232,7 +232,7 @@ ALGORITHM = Algorithm(
         "Windows are read as a whole: choose them with --window-1 and --window-2 in large images. Sample 0, line 0 is "
         "the CENTRE of the first pixel."
     ),
-    params=(
+    declared=(
         IMAGES_WITH_PIXELS,
         Param("window-1", Kind.TEXT, "Only this window of the first image", metavar="SAMPLE,LINE,SAMPLES,LINES"),
         Param("window-2", Kind.TEXT, "Only this window of the second image", metavar="SAMPLE,LINE,SAMPLES,LINES"),

@@ -250,7 +250,7 @@ ALGORITHM = Algorithm(
         "With --edges no pixels are needed: the edge points of a file (id, image, sample, line) are evaluated, six or "
         "more around an ellipse, or three or more on each of two lines. The report shows a chip of every target."
     ),
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Images; not needed with --edges", metavar="IMAGE"),
         Param("points", Kind.POINTS, "Approximate positions, on images or on the ground", metavar="FILE[|layername=L]"),
         Param("edges", Kind.POINTS, "Hand-measured edge points, those of a target under one id", metavar="FILE"),

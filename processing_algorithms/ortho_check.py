@@ -54,7 +54,7 @@ ALGORITHM = Algorithm(
         "90th percentiles, and writes a layer of arrows. --before names the folder of the orthoimages made with the "
         "original RPCs: both are then compared in the same windows."
     ),
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Orthoimages", required=True, metavar="ORTHO"),
         Param("reference", Kind.RASTER, "Compare with this orthoimage instead of with one another", metavar="FILE"),
         Param(

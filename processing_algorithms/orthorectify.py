@@ -6,9 +6,8 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from .block_steps.params import GROUND_CRS
 from .files.image_files import open_images
-from .files.terrain import TERRAIN_PARAMS
+from .files.terrain import GROUND_CRS, TERRAIN_PARAMS
 from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
 
 #: GDAL's kernels; `io.ortho_warp.RESAMPLING` holds them (a test compares the two).
@@ -59,7 +58,7 @@ ALGORITHM = Algorithm(
         "what was found at random pixels. Orthoimages that were made before from the same files with the same options "
         "are kept, so a stopped run goes on where it was. Ground hidden from the sensor shows what hides it."
     ),
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Images with RPC", required=True, metavar="IMAGE"),
         *TERRAIN_PARAMS,
         Param(

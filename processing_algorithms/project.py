@@ -138,7 +138,7 @@ ALGORITHM = Algorithm(
         "with what follows the coordinates. Sample 0, line 0 is the CENTRE of the first pixel (GDAL's pixel and line "
         "are 0.5 larger). Points without a height take it from the DEM or from --height."
     ),
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
         Param(
             "points", Kind.POINTS, "Ground points: a vector layer or CSV; by default lines on standard input",

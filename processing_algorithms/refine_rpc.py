@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .block_steps.params import (
-    BLOCK_MODEL_CHOICES,
-    BLOCK_OUTPUT_PARAMS,
-    DIRECT_MODEL_CHOICES,
-    IMAGES,
-    POINT_PARAMS,
-    RULE_CHOICES,
-    SIGMA_PARAMS,
-)
+from ..hrsi_engine.foundation.options import nested, option
+from ..hrsi_engine.refinement.options import RefineOptions
+from .block_steps.options import BlockOutput, PointFiles, images_option
 from .block_steps.summary import AXES, number, summarise
 from .files.image_files import open_images
-from .interface.declare import Algorithm, Context, Kind, Param, Report
+from .interface.declare import Algorithm, Context, Report
 
 if TYPE_CHECKING:
     from ..hrsi_engine.block.block import Block
     from ..hrsi_engine.refinement.refine import Refinement
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class RefineAlgorithmOptions:
+    """What `refine-rpc` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nested(PointFiles)
+    refinement: RefineOptions = nested(RefineOptions)
+    compare: bool = option(False, "Tabulate all models on the same control and check points")
+    output: BlockOutput = nested(BlockOutput)
+
+
+def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
@@ -32,19 +38,19 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     from .block_steps import outputs as block_outputs
     from .block_steps import plausibility
 
-    check_output_dir(options["output_dir"], options["overwrite"])
+    check_output_dir(options.output.folder.output_dir, options.output.folder.overwrite)
     clock = block_outputs.Clock()
-    images = open_images(options["images"], context.log)
-    block, warnings = block_inputs.read_block(images, options)
+    images = open_images(options.images, context.log)
+    block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
-    reasons = plausibility.input_reasons(block, options)
+    reasons = plausibility.input_reasons(block, options.points)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        refinements = _refine(block, options, Context(stage(context.progress, 0.1, 0.3), context.log))
+        refinements = _refine(block, options.refinement, Context(stage(context.progress, 0.1, 0.3), context.log))
     result = separate_result(block, refinements)
     clock.lap("refine")
-    more = _entries(options["model"], refinements)
-    if options["compare"]:
+    more = _entries(options.refinement.model, refinements)
+    if options.compare:
         more["models"] = _compared(block, refinements, Context(stage(context.progress, 0.3, 0.6), context.log))
         clock.lap("compare")
     rest = Context(stage(context.progress, 0.6, 1.0), context.log)
@@ -52,7 +58,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     return report
 
 
-def _refine(block: Block, options: Mapping[str, Any], context: Context) -> list[Refinement]:
+def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refinement]:
     """Return every image's refinement from its own GCPs."""
     from ..hrsi_engine.block.block import Role
     from ..hrsi_engine.foundation.progress import advance
@@ -63,7 +69,7 @@ def _refine(block: Block, options: Mapping[str, Any], context: Context) -> list[
     for index, image in enumerate(block.images):
         advance(context.progress, index / len(block.images), f"refining {image.id}")
         control = control_on(block, index, Role.GCP)
-        refinements.append(refine_image(image, control, options["model"], options["leave_out"]))
+        refinements.append(refine_image(image, control, options))
     return refinements
 
 
@@ -89,7 +95,7 @@ def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
 def _compared(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
     from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.refinement import MODELS
+    from ..hrsi_engine.refinement.models import MODELS
 
     table = {}
     for done, name in enumerate(MODELS):
@@ -103,7 +109,7 @@ def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict
     import numpy as np
 
     from ..hrsi_engine.foundation.errors import InputError, SolveError
-    from ..hrsi_engine.refinement import MODELS
+    from ..hrsi_engine.refinement.models import MODELS
     from ..hrsi_engine.refinement.refine import Refinement, solve
     from ..hrsi_engine.results.figures import control_and_check
     from ..hrsi_engine.results.residuals import residuals
@@ -163,24 +169,10 @@ ALGORITHM = Algorithm(
     help=(
         "Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what predicts "
         "GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects position and "
-        "attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; --compare adds a table of all "
+        "attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; `compare` adds a table of all "
         "models with the same control and check points."
     ),
-    params=(
-        IMAGES,
-        *POINT_PARAMS,
-        Param(
-            "model", Kind.CHOICE, "Correction of each image's RPC", default="auto",
-            choices=(*RULE_CHOICES, *BLOCK_MODEL_CHOICES, *DIRECT_MODEL_CHOICES),
-        ),
-        Param("compare", Kind.FLAG, "Tabulate all models on the same control and check points", default=False),
-        Param(
-            "leave-out", Kind.FLAG, "GCPs that disagree with the others are left out; they are named in any case",
-            default=True, advanced=True,
-        ),
-        *SIGMA_PARAMS,
-        *BLOCK_OUTPUT_PARAMS,
-    ),
+    options=RefineAlgorithmOptions,
     run=run,
     summarise=summarise_refinement,
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),

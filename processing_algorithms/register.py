@@ -206,7 +206,7 @@ ALGORITHM = Algorithm(
         "images alone and all together. The images may have different resolutions. Residuals are in pixels of the "
         "second image, or in metres with --gsd."
     ),
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "The two images; needed for the models with RPC only", metavar="IMAGE"),
         Param("image-points", Kind.POINTS, "Points measured on both images", required=True, metavar="FILE"),
         Param("first", Kind.TEXT, "Id of the first image; by default the first one", metavar="ID"),

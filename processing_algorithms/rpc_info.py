@@ -178,7 +178,7 @@ ALGORITHM = Algorithm(
         "depends on the terrain's height: give a DEM or a height. Warns of RPCs that are damaged, swapped, used "
         "beyond their heights, or of another image."
     ),
-    params=(
+    declared=(
         Param(
             "images", Kind.IMAGES, "Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom)", required=True,
             metavar="IMAGE",

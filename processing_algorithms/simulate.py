@@ -129,7 +129,7 @@ ALGORITHM = Algorithm(
         "orbit and attitude are wrong as a vendor's are. Writes images, terrain (ellipsoidal heights), ground points, "
         "image points and the truth of all of them, to test methods and to plan blocks."
     ),
-    params=(
+    declared=(
         *VIEW_PARAMS, *SCENE_PARAMS, *POINT_PARAMS, *NOISE_PARAMS, *OUTPUT_CHOICES, *OUTPUT_PARAMS, *COMMON_PARAMS,
     ),
     run=run,

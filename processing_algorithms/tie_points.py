@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .block_steps.tie_search import SEARCH_PARAMS, find
+from ..hrsi_engine.foundation.options import nested, option
+from .block_steps.options import images_option
+from .block_steps.tie_search import SearchOptions, find
 from .files.image_files import open_images
-from .files.terrain import TERRAIN_PARAMS, open_terrain
-from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .files.terrain import TerrainOptions, open_terrain
+from .interface.declare import Algorithm, Context, Report, ResultFolder, settings_of
 
 if TYPE_CHECKING:
     from ..hrsi_engine.block.block import Image
@@ -20,21 +23,33 @@ LAYERS_FILE, TABLE_FILE = "block.gpkg", "tie_points.csv"
 POINTS_LAYER, MEASUREMENTS_LAYER = "tie_points", "image_points"
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class TiePointsOptions:
+    """What `tie-points` takes."""
+
+    images: tuple[str, ...] = images_option("Images with RPC")
+    terrain: TerrainOptions = nested(TerrainOptions)
+    search: SearchOptions = nested(SearchOptions)
+    csv: bool = option(False, "Write the measurements as CSV too")
+    folder: ResultFolder = nested(ResultFolder)
+
+
+def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
     from ..hrsi_engine.foundation.progress import advance, stage
     from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
     from ..hrsi_engine.io.report import write_report_json
     from .block_steps.outputs import Clock
 
-    check_output_dir(options["output_dir"], options["overwrite"])
+    check_output_dir(options.folder.output_dir, options.folder.overwrite)
     clock = Clock()
-    images = open_images(options["images"], context.log)
-    surface = open_terrain(options)
+    images = open_images(options.images, context.log)
+    surface = open_terrain(options.terrain)
     clock.lap("read")
-    found, finished = find(images, options, surface, Context(stage(context.progress, 0.0, 0.95), context.log))
+    searching = Context(stage(context.progress, 0.0, 0.95), context.log)
+    found, finished = find(images, options.search, surface, options.folder.output_dir, searching)
     clock.lap("tie_points")
-    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options.folder.output_dir, [image.path for image in images]) as folder:
         outputs = _write_points(folder, found, options)
         report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
@@ -45,7 +60,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     return report
 
 
-def _write_points(folder: Path, found: TiePoints, options: Mapping[str, Any]) -> dict[str, str]:
+def _write_points(folder: Path, found: TiePoints, options: TiePointsOptions) -> dict[str, str]:
     from ..hrsi_engine.io.csv_tables import write_measurements
     from ..hrsi_engine.io.layer_styles import default_styles
     from ..hrsi_engine.io.layers import write_geopackage
@@ -54,10 +69,10 @@ def _write_points(folder: Path, found: TiePoints, options: Mapping[str, Any]) ->
     styles = default_styles({POINTS_LAYER: layers[0].fields})
     write_geopackage(str(folder / LAYERS_FILE), layers, styles)
     names = {"layers": LAYERS_FILE}
-    if options["csv"]:
+    if options.csv:
         names["csv"] = TABLE_FILE
         write_measurements(str(folder / TABLE_FILE), found.image_points)
-    return {what: f"{options['output_dir'].rstrip('/')}/{name}" for what, name in names.items()}
+    return {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
 
 
 def _layers(found: TiePoints) -> list[Layer]:
@@ -85,7 +100,7 @@ def _layers(found: TiePoints) -> list[Layer]:
     ]
 
 
-def _report(images: Sequence[Image], found: TiePoints, options: Mapping[str, Any]) -> Report:
+def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions) -> Report:
     import math
 
     import numpy as np
@@ -111,7 +126,7 @@ def _report(images: Sequence[Image], found: TiePoints, options: Mapping[str, Any
         "ties": {"points": len(ids), "observations": len(rows),
                  "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]}},
         "warnings": list(found.warnings), "versions": versions(),
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }  # fmt: skip
 
 
@@ -146,19 +161,12 @@ ALGORITHM = Algorithm(
         "standard deviation of each position. Points are spread evenly. Images of any size are read by windows; "
         "pairs and windows are independent parts, done by the threads of this machine or the workers of a Dask "
         "scheduler. What is finished is kept: the same command continues a run that was stopped.\n\n"
-        "The result goes into adjust and triangulate as --tie-points. Sample 0, line 0 is the CENTRE of the first "
-        "pixel."
+        "The result goes into adjust and triangulate as their `tie_points`. Sample 0, line 0 is the CENTRE of the "
+        "first pixel."
     ),
-    params=(
-        Param("images", Kind.IMAGES, "Images with RPC", required=True, metavar="IMAGE"),
-        *TERRAIN_PARAMS,
-        *SEARCH_PARAMS,
-        Param("csv", Kind.FLAG, "Write the measurements as CSV too", default=False),
-        *OUTPUT_PARAMS,
-        *COMMON_PARAMS,
-    ),
+    options=TiePointsOptions,
     run=run,
     summarise=summarise,
     layers=(f"{LAYERS_FILE}|layername={POINTS_LAYER}",),
     packages=("cv2", "dask"),
-)  # fmt: skip
+)

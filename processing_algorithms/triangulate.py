@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
+from ..hrsi_engine.adjustment.options import AdjustOptions
+from ..hrsi_engine.foundation.options import nested, option
 from .adjust import ALGORITHM as ADJUST
-from .block_steps.params import ADJUST_PARAMS, BLOCK_OUTPUT_PARAMS, IMAGES, POINT_PARAMS
-from .block_steps.reference_control import REFERENCE, REFERENCE_PARAMS
-from .block_steps.tie_search import SEARCH_PARAMS
+from .block_steps.options import BlockOutput, PointFiles, images_option
+from .block_steps.reference_control import ReferenceImage
+from .block_steps.tie_search import SearchOptions
 from .files.image_files import open_images
-from .files.terrain import DEM, DEM_DATUM, dem_datum
-from .interface.declare import Context, Kind, Param, Report
+from .files.terrain import DemOptions
+from .interface.declare import Context, Kind, Report
 
 if TYPE_CHECKING:
     from ..hrsi_engine.block.block import Image, ImagePoints
@@ -21,35 +23,57 @@ if TYPE_CHECKING:
 NO_TIE_POINTS, AUTOMATIC = "none", "auto"
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class TriangulateOptions:
+    """What `triangulate` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nested(PointFiles)
+    tie_points: str = option(
+        AUTOMATIC,
+        "auto finds them in the images, none does without, FILE reads them",
+        kind=Kind.POINTS,
+        metavar="auto|none|FILE",
+    )
+    dem: DemOptions = nested(DemOptions)
+    reference: ReferenceImage = nested(ReferenceImage)
+    search: SearchOptions = nested(SearchOptions)
+    adjustment: AdjustOptions = nested(AdjustOptions)
+    output: BlockOutput = nested(BlockOutput)
+
+
+def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
-    from ..hrsi_engine.adjustment import adjust
+    from ..hrsi_engine.adjustment.solver import adjust
     from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
     from .block_steps import dem_offset, model_choice, plausibility, reference_control
     from .block_steps import inputs as block_inputs
     from .block_steps import outputs as block_outputs
 
-    check_output_dir(options["output_dir"], options["overwrite"])
+    check_output_dir(options.output.folder.output_dir, options.output.folder.overwrite)
     clock = block_outputs.Clock()
-    images = open_images(options["images"], context.log)
+    images = open_images(options.images, context.log)
     clock.lap("read")
     searching = Context(stage(context.progress, 0.0, 0.4), context.log)
     found, warnings, finished = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
-    file = None if options["tie_points"] in (NO_TIE_POINTS, AUTOMATIC) else options["tie_points"]
+    file = None if options.tie_points in (NO_TIE_POINTS, AUTOMATIC) else options.tie_points
     reading = Context(stage(context.progress, 0.4, 0.5), context.log)
+    sigma_dem_m = options.adjustment.sigma_dem_m
     block, more, entries = reference_control.read_block(
-        images, dict(options) | {"tie_points_file": file}, found, reading
+        images, options.points, options.dem, file, found, options.reference, sigma_dem_m, reading
     )
-    reasons = plausibility.input_reasons(block, options)
+    reasons = plausibility.input_reasons(block, options.points, options.dem)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        chosen = model_choice.choose(block, options)
-        result = adjust(block, block_inputs.adjust_options(chosen.options), stage(context.progress, 0.5, 0.7))
+        chosen = model_choice.choose(block, options.adjustment)
+        how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
+        result = adjust(block, how, stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
     rest = Context(stage(context.progress, 0.7, 1.0), context.log)
-    warnings += [*more, *chosen.warnings, *dem_offset.offset_warning(result, options)]
+    offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, sigma_dem_m)
+    warnings += [*more, *chosen.warnings, *offset]
     report = block_outputs.write_results(
         "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}, reasons
     )
@@ -59,15 +83,14 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
 
 
 def _automatic_ties(
-    images: Sequence[Image], options: Mapping[str, Any], context: Context
+    images: Sequence[Image], options: TriangulateOptions, context: Context
 ) -> tuple[list[ImagePoints], list[str], Finished | None]:
-    if options["tie_points"] != AUTOMATIC:
+    if options.tie_points != AUTOMATIC:
         return [], [], None
-    from ..hrsi_engine.io.dems import open_dem
     from .block_steps.tie_search import find
 
-    surface = open_dem(options["dem"], dem_datum(options)) if options["dem"] else None
-    found, finished = find(images, options, surface, context)
+    surface = options.dem.surface(options.points.height_datum)
+    found, finished = find(images, options.search, surface, options.output.folder.output_dir, context)
     return [found.image_points], list(found.warnings), finished
 
 
@@ -79,25 +102,11 @@ ALGORITHM = replace(
     help=(
         "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
         "CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points agree. "
-        "GCPs may also come from an orthoimage (--reference, with --dem). "
+        "GCPs may also come from an orthoimage (`reference`, with `dem`). "
         "Without any GCP the block is held where its RPCs put it, and the images fit one another. "
         "The refined images are ready for gdalwarp -rpc."
     ),
-    params=(
-        IMAGES,
-        *POINT_PARAMS,
-        Param(
-            "tie-points", Kind.POINTS, "auto finds them in the images, none does without, FILE reads them",
-            default=AUTOMATIC, metavar="auto|none|FILE",
-        ),
-        DEM,
-        DEM_DATUM,
-        REFERENCE,
-        *REFERENCE_PARAMS,
-        *SEARCH_PARAMS,
-        *ADJUST_PARAMS,
-        *BLOCK_OUTPUT_PARAMS,
-    ),
+    options=TriangulateOptions,
     run=run,
     packages=("cv2", "dask"),
-)  # fmt: skip
+)

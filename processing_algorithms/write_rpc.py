@@ -162,7 +162,7 @@ ALGORITHM = Algorithm(
         "JSON file, beside the image unless an output directory is given (docs/bridges.md says who reads what). "
         "Everything is read again and compared; a file that exists is replaced in one step."
     ),
-    params=(
+    declared=(
         Param(
             "images", Kind.IMAGES, "Images, or RPC files alone (then not with --write copy or vrt)",
             required=True, metavar="IMAGE",

@@ -68,7 +68,7 @@ SAMPLE = Algorithm(
     group="Tests",
     summary="Reports 100 % of its options",
     help="First paragraph.\n\nSecond paragraph.",
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Images or RPC files", required=True),
         Param("dem", Kind.RASTER, "Heights"),
         Param("gcps", Kind.POINTS, "Ground points", metavar="FILE[|layername=L]"),

@@ -15,6 +15,7 @@ import pytest
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind
+from hrsi.processing_algorithms.interface.naming import spell_arguments
 from hrsi.processing_algorithms.interface.options import checked_options
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,13 +39,13 @@ def site() -> ModuleType:
 @ALGORITHMS
 def test_page_and_help_agree_with_the_declaration(algorithm: Algorithm, site: ModuleType, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
-    page = _plain(site.algorithm_page(algorithm).replace("\\|", "|"))
+    page = _plain(site.algorithm_page(algorithm).replace("\\|", "|").replace("`", ""))
     shown = _plain(algorithm_parser(algorithm).format_help())
     for param in algorithm.params:
         spelling = f"--{param.name}" if param.kind is not Kind.IMAGES else param.metavar
         for text in (page, shown):
             assert spelling in text
-            assert _plain(param.help) in text
+            assert _plain(spell_arguments(param.help, algorithm.params)) in text
             assert all(_plain(fact) in text for fact in value_facts(param)), param.name
     assert set(
         re.findall(r"(?<![\w-])--(?!no-)[a-z][a-z0-9-]*", site.algorithm_page(algorithm).split("\n## ", 1)[1])

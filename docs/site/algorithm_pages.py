@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.command_parser import sections, value_facts, value_name
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param
+from hrsi.processing_algorithms.interface.naming import option_label, spell_arguments
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -69,14 +70,15 @@ def _opening(algorithm: Algorithm) -> Iterator[str]:
     yield f"# {algorithm.name}"
     yield f"**{algorithm.title}.** {algorithm.summary}."
     yield f"```\nhrsi {algorithm.name} [options]{images}\n```"
-    yield algorithm.help
+    yield _told(algorithm.help, algorithm)
 
 
 def _options(algorithm: Algorithm) -> Iterator[str]:
     for title, params in sections(algorithm.params).items():
         if params:
             rows = [
-                f"| {_spelling(param)} | {_cell(param.help)} | {_cell('; '.join(value_facts(param)))} |"
+                f"| {_spelling(param)} | {_cell(_told(param.help, algorithm))} "
+                f"| {_cell('; '.join(value_facts(param)))} |"
                 for param in params
             ]
             yield f"## {title[0].upper()}{title[1:]}"
@@ -89,6 +91,11 @@ def _spelling(param: Param) -> str:
     if param.kind is Kind.FLAG:
         return f"`--{param.name}`, `--no-{param.name}`"
     return f"`--{param.name} {_cell(value_name(param))}`"
+
+
+def _told(text: str, algorithm: Algorithm) -> str:
+    """Return a text with the arguments that it names as options in code."""
+    return spell_arguments(text, algorithm.params, lambda param: f"`{option_label(param)}`")
 
 
 def _cell(text: str) -> str:

@@ -18,9 +18,8 @@
 | solver              | `adjust`: the rounds of an adjustment                                       |
 """
 
-from .options import AdjustOptions
-from .result import Adjustment, Decision
-from .solver import adjust
-from .weights import WEIGHTS
+from ..foundation.lazy_names import lazy_names
 
-__all__ = ["WEIGHTS", "AdjustOptions", "Adjustment", "Decision", "adjust"]
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__, {"options": "AdjustOptions", "weights": "WEIGHTS", "result": "Adjustment Decision", "solver": "adjust"}
+)

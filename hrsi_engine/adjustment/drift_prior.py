@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..refinement import RefinementModel
 from ..refinement.image_space import ImagePolynomial
+from ..refinement.model import RefinementModel
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision
 from .result import VarianceComponent

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..ground.geodesy import moved_ground
-from ..refinement import RefinementModel
+from ..refinement.model import RefinementModel
 from .equations import NormalEquations, PointPriors, State, trivial_pattern
 from .observations import Observations
 

@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Block, Image, Role
-from ..refinement import RefinementModel
-from ..refinement.model import Linearise
+from ..refinement.model import Linearise, RefinementModel
 
 COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height
 

@@ -3,62 +3,106 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from ..block.block import Image
-from ..refinement import Priors, priors_of
-from ..refinement.model import UNFOLLOWED_DRIFT
-from ..surface.dem import HeightSurface
+from ..foundation.options import option, threads_option
+from ..refinement.options import BLOCK_MODEL_NAMES, RULE_NAMES
+
+if TYPE_CHECKING:
+    from ..surface.dem import HeightSurface
+
+#: Models and rules that choose one.
+MODEL_NAMES = (*RULE_NAMES, *BLOCK_MODEL_NAMES)
+#: Weight functions (`weights.WEIGHTS`).
+WEIGHT_NAMES = ("none", "huber", "cauchy", "tukey")
+#: What tells image points apart (`variance_components.GROUPINGS`).
+GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
 
 
 @dataclass(frozen=True)
 class AdjustOptions:
-    """How to adjust.
+    """How to adjust; what is said of each option is also its help on the command line and in the dialogs.
 
-    model, robust : names in `MODELS` and `WEIGHTS`
-    sigma_shift_px, sigma_drift : priors of the corrections; None chooses them (`refinement.priors_of`). Drift that an
-        image-space model does not follow is an error common to all points of an image, with this sigma
-    check_as_ties : the check points' image measurements take part like those of tie points (never their survey)
-    reject_sigma : measurements and GCPs that fail their test at this many sigmas are left out; 0 keeps all
-    variance_components : estimate the sigmas of the groups of observations
-    variance_groups : an entry of `GROUPINGS`: what tells image points apart
-    sensor_images : groups of ids whose images come from one sensor; the others are told apart by pixel size
-    cross_validate : predict each GCP by an adjustment without it
-    fixed_images : ids of reference images, whose RPCs stay as they are
-    shared_images : groups of ids that have one set of parameters together (one strip or orbit)
-    dem, sigma_dem_m : a surface that holds the heights of tie points, and its standard deviation
-    threads : 0 takes all cores
+    Parameters
+    ----------
+    dem : a surface that holds the heights of tie points, where ``sigma_dem_m`` says how well
+    max_iterations, tolerance : of the Gauss-Newton loop; it ends where a step lowers the cost by less than this share
     """
 
-    model: str = "shift"
-    robust: str = "none"
-    sigma_shift_px: float | None = None
-    sigma_drift: float | None = None
-    check_as_ties: bool = False
-    reject_sigma: float = 0.0
-    variance_components: bool = False
-    variance_groups: str = "kind-sensor"
-    sensor_images: tuple[tuple[str, ...], ...] = ()
-    cross_validate: bool = False
-    fixed_images: tuple[str, ...] = ()
-    shared_images: tuple[tuple[str, ...], ...] = ()
+    model: str = option(
+        "shift",
+        "Correction of each image's RPC; auto and generic choose by the GCPs",
+        choices=MODEL_NAMES,
+    )
+    robust: str = option("none", "Weight function against blunders", choices=WEIGHT_NAMES)
+    reject_sigma: float = option(
+        4.0,
+        "Leave out tie measurements and GCPs that fail their test at this many sigmas (data snooping); 0 keeps all",
+        name="reject",
+        minimum=0.0,
+        unit="sigma",
+        advanced=True,
+        metavar="SIGMAS",
+    )
+    check_as_ties: bool = option(
+        False, "Image points of check points take part like tie points (never their survey)", advanced=True
+    )
+    variance_components: bool = option(
+        False,
+        "Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and adjust with them",
+        advanced=True,
+    )
+    variance_groups: str = option(
+        "kind-sensor",
+        "What tells groups of image points apart when their sigmas are estimated",
+        choices=GROUPING_NAMES,
+        advanced=True,
+    )
+    sensor_images: tuple[tuple[str, ...], ...] = option(
+        (),
+        "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of like "
+        "resolution",
+        advanced=True,
+        metavar="A+B,C+D,…",
+    )
+    cross_validate: bool = option(False, "Predict each GCP by an adjustment without it", advanced=True)
+    fixed_images: tuple[str, ...] = option(
+        (), "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…"
+    )
+    shared_images: tuple[tuple[str, ...], ...] = option(
+        (),
+        "Images of one strip or orbit that get the same correction; groups joined by +",
+        advanced=True,
+        metavar="A+B,C+D,…",
+    )
     dem: HeightSurface | None = None
-    sigma_dem_m: float = 10.0
+    sigma_dem_m: float | None = option(
+        None,
+        "Standard deviation of the heights of `dem`, which then hold the tie points; by default they hold none",
+        name="sigma-dem",
+        minimum=1e-6,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
+    sigma_shift_px: float | None = option(
+        None,
+        "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS or 5 px",
+        name="sigma-shift",
+        minimum=1e-9,
+        unit="px",
+        advanced=True,
+        metavar="PX",
+    )
+    sigma_drift: float | None = option(
+        None,
+        "Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the model does not "
+        "follow drift, which then is an error, 3e-5; 0: no drift",
+        minimum=0.0,
+        unit="px/px",
+        advanced=True,
+        metavar="X",
+    )
     max_iterations: int = 30
     tolerance: float = 1e-9
-    threads: int = 0
-
-    def priors(self, image: Image, controlled: bool) -> Priors:
-        """Return the priors of an image's corrections."""
-        chosen = priors_of(image, controlled)
-        if self.sigma_shift_px is None and self.sigma_drift is None:
-            return chosen
-        return Priors(
-            chosen.shift_px if self.sigma_shift_px is None else self.sigma_shift_px,
-            chosen.drift if self.sigma_drift is None else self.sigma_drift,
-        )
-
-    def unfollowed_drift(self, priors: Priors) -> float:
-        """Return the sigma (px/px) of the drift that the model leaves; estimated, it starts as any drift does."""
-        if self.sigma_drift is not None:
-            return self.sigma_drift
-        return priors.drift if self.variance_components else UNFOLLOWED_DRIFT
+    threads: int = threads_option()

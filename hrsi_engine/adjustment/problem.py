@@ -15,10 +15,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..block.block import Block
+from ..block.block import Block, Image
 from ..foundation.errors import NAMED, InputError, SolveError, list_ids
-from ..refinement import MODELS, RefinementModel
 from ..refinement.image_space import ImagePolynomial, with_drift
+from ..refinement.model import UNFOLLOWED_DRIFT, Priors, RefinementModel, priors_of
+from ..refinement.models import MODELS
 from .dem_heights import DemHeights
 from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
@@ -72,11 +73,11 @@ class Problem:
     @cached_property
     def dem_heights(self) -> DemHeights | None:
         """The DEM's heights that hold points, None without them."""
-        dem = self.options.dem
-        if dem is None:
+        dem, sigma_m = self.options.dem, self.options.sigma_dem_m
+        if dem is None or sigma_m is None:
             return None
         by_dem = self.weighting.points.observed[:, 2] & (self.observations.survey_weight[:, 2] == 0.0)
-        return DemHeights(dem, np.flatnonzero(by_dem), self.options.sigma_dem_m)
+        return DemHeights(dem, np.flatnonzero(by_dem), sigma_m)
 
     def survey_weighting(self, image: np.ndarray, survey: np.ndarray) -> Weighting:
         """Return a weighting with other weights of image points ``(n,)`` and of surveys ``(m, 3)``.
@@ -226,6 +227,24 @@ def _camera(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
     return camera if len(camera.parameters) > len(model.parameters) else model
 
 
+def _image_priors(options: AdjustOptions, image: Image, controlled: bool) -> Priors:
+    """Return the priors of an image's corrections: those of the options, else what its RPC and control tell."""
+    chosen = priors_of(image, controlled)
+    if options.sigma_shift_px is None and options.sigma_drift is None:
+        return chosen  # its own sigmas of position and attitude too
+    return Priors(
+        chosen.shift_px if options.sigma_shift_px is None else options.sigma_shift_px,
+        chosen.drift if options.sigma_drift is None else options.sigma_drift,
+    )
+
+
+def _unfollowed_drift(options: AdjustOptions, priors: Priors) -> float:
+    """Return the sigma (px/px) of the drift that the model leaves; estimated, it starts as any drift does."""
+    if options.sigma_drift is not None:
+        return options.sigma_drift
+    return priors.drift if options.variance_components else UNFOLLOWED_DRIFT
+
+
 def _prior_weight(
     observations: Observations,
     model: RefinementModel,
@@ -239,9 +258,9 @@ def _prior_weight(
     for part in parts:
         for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
             image = observations.images[index]
-            priors = options.priors(image, part.gcps > 0)
+            priors = _image_priors(options, image, part.gcps > 0)
             number = observations.camera_of_image[index]
-            sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, priors), options.unfollowed_drift(priors)
+            sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, priors), _unfollowed_drift(options, priors)
     with np.errstate(divide="ignore"):
         weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from ..block.block import Block
-from ..refinement import RefinementModel
+from ..refinement.model import RefinementModel
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
 
 
 def point_priors(
-    observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float
+    observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float | None
 ) -> tuple[PointPriors, list[str]]:
     """Return the points' priors and warnings; ``ground (m, 3)`` is where the points are at the start."""
     priors = PointPriors.of(observations, ground)
     unknown = observations.survey_weight[:, 2] == 0.0
-    if dem is not None:
+    if dem is not None and sigma_dem_m is not None:
         heights = np.full(len(ground), np.nan)
         heights[unknown] = surface_heights(dem, ground[unknown, :2])
         found = np.isfinite(heights)

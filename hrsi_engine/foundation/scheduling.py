@@ -8,7 +8,6 @@ whose result is kept is not run again. Results do not depend on who ran which pa
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
@@ -18,6 +17,7 @@ import numpy as np
 
 from .errors import InputError
 from .progress import Progress, advance, silent
+from .threads import thread_count
 
 Result = dict[str, np.ndarray]
 CONNECT_S = 10  # that a scheduler has time to answer
@@ -170,7 +170,7 @@ def open_scheduler(address: str | None = None, threads: int = 0) -> Scheduler:
     """
     if address:
         return _run_distributed(address)
-    return _threads(threads or os.cpu_count() or 1)
+    return _threads(thread_count(threads))
 
 
 def _threads(count: int) -> Scheduler:

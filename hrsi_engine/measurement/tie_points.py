@@ -8,7 +8,6 @@ Memory holds a few windows a thread and the matches found, whatever the size of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,53 +23,28 @@ from .block_matching import coarse, joining, overlaps, plan
 from .block_matching.overview import OverviewJob, overview_features, overview_step
 from .block_matching.star import Partner, StarJob, match_stars
 from .block_matching.windows import PyramidRaster
-from .tile_matching.types import TileMatchOptions
+from .tie_options import AUTOMATIC_CELLS, FULL_PER_CELL, SAMPLED_PER_CELL, TieOptions
+from .tile_matching.options import TileMatchOptions
 
-AUTOMATIC_CELLS = 0
-FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
 CELLS_PER_PART = 12  # of a star job: about a second of work
 DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
 
 
-@dataclass(frozen=True)
-class TieOptions:
-    """How to find tie points.
+def choose_match_options(options: TieOptions, image: Image) -> TileMatchOptions:
+    """Return how windows of a reference image are matched."""
+    if options.dense:
+        return options.match_dense
+    return options.match if plan.is_matched_everywhere(image) else options.match_sampled
 
-    margin_px : error of the RPCs that the search allows for at first; it grows where nothing is found
-    cells : an image is divided into cells x cells, each of which is filled evenly
-    per_cell : points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2 from a window
-    most_partners : images with the largest overlap that each image is matched with
-    smallest_overlap : share of an image that another one must show, to be matched
-    dense : match all of every image, with small windows first, and keep all points: for terrain through them
-    match : how two windows are matched, of images that are matched everywhere
-    match_sampled : the same for windows of larger images, where a few points of each are enough
-    match_dense : the same where points are to be dense: heights of small windows mix less of roofs and ground
-    """
 
-    margin_px: float = 128.0
-    cells: int = 12
-    per_cell: int = AUTOMATIC_CELLS
-    most_partners: int = 8
-    smallest_overlap: float = 0.02
-    dense: bool = False
-    match: TileMatchOptions = TileMatchOptions()
-    match_sampled: TileMatchOptions = TileMatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
-    match_dense: TileMatchOptions = TileMatchOptions(spacing_px=1.0, windows_px=(15, 21, 31, 41))
-
-    def match_options(self, image: Image) -> TileMatchOptions:
-        """Return how windows of a reference image are matched."""
-        if self.dense:
-            return self.match_dense
-        return self.match if plan.is_matched_everywhere(image) else self.match_sampled
-
-    def points_of_a_cell(self, image: Image) -> int:
-        """Return how many points a cell of an image is to have."""
-        if self.per_cell != AUTOMATIC_CELLS:
-            return self.per_cell
-        if self.dense:
-            return EVERY
-        return FULL_PER_CELL if plan.is_matched_everywhere(image) else SAMPLED_PER_CELL
+def points_of_a_cell(options: TieOptions, image: Image) -> int:
+    """Return how many points a cell of an image is to have."""
+    if options.per_cell != AUTOMATIC_CELLS:
+        return options.per_cell
+    if options.dense:
+        return EVERY
+    return FULL_PER_CELL if plan.is_matched_everywhere(image) else SAMPLED_PER_CELL
 
 
 class PairSummary(NamedTuple):
@@ -113,7 +87,7 @@ def find_tie_points(
     pairs = search.estimated_pairs(stage(progress, 0.0, 0.3))
     matches = search.matches(pairs, stage(progress, 0.3, 0.97))
     good = joining.without_contradictions(joining.without_outliers(matches, images), images)
-    room = {k: search.options.points_of_a_cell(image) for k, image in enumerate(images)}
+    room = {k: points_of_a_cell(search.options, image) for k, image in enumerate(images)}
     points, ground = joining.to_image_points(good, images, search.options.cells, room)
     summaries = _summaries(pairs, good, images)
     return TiePoints(points, ground, summaries, _warnings(images, search.usable, pairs, summaries, points))
@@ -213,13 +187,13 @@ class _Search:
     def _parts_of(self, number: int, partners: list[Partner]) -> list[WorkPart]:
         image = self.images[number]
         cells_of_image = EVERY if self.options.dense else self.options.cells
-        rows = plan.cell_rows(image, cells_of_image, self.options.points_of_a_cell(image))
+        rows = plan.cell_rows(image, cells_of_image, points_of_a_cell(self.options, image))
         cells = [cell for row in rows for cell in row]
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []
         for start in range(0, len(cells), CELLS_PER_PART):
             chosen = tuple(cells[start : start + CELLS_PER_PART])
-            job = StarJob(number, image, chosen, tuple(partners), self.options.match_options(image))
+            job = StarJob(number, image, chosen, tuple(partners), choose_match_options(self.options, image))
             key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
             parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
         return parts

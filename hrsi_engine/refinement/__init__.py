@@ -3,6 +3,8 @@
 | module             | holds                                                                            |
 |--------------------|----------------------------------------------------------------------------------|
 | model              | the contract, priors                                                             |
+| models             | every model by its name                                                          |
+| options            | how to refine an image; the models' names for declarations                       |
 | image_space        | bias compensation: polynomials of the image position                             |
 | object_coordinates | polynomials of the ground position, added in the image                           |
 | object_space       | corrections of the ground position                                               |
@@ -15,16 +17,9 @@
 | refine             | one image from GCPs: checks, selection, estimation, comparison of models         |
 """
 
-from .direct_rpc import DIRECT
-from .image_space import IMAGE_SPACE
-from .model import Equations, Priors, RefinedRPC, RefinementModel, priors_of
-from .object_coordinates import OBJECT_COORDINATES
-from .object_space import OBJECT_SPACE
-from .pseudo_sensor import PSEUDO_SENSOR
+from ..foundation.lazy_names import lazy_names
 
-#: Models for blocks and single images, by their names on the command line.
-BLOCK_MODELS: dict[str, RefinementModel] = {**IMAGE_SPACE, **OBJECT_COORDINATES, **OBJECT_SPACE, **PSEUDO_SENSOR}
-#: Every model; the direct methods are for single images with GCPs.
-MODELS: dict[str, RefinementModel] = {**BLOCK_MODELS, **DIRECT}
-
-__all__ = ["BLOCK_MODELS", "MODELS", "Equations", "Priors", "RefinedRPC", "RefinementModel", "priors_of"]
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {"model": "Equations Priors RefinedRPC RefinementModel priors_of", "models": "BLOCK_MODELS MODELS"},
+)

@@ -9,11 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Image
+from ..block.default_sigmas import Defaults
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
-from . import MODELS, RefinedRPC, RefinementModel
 from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate
+from .model import RefinedRPC, RefinementModel
+from .models import MODELS
+from .options import RefineOptions
 from .selection import RULES, Choice, SuspectGcp, find_suspects
 
 UNCERTAIN_PX = 10.0  # standard deviation of the corrected image at its edges beyond which a warning says so
@@ -57,10 +60,10 @@ def refine_rpc(
     xy: np.ndarray,
     *,
     ids: np.ndarray | None = None,
-    sigma_px: np.ndarray | float = 0.5,
-    sigma_m: np.ndarray | tuple[float, float] = (0.2, 0.3),
-    model: str = "auto",
-    leave_out: bool = True,
+    sigma_px: np.ndarray | float = Defaults.sigma_image_px,
+    sigma_m: np.ndarray | tuple[float, float] = (Defaults.sigma_gcp_xy_m, Defaults.sigma_gcp_h_m),
+    model: str = RefineOptions.model,
+    leave_out: bool = RefineOptions.leave_out,
 ) -> Refinement:
     """Return an image's RPC refined from ground control points.
 
@@ -83,15 +86,17 @@ def refine_rpc(
     """
     if isinstance(image, RPC):
         image = Image("image", image)
-    return refine_image(image, Control.create(ground, xy, ids, sigma_px, sigma_m), model, leave_out)
+    return refine_image(image, Control.create(ground, xy, ids, sigma_px, sigma_m), RefineOptions(model, leave_out))
 
 
-def refine_image(image: Image, control: Control, model: str = "auto", leave_out: bool = True) -> Refinement:
+def refine_image(image: Image, control: Control, options: RefineOptions | None = None) -> Refinement:
     """Return an image refined from its control; see `refine_rpc`."""
+    options = options or RefineOptions()
+    model = options.model
     warnings = check_control(image, control)
     choice = RULES[model]([(image, control)]) if model in RULES else None
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
-    used, said = _without_suspects(control, suspects, leave_out)
+    used, said = _without_suspects(control, suspects, options.leave_out)
     warnings += [*(choice.warnings if choice else ()), *said]
     chosen = model_named(choice.model if choice else model)
     found = solve(chosen, image, used)

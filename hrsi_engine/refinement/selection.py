@@ -29,8 +29,8 @@ from scipy import stats
 
 from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
-from . import BLOCK_MODELS
 from .estimate import Control, Estimate, estimate
+from .models import BLOCK_MODELS
 
 #: Candidates of `auto`, the simplest first.
 CANDIDATE_MODELS = ("shift", "shift-drift", "affine", "generic-affine")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..adjustment import Adjustment
+from ..adjustment.result import Adjustment
 from ..block.block import Image
 from ..block.points import Role
 from ..drawing.block_figures import ImageVectors, OutlierChip, ReportFigures

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment import Adjustment, Decision
 from ..adjustment.precision import CIRCLE_90, LINE_90, predicted_accuracy
-from ..adjustment.result import DatumPart
+from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..block.block import GroundPoints, Role
-from ..refinement import RefinedRPC
+from ..refinement.model import RefinedRPC
 from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
 from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, by_image, radial_rmse, rmse
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..adjustment import Adjustment
+from ..adjustment.result import Adjustment
 from ..drawing.block_map import BlockMap
 from ..ground.geodesy import to_projected, utm_epsg
 from ..io.layers import Layer

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment import Adjustment
-from ..adjustment.result import Decision
+from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from .residuals import Residuals
 

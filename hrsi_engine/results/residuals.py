@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment import Adjustment
 from ..adjustment.intersection import image_residuals, intersect
 from ..adjustment.observations import subset
+from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
 from ..ground.geodesy import ground_difference_m, moved_ground
-from ..refinement import MODELS
+from ..refinement.models import MODELS
 
 CE90_OF_RADIAL_RMSE = 1.5175  # 90 % of a circular normal distribution (NSSDA)
 LE90_OF_RMSE = 1.6449  # 90 % of a normal distribution

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment import Adjustment
 from ..adjustment.intersection import intersect
 from ..adjustment.observations import subset
-from ..adjustment.result import Decision, EstimatedCameras
+from ..adjustment.result import Adjustment, Decision, EstimatedCameras
 from ..block.block import Block, Image
-from ..refinement import Priors, RefinedRPC, RefinementModel
-from ..refinement.model import Equations, Linearise
+from ..refinement.model import Equations, Linearise, Priors, RefinedRPC, RefinementModel
 from ..refinement.refine import Refinement
 
 

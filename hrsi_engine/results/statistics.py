@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment import Adjustment
+from ..adjustment.result import Adjustment
 from ..block.block import Role
 from .residuals import Residuals, by_image, measurement_sigma_px
 

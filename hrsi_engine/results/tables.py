@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment import Adjustment
+from ..adjustment.result import Adjustment
 from ..block.block import Block, Image, Role
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals

@@ -22,7 +22,7 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ...processing_algorithms.block_steps.params import MODEL_CHOICES
+from ...processing_algorithms.point_session import MODEL
 from ...processing_algorithms.point_session.rows import KINDS, ROLES
 from .image_view import ImageView
 
@@ -55,7 +55,8 @@ class PanelLayout(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.model, self.kind = QComboBox(), QComboBox()
-        self.model.addItems(MODEL_CHOICES)
+        self.model.addItems(MODEL.choices)
+        self.model.setCurrentText(MODEL.default)
         self.kind.addItems(KINDS)
         self.kind.setToolTip(KIND_TIP)
         self.message, self.progress = QLabel(), QProgressBar()

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..files.terrain import dem_datum
+from ..files.terrain import DemOptions
 
 if TYPE_CHECKING:
-    from ...hrsi_engine.adjustment import Adjustment
+    from ...hrsi_engine.adjustment.result import Adjustment
 
 LEAST_POINTS = 10
 LEAST_OFFSET_M = 1.0  # grass, interpolation and a DEM's own errors may do so much
 LIMIT = 4.0  # standard deviations of the median that an offset must exceed
 
 
-def offset_warning(result: Adjustment, options: Mapping[str, Any]) -> list[str]:
+def offset_warning(result: Adjustment, dem: DemOptions, height_datum: str, sigma_dem_m: float | None) -> list[str]:
     """Return a warning where the tie points of a block without GCPs lie clearly off the DEM, and it does not hold them.
 
     Orthoimages made with this DEM are then displaced against one another by the offset times the difference of the
@@ -25,14 +24,15 @@ def offset_warning(result: Adjustment, options: Mapping[str, Any]) -> list[str]:
 
     from ...hrsi_engine.block.block import Role
     from ...hrsi_engine.foundation.robust_scale import robust_sigma
-    from ...hrsi_engine.io.dems import open_dem
     from ...hrsi_engine.surface.dem import surface_heights
 
     role = result.block.points.role
-    if not options["dem"] or options["sigma_dem"] is not None or np.any(role == Role.GCP):
+    if not dem.dem or sigma_dem_m is not None or np.any(role == Role.GCP):
         return []
     ground = result.ground[(role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
-    above = ground[:, 2] - surface_heights(open_dem(options["dem"], dem_datum(options)), ground[:, :2])
+    surface = dem.surface(height_datum)
+    assert surface is not None
+    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
     above = above[np.isfinite(above)]
     if len(above) < LEAST_POINTS:
         return []
@@ -43,5 +43,5 @@ def offset_warning(result: Adjustment, options: Mapping[str, Any]) -> list[str]:
     return [
         f"the tie points lie {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "
         f"{len(above)}), and without GCPs nothing holds the block to it: orthoimages made with this DEM will not "
-        "fit one another; add --sigma-dem with the DEM's accuracy in metres"
+        "fit one another; give `sigma_dem_m`, the DEM's accuracy in metres"
     ]

@@ -2,69 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from ...hrsi_engine.adjustment import AdjustOptions
-from ...hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, assemble
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.dems import open_dem
 from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import consistent_tracks
 from ...hrsi_engine.surface.dem import surface_heights
-from ..files.terrain import datum_warning, dem_datum
+from ..files.terrain import DemOptions, datum_warning
+from .options import PointFiles
 
-TIES = "tie_points_file"  #: key of the file of tie points among the options; not an option by itself
+GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
 
 
 def read_block(
     images: Sequence[Image],
-    options: Mapping[str, Any],
+    points: PointFiles,
+    dem: DemOptions | None = None,
+    tie_points: str | None = None,
     ties: Sequence[ImagePoints] = (),
     known: Sequence[GroundPoints] = (),
 ) -> tuple[Block, list[str]]:
-    """Read the point files named by the options and put the block together with ties and known points that are there.
+    """Read point files and put the block together with ties and known points that are there.
 
     Ground positions count in the layer of GCPs only: a layer of image points may be one that HRSI wrote, at adjusted
-    positions. Returns the block and what the user should know.
+    positions.
+
+    Parameters
+    ----------
+    images : opened images
+    points : the point files, what is control, and sigmas where files give none
+    dem : gives surveyed points without heights theirs
+    tie_points : file of tie points
+    ties, known : tie points and ground points that are there already
+
+    Returns
+    -------
+    The block and what the user should know.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, or nothing is measured on any image.
     """
     warnings: list[str] = []
     ground: list[GroundPoints] = list(known)
     measured: list[ImagePoints] = list(ties)
-    dem = open_dem(options["dem"], dem_datum(options)) if options.get("dem") else None
+    surface = None if dem is None else dem.surface(points.height_datum)
     pairs: list[ImagePoints] = []
-    for key, spec in _point_files(options):
+    for purpose, spec in _point_files(points, tie_points):
         tables = read_points(
             spec,
-            ground_crs=options.get("ground_crs"),
-            height_datum=options["height_datum"],
+            ground_crs=points.ground_crs,
+            height_datum=points.height_datum,
             image_ids=[image.id for image in images],
-            surface=None if dem is None else partial(surface_heights, dem),
+            surface=None if surface is None else partial(surface_heights, surface),
         )
-        if tables.ground is not None and key == "gcps":
+        if tables.ground is not None and purpose == GCPS:
             ground.append(tables.ground)
         if tables.image is not None:
-            table, left_out = of_block(tables.image, images) if key == TIES else (tables.image, [])
+            table, left_out = of_block(tables.image, images) if purpose == TIES else (tables.image, [])
             warnings += left_out
             (pairs if tables.pairwise else measured).append(table)
-        if key == "gcps" or tables.image is None:  # positions in other layers are not used, nor is what is said of them
+        if purpose == GCPS or tables.image is None:  # positions in other layers are not used, nor what is said of them
             warnings += tables.warnings
-    if dem is not None and len(ground) > len(known):
-        warnings += datum_warning(ground[len(known) :], dem, options)
+    if dem is not None and dem.dem and surface is not None and len(ground) > len(known):
+        warnings += datum_warning(ground[len(known) :], surface, dem.dem)
     if pairs:
         measured.append(joined(pairs))
     if ground and not any(len(table) for table in measured):
         raise InputError(
-            f"{options['gcps']}: no point is measured on any image: give --image-points, or add the fields image, "
+            f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, "
             "sample and line to the layer"
         )
     if not any(len(table) for table in measured):
-        raise InputError("there are no image points: give --image-points, or use 'triangulate' with --tie-points auto")
-    defaults = Defaults(options["sigma_image"], options["sigma_gcp_xy"], options["sigma_gcp_h"])
-    block = assemble(images, ground, measured, options.get("gcp_ids"), options.get("check_ids"), defaults)
+        raise InputError("there are no image points: give `image_points`, or let 'triangulate' find `tie_points`")
+    block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     return block, warnings + list(block.warnings)
 
 
@@ -82,11 +100,11 @@ def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, l
     return ties.select(np.isin(ties.image_ids, named[known])), [note]
 
 
-def _point_files(options: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the option and the name of every point file."""
-    keys = ("gcps", "image_points", TIES)
-    specs = [(key, spec) for key in keys if options.get(key) for spec in several_specs(options[key])]
-    return [(key, spec if key == "gcps" else measurements_of(spec)) for key, spec in specs]
+def _point_files(points: PointFiles, tie_points: str | None) -> list[tuple[str, str]]:
+    """Return what each point file is read for, and its name."""
+    files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: tie_points}
+    specs = [(purpose, spec) for purpose, file in files.items() if file for spec in several_specs(file)]
+    return [(purpose, spec if purpose == GCPS else measurements_of(spec)) for purpose, spec in specs]
 
 
 def joined(tables: Sequence[ImagePoints]) -> ImagePoints:
@@ -110,30 +128,10 @@ def joined(tables: Sequence[ImagePoints]) -> ImagePoints:
     return ImagePoints.create(names, image[rows], xy[rows], source=tables[0].source)
 
 
-def adjust_options(options: Mapping[str, Any]) -> AdjustOptions:
-    """Return the engine's options of an adjustment."""
-    holds = options.get("sigma_dem") is not None
-    if holds and not options.get("dem"):
-        raise InputError("--sigma-dem needs a DEM: name it with --dem")
-    return AdjustOptions(
-        model=options["model"],
-        robust=options["robust"],
-        sigma_shift_px=options["sigma_shift"],
-        sigma_drift=options["sigma_drift"],
-        check_as_ties=options["check_as_ties"],
-        reject_sigma=options["reject"],
-        variance_components=options["variance_components"],
-        variance_groups=options["variance_groups"],
-        sensor_images=_groups(options["sensor_images"]),
-        cross_validate=options["cross_validate"],
-        fixed_images=tuple(options["fixed_images"] or ()),
-        shared_images=_groups(options["shared_images"]),
-        dem=open_dem(options["dem"], dem_datum(options)) if holds else None,
-        sigma_dem_m=options["sigma_dem"] if holds else AdjustOptions.sigma_dem_m,
-        threads=options["threads"],
-    )
-
-
-def _groups(texts: Sequence[str] | None) -> tuple[tuple[str, ...], ...]:
-    """Return groups of image ids from ``A+B``."""
-    return tuple(tuple(text.split("+")) for text in texts or ())
+def with_dem(options: AdjustOptions, dem: DemOptions, height_datum: str) -> AdjustOptions:
+    """Return options of an adjustment with the DEM opened that is to hold the heights of tie points."""
+    if options.sigma_dem_m is None:
+        return options
+    if not dem.dem:
+        raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
+    return replace(options, dem=dem.surface(height_datum))

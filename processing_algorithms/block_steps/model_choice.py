@@ -1,10 +1,11 @@
-"""``--model auto`` and ``--model generic``: the model that a block's GCPs support, and what the report says of it."""
+"""The models ``auto`` and ``generic``: the model that a block's GCPs support, and what the report says of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
+from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.refinement.selection import RULES, Choice, choose_model
 
@@ -12,24 +13,24 @@ from ...hrsi_engine.refinement.selection import RULES, Choice, choose_model
 class Chosen(NamedTuple):
     """Options with the model's own name, entries for the report, and warnings."""
 
-    options: dict[str, Any]
+    options: AdjustOptions
     entries: dict[str, Any]
     warnings: list[str]
 
 
-def choose(block: Block, options: Mapping[str, Any]) -> Chosen:
+def choose(block: Block, options: AdjustOptions) -> Chosen:
     """Return the options with a rule replaced by the model that it chooses."""
-    if options["model"] not in RULES:
-        return Chosen(dict(options), {}, [])
-    choice = choose_model(block, options["model"])
+    if options.model not in RULES:
+        return Chosen(options, {}, [])
+    choice = choose_model(block, options.model)
     suspects = [
         f"{suspect.image}: GCP {suspect.id} disagrees with the others by {suspect.deviation_px:.1f} px; the model was "
         "chosen without it"
         for suspect in choice.suspects
     ]
     return Chosen(
-        dict(options) | {"model": choice.model},
-        {"model_choice": choice_entry(options["model"], choice)},
+        replace(options, model=choice.model),
+        {"model_choice": choice_entry(options.model, choice)},
         [*choice.warnings, *suspects],
     )
 

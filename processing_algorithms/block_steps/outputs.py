@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...hrsi_engine.adjustment import Adjustment
+from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
@@ -18,7 +18,7 @@ from ...hrsi_engine.io.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.versions import versions
-from ...hrsi_engine.refinement import RefinedRPC
+from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
@@ -26,11 +26,12 @@ from ...hrsi_engine.results.layers import block_layers, block_map
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
-from ..interface.declare import Context, Report
+from ..interface.declare import Context, Report, settings_of
+from .options import BlockOptions, BlockOutput
 from .rpc_outputs import IN_PLACE, NOTHING, clear_the_way, write_into_images, write_new_files
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
-WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or --force-write"
+WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
 
 
@@ -54,7 +55,7 @@ class Clock:
 
 def write_results(
     algorithm: str,
-    options: Mapping[str, Any],
+    options: BlockOptions,
     result: Adjustment,
     warnings: Sequence[str],
     clock: Clock,
@@ -78,44 +79,45 @@ def write_results(
         "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
                      *_fit_warnings(images, refined), *field_notes(evidence)],
         "versions": versions(),
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
         **(more or {}),
     }  # fmt: skip
     verdict = Verdict.of(reached(report), [*reasons, *find_reasons(evidence)])
     report["verdict"] = verdict.entry()
-    how = options["write"]
-    if verdict.level is Level.UNUSABLE and how != NOTHING and not options["force_write"]:
+    output = options.output
+    how = output.write
+    if verdict.level is Level.UNUSABLE and how != NOTHING and not output.force_write:
         how = NOTHING
         report["warnings"].append(WITHHELD)
     clock.lap("judge")
-    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(output.folder.output_dir, [image.path for image in images]) as folder:
         names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
-        _name_outputs(report, options, how, images, names)
+        _name_outputs(report, output, how, images, names)
         advance(context.progress, 0.5, "writing layers")
-        layers = block_layers(result, left, options["residual_crs"])
+        layers = block_layers(result, left, output.residual_crs)
         styles = default_styles({layer.name: layer.fields for layer in layers})
         write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
-        report["warnings"] += clear_the_way(options["output_dir"], names, images, refined)
+        report["warnings"] += clear_the_way(output.folder.output_dir, names, images, refined)
         if how == IN_PLACE:
             report["warnings"] += write_into_images(images, refined, stage(context.progress, 0.7, 0.95))
         clock.lap("write")
         report["seconds"] = clock.total()
-        _write_reports(folder, report, result, left, page=options["report"])
+        _write_reports(folder, report, result, left, page=output.report)
         advance(context.progress, 1.0, "done")
     return report
 
 
 def _name_outputs(
-    report: Report, options: Mapping[str, Any], how: str, images: Sequence[Image], names: Mapping[str, str]
+    report: Report, options: BlockOutput, how: str, images: Sequence[Image], names: Mapping[str, str]
 ) -> None:
     """Enter where the results will lie; ``how`` refined RPCs are written."""
-    folder = options["output_dir"]
+    folder = options.folder.output_dir
     for image in images:
         output = os.path.join(folder, names[image.id]) if image.id in names else None
         if how == IN_PLACE and image.raster is not None:
             output = image.path
         report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
-    files = {"report": REPORT_FILE, "layers": LAYERS_FILE} | ({"html": PAGE_FILE} if options["report"] else {})
+    files = {"report": REPORT_FILE, "layers": LAYERS_FILE} | ({"html": PAGE_FILE} if options.report else {})
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 

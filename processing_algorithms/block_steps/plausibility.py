@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.io.dems import open_dem
 from ...hrsi_engine.plausibility import check_block
-from ..files.terrain import dem_datum
+from ..files.terrain import DemOptions
+from .options import PointFiles
 
 
-def input_reasons(block: Block, options: Mapping[str, Any]) -> list[Reason]:
+def input_reasons(block: Block, points: PointFiles, dem: DemOptions | None = None) -> list[Reason]:
     """Return what in a block's inputs a careful operator would have to look into, worst first."""
-    dem = options.get("dem")
-    return check_block(block, surface=open_dem(dem, dem_datum(options)) if dem else None)
+    return check_block(block, surface=None if dem is None else dem.surface(points.height_datum))
 
 
 @contextmanager

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..interface.declare import Context, Kind, Param, Report
+from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.measurement.reference.options import ReferenceOptions
+from ..files.terrain import DemOptions
+from ..interface.declare import Context, Kind, Report
+from .options import PointFiles
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,29 +18,29 @@ if TYPE_CHECKING:
     from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints
     from ...hrsi_engine.measurement.reference.checks import ReferenceAccuracy
     from ...hrsi_engine.measurement.reference.matching import ReferenceControl
+    from ...hrsi_engine.surface.dem import HeightSurface
 
 SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given
 KIND = "reference"
 PREFIX = "REF"
-REFERENCE = Param(
-    "reference", Kind.RASTER, "Orthoimage in which GCPs are found by matching, in any CRS", metavar="FILE"
-)
-REFERENCE_PARAMS = (
-    Param(
-        "reference-sigma", Kind.NUMBER,
+
+
+@dataclass(frozen=True)
+class ReferenceImage:
+    """A reference orthoimage, and how it is read, trusted and matched."""
+
+    reference: str | None = option(
+        None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
+    )
+    reference_sigma: float | None = option(
+        None,
         "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size",
-        minimum=1e-6, unit="m", metavar="M",
-    ),
-    Param("reference-band", Kind.INTEGER, "Band of the reference", default=1, minimum=1, advanced=True, metavar="N"),
-    Param(
-        "reference-points", Kind.INTEGER, "Places of the reference looked for in each image", default=300, minimum=12,
-        advanced=True, metavar="N",
-    ),
-    Param(
-        "reference-search", Kind.NUMBER, "How far the RPCs may be off against the reference", default=1024.0,
-        minimum=16.0, unit="px", advanced=True, metavar="PX",
-    ),
-)  # fmt: skip
+        minimum=1e-6,
+        unit="m",
+        metavar="M",
+    )
+    reference_band: int = option(1, "Band of the reference", minimum=1, advanced=True, metavar="N")
+    matching: ReferenceOptions = nested(ReferenceOptions)
 
 
 class FromReference(NamedTuple):
@@ -48,28 +53,42 @@ class FromReference(NamedTuple):
     warnings: list[str]
 
 
-def match(images: Sequence[Image], options: Mapping[str, Any], context: Context) -> FromReference:
-    """Match images with the reference of the options; raises `InputError` where they name no DEM, or no pixels."""
+def match(
+    images: Sequence[Image],
+    options: ReferenceImage,
+    surface: HeightSurface | None,
+    sigma_dem_m: float | None,
+    context: Context,
+) -> FromReference:
+    """Match images with a reference orthoimage.
+
+    Parameters
+    ----------
+    images : those without pixels are passed over
+    options : the orthoimage
+    surface : heights of its points; without, `InputError` says so
+    sigma_dem_m : standard deviation of these heights; None tells it from the size of the DEM's cells
+
+    Raises
+    ------
+    InputError
+        There is no DEM, or no image has pixels.
+    """
     from ...hrsi_engine.foundation.errors import InputError
-    from ...hrsi_engine.io.dems import open_dem
     from ...hrsi_engine.io.reference_images import open_reference
     from ...hrsi_engine.measurement.reference.checks import reference_shift, shift_warnings
-    from ...hrsi_engine.measurement.reference.matching import ReferenceOptions, match_reference
-    from ..files.terrain import dem_datum
-    from ..interface.threads import requested_threads
+    from ...hrsi_engine.measurement.reference.matching import match_reference
 
-    if not options.get("dem"):
-        raise InputError(f"{options['reference']}: the heights of its points come from a DEM: name one with --dem")
+    path = options.reference
+    assert path is not None
+    if surface is None:
+        raise InputError(f"{path}: the heights of its points come from a DEM: name one with `dem`")
     with_pixels = [image for image in images if image.raster is not None]
     if not with_pixels:
         raise InputError("a reference can only be matched with images that have pixels: name the images themselves")
-    reference = open_reference(options["reference"], options["reference_band"])
-    surface = open_dem(options["dem"], dem_datum(options))
-    settings = ReferenceOptions(
-        points=options["reference_points"], search_px=options["reference_search"], threads=requested_threads(options)
-    )
-    control = match_reference(with_pixels, reference, surface, settings, context.progress)
-    accuracy = _accuracy(reference.gsd_m, surface, control.ground, options)
+    reference = open_reference(path, options.reference_band)
+    control = match_reference(with_pixels, reference, surface, options.matching, context.progress)
+    accuracy = _accuracy(reference.gsd_m, surface, control.ground, options.reference_sigma, sigma_dem_m)
     shifts = [
         reference_shift(image, found, control.ground, accuracy)
         for image, found in zip(with_pixels, control.images, strict=True)
@@ -77,7 +96,7 @@ def match(images: Sequence[Image], options: Mapping[str, Any], context: Context)
     warnings = [f"{found.image_id}: {found.refusal}" for found in control.images if found.refusal]
     warnings += shift_warnings([shift for shift in shifts if shift is not None])
     entries: Report = {
-        "path": options["reference"], "gsd_m": reference.gsd_m, "places": len(control.ground),
+        "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
         "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
         "images": {
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
@@ -86,14 +105,15 @@ def match(images: Sequence[Image], options: Mapping[str, Any], context: Context)
     return FromReference(with_pixels, control, accuracy, entries, warnings)
 
 
-def _accuracy(gsd_m: float, surface: Any, ground: np.ndarray, options: Mapping[str, Any]) -> ReferenceAccuracy:
+def _accuracy(
+    gsd_m: float, surface: HeightSurface, ground: np.ndarray, sigma_xy_m: float | None, sigma_h_m: float | None
+) -> ReferenceAccuracy:
     from ...hrsi_engine.measurement.reference.checks import ReferenceAccuracy, dem_sigma_m
     from ...hrsi_engine.surface.dem import cell_size_m
 
-    sigma_h = options["sigma_dem"]
-    if sigma_h is None:
-        sigma_h = dem_sigma_m(cell_size_m(surface, ground[len(ground) // 2])) if len(ground) else 1.0
-    return ReferenceAccuracy(options["reference_sigma"] or SIGMA_PIXELS * gsd_m, sigma_h)
+    if sigma_h_m is None:
+        sigma_h_m = dem_sigma_m(cell_size_m(surface, ground[len(ground) // 2])) if len(ground) else 1.0
+    return ReferenceAccuracy(sigma_xy_m or SIGMA_PIXELS * gsd_m, sigma_h_m)
 
 
 def _image_entry(found: Any, shift: Any) -> Report:
@@ -158,25 +178,32 @@ def contradicts(found: FromReference, block: Block) -> str:
 
 
 def read_block(
-    images: Sequence[Image], options: Mapping[str, Any], ties: Sequence[ImagePoints], context: Context
+    images: Sequence[Image],
+    files: PointFiles,
+    dem: DemOptions,
+    tie_points: str | None,
+    ties: Sequence[ImagePoints],
+    reference: ReferenceImage,
+    sigma_dem_m: float | None,
+    context: Context,
 ) -> tuple[Block, list[str], Report]:
-    """Read a block with the GCPs of ``--reference``, if one is given, among its points; also warnings, report entries.
+    """Read a block with the GCPs of the reference, if one is given, among its points; also warnings, report entries.
 
     Where surveyed GCPs contradict the reference, they are right, and it is left out.
     """
     from . import inputs as block_inputs
 
-    if not options["reference"]:
-        return *block_inputs.read_block(images, options, ties), {}
-    found = match(images, options, context)
+    if not reference.reference:
+        return *block_inputs.read_block(images, files, dem, tie_points, ties), {}
+    found = match(images, reference, dem.surface(files.height_datum), sigma_dem_m, context)
     ground, measured = points(found)
-    control = dict(options)
-    if options.get("gcp_ids"):
-        control["gcp_ids"] = [*options["gcp_ids"], *ground.ids.tolist()]
-    block, warnings = block_inputs.read_block(images, control, [*ties, measured], [ground])
+    control = files
+    if files.gcp_ids:
+        control = replace(files, gcp_ids=(*files.gcp_ids, *ground.ids.tolist()))
+    block, warnings = block_inputs.read_block(images, control, dem, tie_points, [*ties, measured], [ground])
     contradiction = contradicts(found, block)
     if contradiction:
         found.entries["used"] = False
-        block, warnings = block_inputs.read_block(images, options, ties)
+        block, warnings = block_inputs.read_block(images, files, dem, tie_points, ties)
         found.warnings.append(contradiction)
     return block, [*found.warnings, *warnings], {"reference": found.entries}

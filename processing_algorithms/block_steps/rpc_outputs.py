@@ -10,7 +10,7 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.io.rpc_files import free_the_way, write_geotiff_copy, write_in_place, write_rpc_text, write_vrt
-from ...hrsi_engine.refinement import RefinedRPC
+from ...hrsi_engine.refinement.model import RefinedRPC
 
 Writer = Callable[[str, str, RPC, Progress], object]
 

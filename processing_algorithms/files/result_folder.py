@@ -3,32 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..interface.declare import Context, Kind, Param, Report
+from ...hrsi_engine.foundation.options import option
+from ..interface.declare import Context, Kind, Report, ResultFolder, made_options, params_of
 
 if TYPE_CHECKING:
     from ...hrsi_engine.io.layers import Layer
 
-OPTIONAL_OUTPUT_PARAMS = (
-    Param(
-        "output-dir", Kind.OUTPUT_DIR, "Directory for report and layers; without it the result is only printed",
+
+@dataclass(frozen=True)
+class OptionalFolder:
+    """Where results go, if anywhere."""
+
+    output_dir: str | None = option(
+        None,
+        "Directory for report and layers; without it the result is only printed",
+        kind=Kind.OUTPUT_DIR,
         metavar="DIR",
-    ),
-    Param("overwrite", Kind.FLAG, "Replace the results of an earlier run in the output directory", default=False),
-)  # fmt: skip
+    )
+    overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
-def check_folder(options: Mapping[str, Any]) -> None:
+OPTIONAL_OUTPUT_PARAMS = params_of(OptionalFolder)
+
+
+def folder_of(options: ResultFolder | OptionalFolder | Mapping[str, Any]) -> ResultFolder | OptionalFolder:
+    """Return the folder of options."""
+    return made_options(OptionalFolder, options) if isinstance(options, Mapping) else options
+
+
+def check_folder(options: ResultFolder | OptionalFolder | Mapping[str, Any]) -> None:
     """Raise `InputError` where the output directory of the options, if any, cannot take a result."""
     from ...hrsi_engine.io.output_dir import check_output_dir
 
-    if options["output_dir"]:
-        check_output_dir(options["output_dir"], options["overwrite"])
+    folder = folder_of(options)
+    if folder.output_dir:
+        check_output_dir(folder.output_dir, folder.overwrite)
 
 
 def write_folder(
-    options: Mapping[str, Any], report: Report, file: str, layers: Sequence[Layer], inputs: list[str], context: Context
+    options: ResultFolder | OptionalFolder | Mapping[str, Any],
+    report: Report,
+    file: str,
+    layers: Sequence[Layer],
+    inputs: list[str],
+    context: Context,
 ) -> None:
     """Write ``report.json`` and the layers' GeoPackage into the output directory of the options, if there is one."""
     from ...hrsi_engine.foundation.progress import advance, stage
@@ -36,8 +57,9 @@ def write_folder(
     from ...hrsi_engine.io.output_dir import stage_folder
     from ...hrsi_engine.io.report import write_report_json
 
-    if options["output_dir"]:
-        with stage_folder(options["output_dir"], inputs) as folder:
+    target = folder_of(options).output_dir
+    if target:
+        with stage_folder(target, inputs) as folder:
             write_geopackage(str(folder / file), layers, progress=stage(context.progress, 0.9, 1.0))
             write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")

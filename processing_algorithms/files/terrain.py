@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..interface.declare import Kind, Param
+from ...hrsi_engine.foundation.options import option
+from ..interface.declare import Kind, made_options, params_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,26 +16,69 @@ if TYPE_CHECKING:
     from ...hrsi_engine.surface.dem import HeightSurface
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
-GROUND_CRS = Param(
-    "ground-crs", Kind.CRS, "CRS of ground points whose file does not name one (EPSG:code or WKT)", metavar="CRS"
-)
-HEIGHT_DATUM = Param(
-    "height-datum", Kind.TEXT,
-    "What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96, egm2008 or a geoid "
-    "grid file",
-    default="layer", metavar=DATUMS,
-)  # fmt: skip
-DEM = Param("dem", Kind.RASTER, "DEM of the ground, in any CRS", metavar="FILE")
-DEM_DATUM = Param(
-    "dem-datum", Kind.TEXT, "What the heights of the DEM refer to, where it is not what --height-datum says",
-    advanced=True, metavar=DATUMS,
-)  # fmt: skip
-TERRAIN_PARAMS = (
-    DEM,
-    Param("height", Kind.NUMBER, "Ellipsoidal height of the ground, instead of a DEM", unit="m", metavar="M"),
-    HEIGHT_DATUM,
-    DEM_DATUM,
-)
+
+
+def ground_crs_option() -> Any:
+    """Return the field of the CRS of ground points."""
+    return option(
+        None, "CRS of ground points whose file does not name one (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS"
+    )
+
+
+def height_datum_option() -> Any:
+    """Return the field of what heights refer to."""
+    return option(
+        "layer",
+        "What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96, egm2008 or a "
+        "geoid grid file",
+        metavar=DATUMS,
+    )
+
+
+def dem_datum_option() -> Any:
+    """Return the field of what the heights of a DEM refer to."""
+    return option(
+        None,
+        "What the heights of the DEM refer to, where it is not what `height_datum` says",
+        advanced=True,
+        metavar=DATUMS,
+    )
+
+
+@dataclass(frozen=True)
+class DemOptions:
+    """A DEM of the ground; ``height_datum``, which it shares with ground points, is theirs."""
+
+    dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+    dem_datum: str | None = dem_datum_option()
+
+    def surface(self, height_datum: str) -> HeightSurface | None:
+        """Return the DEM, opened; None where there is none. ``height_datum`` counts where it has no own."""
+        from ...hrsi_engine.io.dems import open_dem
+
+        return open_dem(self.dem, self.dem_datum or height_datum) if self.dem else None
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """How high the ground is: a DEM or one height."""
+
+    dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+    height: float | None = option(None, "Ellipsoidal height of the ground, instead of a DEM", unit="m", metavar="M")
+    height_datum: str = height_datum_option()
+    dem_datum: str | None = dem_datum_option()
+
+
+TERRAIN_PARAMS = params_of(TerrainOptions)
+DEM, _, HEIGHT_DATUM, DEM_DATUM = TERRAIN_PARAMS
+
+
+@dataclass(frozen=True)
+class _GroundCrs:
+    ground_crs: str | None = ground_crs_option()
+
+
+(GROUND_CRS,) = params_of(_GroundCrs)
 
 
 def dem_datum(options: Mapping[str, Any]) -> str:
@@ -41,7 +86,7 @@ def dem_datum(options: Mapping[str, Any]) -> str:
     return options.get("dem_datum") or options["height_datum"]
 
 
-def datum_warning(tables: Sequence[GroundPoints], surface: HeightSurface, options: Mapping[str, Any]) -> list[str]:
+def datum_warning(tables: Sequence[GroundPoints], surface: HeightSurface, dem: str) -> list[str]:
     """Return a warning where the heights of surveyed points and DEM seem to have different datums."""
     import numpy as np
 
@@ -54,11 +99,9 @@ def datum_warning(tables: Sequence[GroundPoints], surface: HeightSurface, option
     if not known.any():
         return []
     found = height_datum.height_difference(ground[known, 2], of_dem[known], _undulations(ground[known]))
-    text = (
-        ""
-        if found is None
-        else height_datum.height_difference_warning(found, tables[0].source or "the GCPs", options["dem"])
-    )
+    if found is None:
+        return []
+    text = height_datum.height_difference_warning(found, tables[0].source or "the GCPs", dem)
     return [text] if text else []
 
 
@@ -77,14 +120,16 @@ def _undulations(ground: np.ndarray) -> np.ndarray:
     return np.full(len(ground), np.nan)
 
 
-def open_terrain(options: Mapping[str, Any]) -> HeightSurface | None:
+def open_terrain(options: TerrainOptions | Mapping[str, Any]) -> HeightSurface | None:
     """Return the ground surface that the options name; None where they name none."""
     from ...hrsi_engine.foundation.errors import InputError
     from ...hrsi_engine.io.dems import open_dem
     from ...hrsi_engine.surface.dem import ConstantHeight
 
-    if options["dem"] is not None and options["height"] is not None:
-        raise InputError("--dem and --height both say how high the ground is: give one of them")
-    if options["dem"] is not None:
-        return open_dem(options["dem"], dem_datum(options))
-    return None if options["height"] is None else ConstantHeight(options["height"])
+    if isinstance(options, Mapping):
+        options = made_options(TerrainOptions, options)
+    if options.dem is not None and options.height is not None:
+        raise InputError("`dem` and `height` both say how high the ground is: give one of them")
+    if options.dem is not None:
+        return open_dem(options.dem, options.dem_datum or options.height_datum)
+    return None if options.height is None else ConstantHeight(options.height)

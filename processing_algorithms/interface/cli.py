@@ -9,12 +9,14 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import algorithm_parser, registry_help
 from .declare import Algorithm, Context, Report, is_unusable
+from .naming import spell_arguments
 from .options import checked_options, find_algorithm
 from .terminal import SilentTerminal, TerminalProgress
 
@@ -30,8 +32,9 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
+    given = list(sys.argv[1:] if words is None else words)
     try:
-        code = _dispatch(list(sys.argv[1:] if words is None else words), registry)
+        code = _dispatch(given, registry)
         sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
         return code
     except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
@@ -39,7 +42,8 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
         return 1
     except (Exception, KeyboardInterrupt) as error:
         message, code = describe(error)
-        print(f"ERROR: {message}", file=sys.stderr)
+        algorithm = registry.get(given[0]) if given else None
+        print(f"ERROR: {spell_arguments(message, algorithm.params if algorithm else ())}", file=sys.stderr)
         if os.environ.get(_DEBUG, "0") not in ("", "0"):
             traceback.print_exception(error)
         return code
@@ -75,13 +79,16 @@ def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
     quiet, as_json = given.pop("quiet", False), given.pop("json", False)
     options = checked_options(algorithm, given)
     terminal = (SilentTerminal if quiet else TerminalProgress)(sys.stderr)
+    spelt = partial(spell_arguments, params=algorithm.params)
     try:
         with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-            report = algorithm.execute(options, Context(terminal.progress, terminal.log))
+            report = algorithm.execute(
+                options, Context(terminal.progress, lambda message: terminal.log(spelt(message)))
+            )
         terminal.finish()
     finally:
         terminal.break_line()
-    print(_json_text(report) if as_json else algorithm.summarise(report))
+    print(_json_text(report) if as_json else spelt(algorithm.summarise(report)))
     return UNUSABLE if is_unusable(report) else 0
 
 

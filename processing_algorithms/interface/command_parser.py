@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
 from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Kind, Param
+from .naming import spell_arguments
 from .options import suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
@@ -34,6 +35,7 @@ METAVARS: dict[Kind, str] = {
     Kind.CRS: "CRS",
     Kind.TEXT: "TEXT",
     Kind.IDS: "A,B,...",
+    Kind.GROUPS: "A+B,C+D,...",
     Kind.CHOICE: "NAME",
     Kind.INTEGER: "N",
     Kind.NUMBER: "X",
@@ -86,15 +88,15 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
     for title, params in sections(algorithm.params).items():
         section = parser.add_argument_group(title)
         for param in params:
-            add_option(section, param)
+            add_option(section, param, algorithm.params)
     add_common_options(section)
     return parser
 
 
-def add_option(section: argparse._ArgumentGroup, param: Param) -> None:
+def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:
     """Add a declared option; it stays away from the result unless it is given."""
     positional = param.kind is Kind.IMAGES
-    settings = {"help": option_help(param), **SPELLING.get(param.kind, {})}
+    settings = {"help": option_help(param, params), **SPELLING.get(param.kind, {})}
     if param.kind is not Kind.FLAG:
         settings["metavar"] = value_name(param)
     if not positional:
@@ -109,10 +111,10 @@ def add_common_options(section: argparse._ArgumentGroup) -> None:
     section.add_argument("-h", "--help", action="help", help="show this page and leave")
 
 
-def option_help(param: Param) -> str:
-    """Return the help of an option with its choices, unit, range and default."""
+def option_help(param: Param, params: Sequence[Param]) -> str:
+    """Return the help of an option, one of ``params``, with its choices, unit, range and default."""
     stated = "; ".join(value_facts(param))
-    return (param.help + (f" [{stated}]" if stated else "")).replace("%", "%%")
+    return (spell_arguments(param.help, params) + (f" [{stated}]" if stated else "")).replace("%", "%%")
 
 
 def value_facts(param: Param) -> list[str]:
@@ -150,7 +152,7 @@ def value_name(param: Param) -> str:
 
 
 def _description(algorithm: Algorithm) -> str:
-    paragraphs = [algorithm.summary, *algorithm.help.split("\n\n")]
+    paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
     return "\n\n".join(textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip())
 
 

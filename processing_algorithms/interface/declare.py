@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields
 from enum import Enum
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeVar
 
+from ...hrsi_engine.foundation.options import Option, nested_in, option, option_of, threads_option
 from ...hrsi_engine.foundation.progress import Progress
 from ...hrsi_engine.foundation.reasons import Level
 
 Report = dict[str, Any]
 Log = Callable[[str], None]
+Options = TypeVar("Options")
 
 
 class Kind(Enum):
@@ -28,12 +31,27 @@ class Kind(Enum):
     INTEGER = "integer"
     NUMBER = "number"
     FLAG = "flag"
+    GROUPS = "groups of ids"  #: joined by + within a group, separated by commas: ``A+B,C+D``
     OUTPUT_DIR = "output directory"
+
+
+#: The kind that a field's type tells; a text with choices is a choice.
+KIND_OF_TYPE = {
+    "bool": Kind.FLAG,
+    "int": Kind.INTEGER,
+    "float": Kind.NUMBER,
+    "str": Kind.TEXT,
+    "tuple[str, ...]": Kind.IDS,
+    "tuple[tuple[str, ...], ...]": Kind.GROUPS,
+}
 
 
 @dataclass(frozen=True)
 class Param:
-    """One option: ``name`` as on the command line (``sigma-image``), ``help`` without a closing full stop."""
+    """One option: ``name`` as on the command line (``sigma-dem``), ``help`` without a closing full stop.
+
+    ``argument`` is the field of a dataclass that it is made from (``sigma_dem_m``), as messages name it.
+    """
 
     name: str
     kind: Kind
@@ -47,6 +65,7 @@ class Param:
     maximum: float | None = None
     metavar: str = ""
     piped: bool = False  #: where it is not given, standard input is read; a dialog has none and asks for it
+    argument: str = ""
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -73,7 +92,70 @@ class Context:
     log: Log
 
 
-Run = Callable[[Mapping[str, Any], Context], Report]
+def params_of(options: type) -> tuple[Param, ...]:
+    """Return the options that a dataclass declares, nested ones where they stand; a shared one counts once."""
+    found: dict[str, Param] = {}
+    for part in fields(options):
+        inner, said = nested_in(part), option_of(part)
+        declared = params_of(inner) if inner is not None else (_param(part, said),) if said is not None else ()
+        for param in declared:
+            if found.setdefault(param.name, param).default is not param.default:
+                raise TypeError(f"{options.__name__} declares the option {param.name} twice, with different defaults")
+    return tuple(found.values())
+
+
+def _param(part: Field[Any], said: Option) -> Param:
+    """Return the declaration of a field."""
+    required = part.default is MISSING
+    return Param(
+        name=said.name or part.name.replace("_", "-"), kind=_kind(part, said), help=said.help,
+        default=None if required else part.default, choices=said.choices, unit=said.unit, required=required,
+        advanced=said.advanced, minimum=said.minimum, maximum=said.maximum, metavar=said.metavar, piped=said.piped,
+        argument=part.name,
+    )  # fmt: skip
+
+
+def _kind(part: Field[Any], said: Option) -> Kind:
+    if said.kind is not None:
+        return Kind(said.kind)
+    if said.choices:
+        return Kind.CHOICE
+    return KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
+
+
+def made_options(options: type[Options], values: Mapping[str, Any]) -> Options:
+    """Return the dataclass filled with values by the options' keys; what is not among them is at its default."""
+    given: dict[str, Any] = {}
+    for part in fields(options):  # type: ignore[arg-type]
+        inner, said = nested_in(part), option_of(part)
+        if inner is not None:
+            given[part.name] = made_options(inner, values)
+        elif said is not None and (key := _param(part, said).key) in values:
+            given[part.name] = values[key]
+    return options(**given)
+
+
+def settings_of(options: Any) -> dict[str, Any]:
+    """Return the options that were given or have a default, by key, as a report keeps them."""
+    found: dict[str, Any] = {}
+    for part in fields(options):
+        value = getattr(options, part.name)
+        said = option_of(part)
+        if nested_in(part) is not None:
+            found |= settings_of(value)
+        elif said is not None and value is not None and value != ():
+            found[_param(part, said).key] = _plain(value)
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Return a value for JSON: groups of ids as they are typed."""
+    if not isinstance(value, tuple):
+        return value
+    return ["+".join(item) if isinstance(item, tuple) else item for item in value]
+
+
+Run = Callable[[Any, Context], Report]
 
 
 @dataclass(frozen=True)
@@ -90,18 +172,24 @@ class Algorithm:
     group: str
     summary: str
     help: str
-    params: tuple[Param, ...]
     run: Run
     summarise: Callable[[Report], str]
+    options: type | None = None
+    declared: tuple[Param, ...] = ()
     layers: tuple[str, ...] = field(default=())
     packages: tuple[str, ...] = field(default=())
+
+    @cached_property
+    def params(self) -> tuple[Param, ...]:
+        """The declared options, in their order."""
+        return self.declared if self.options is None else params_of(self.options)
 
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, and close all images afterwards: nothing stays open when the work is done."""
         from ...hrsi_engine.io.rasters import close_images
 
         try:
-            return self.run(options, context)
+            return self.run(options if self.options is None else made_options(self.options, options), context)
         finally:
             close_images()
 
@@ -114,20 +202,22 @@ class Algorithm:
         return next(param for param in self.params if param.key == key)
 
 
-OUTPUT_PARAMS = (
-    Param(
-        "output-dir", Kind.OUTPUT_DIR, "Directory for the results; created where missing", required=True, metavar="DIR"
-    ),
-    Param("overwrite", Kind.FLAG, "Replace the results of an earlier run in the output directory", default=False),
-)
-COMMON_PARAMS = (
-    Param(
-        "threads",
-        Kind.INTEGER,
-        "Number of threads; 0 takes all cores",
-        default=0,
-        minimum=0,
-        advanced=True,
-        metavar="N",
-    ),
-)
+@dataclass(frozen=True, kw_only=True)
+class ResultFolder:
+    """Where results go."""
+
+    output_dir: str = option(
+        help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
+    )
+    overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every algorithm takes."""
+
+    threads: int = threads_option()
+
+
+OUTPUT_PARAMS = params_of(ResultFolder)
+COMMON_PARAMS = params_of(Common)

@@ -14,6 +14,7 @@ from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
 from .declare import Algorithm, Kind, Param
+from .naming import option_label
 
 
 def checked_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -29,7 +30,7 @@ def checked_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
         if key not in known:
             raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
     values = {param.key: _checked(param, given.get(param.key)) for param in algorithm.params}
-    missing = [label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
+    missing = [option_label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
     if missing:
         raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see hrsi {algorithm.name} --help")
     return values
@@ -48,13 +49,8 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def label(param: Param) -> str:
-    """Return how messages name an option: ``--sigma-image``, ``IMAGE``."""
-    return (param.metavar or "IMAGE") if param.kind is Kind.IMAGES else f"--{param.name}"
-
-
 def _is_empty(value: Any) -> bool:
-    return value is None or value == "" or value == []
+    return value is None or value in ("", ())
 
 
 def _checked(param: Param, value: Any) -> Any:
@@ -64,7 +60,7 @@ def _checked(param: Param, value: Any) -> Any:
     try:
         converted = VALUE_OF[param.kind](value)
     except (TypeError, ValueError):
-        raise InputError(f"{label(param)} {value!r} is not {EXPECTED[param.kind]}") from None
+        raise InputError(f"{option_label(param)} {value!r} is not {EXPECTED[param.kind]}") from None
     _check_choice(param, converted)
     _check_range(param, converted)
     return converted
@@ -73,7 +69,7 @@ def _checked(param: Param, value: Any) -> Any:
 def _check_choice(param: Param, value: Any) -> None:
     if param.kind is Kind.CHOICE and param.choices and value not in param.choices:
         near = suggestion(value, param.choices)
-        raise InputError(f"{label(param)} {value!r} is not one of {', '.join(param.choices)}{near}")
+        raise InputError(f"{option_label(param)} {value!r} is not one of {', '.join(param.choices)}{near}")
 
 
 def _check_range(param: Param, value: Any) -> None:
@@ -81,9 +77,9 @@ def _check_range(param: Param, value: Any) -> None:
         return
     unit = f" {param.unit}" if param.unit else ""
     if param.minimum is not None and value < param.minimum:
-        raise InputError(f"{label(param)} {value:g} is below its minimum {param.minimum:g}{unit}")
+        raise InputError(f"{option_label(param)} {value:g} is below its minimum {param.minimum:g}{unit}")
     if param.maximum is not None and value > param.maximum:
-        raise InputError(f"{label(param)} {value:g} is above its maximum {param.maximum:g}{unit}")
+        raise InputError(f"{option_label(param)} {value:g} is above its maximum {param.maximum:g}{unit}")
 
 
 def _text(value: Any) -> str:
@@ -99,15 +95,22 @@ def _path(value: Any) -> str:
     return _text(os.fspath(value))
 
 
-def _paths(value: Any) -> list[str]:
+def _paths(value: Any) -> tuple[str, ...]:
     single = isinstance(value, (str, os.PathLike))
-    return [_path(item) for item in ([value] if single else value)]
+    return tuple(_path(item) for item in ([value] if single else value))
 
 
-def _ids(value: Any) -> list[str]:
+def _ids(value: Any) -> tuple[str, ...]:
     """Accept ``"A,B"`` or a sequence of ids; numbers are ids too."""
     items = value.split(",") if isinstance(value, str) else value
-    return [text for item in items if (text := str(item).strip())]
+    return tuple(text for item in items if (text := str(item).strip()))
+
+
+def _groups(value: Any) -> tuple[tuple[str, ...], ...]:
+    """Accept ``"A+B,C"``, a sequence of such groups, or of sequences of ids."""
+    items = value.split(",") if isinstance(value, str) else value
+    groups = [item.split("+") if isinstance(item, str) else item for item in items]
+    return tuple(tuple(text for one in group if (text := str(one).strip())) for group in groups if group)
 
 
 def _integer(value: Any) -> int:
@@ -140,6 +143,7 @@ VALUE_OF: dict[Kind, Callable[[Any], Any]] = {
     Kind.CRS: _text,
     Kind.TEXT: _text,
     Kind.IDS: _ids,
+    Kind.GROUPS: _groups,
     Kind.CHOICE: _text,
     Kind.INTEGER: _integer,
     Kind.NUMBER: _number,
@@ -155,6 +159,7 @@ EXPECTED: dict[Kind, str] = {
     Kind.CRS: "the name of a CRS",
     Kind.TEXT: "a text",
     Kind.IDS: "a list of ids separated by commas",
+    Kind.GROUPS: "a list of groups of ids: A+B,C+D",
     Kind.CHOICE: "a text",
     Kind.INTEGER: "a whole number",
     Kind.NUMBER: "a number",

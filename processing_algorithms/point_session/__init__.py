@@ -5,7 +5,12 @@ GeoPackage; `targets` measures where the user clicked; `adjusting` adjusts a sna
 Importing this package is quick; NumPy, GDAL and OpenCV are imported where they are needed.
 """
 
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ..interface.declare import params_of
 from .rows import MeasurementRow, PointRow
 from .session import PointSession
 
-__all__ = ["MeasurementRow", "PointRow", "PointSession"]
+#: The adjustment's option that the panel offers; all others are at their defaults.
+MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "model")
+
+__all__ = ["MODEL", "MeasurementRow", "PointRow", "PointSession"]

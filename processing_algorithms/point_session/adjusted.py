@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-    from ...hrsi_engine.adjustment import Adjustment
-    from ...hrsi_engine.refinement import RefinementModel
+    from ...hrsi_engine.adjustment.result import Adjustment
+    from ...hrsi_engine.refinement.model import RefinementModel
     from ...hrsi_engine.results.residuals import Residuals
 
 

@@ -10,12 +10,10 @@ from ...hrsi_engine.foundation.progress import Progress, silent, stage
 from .adjusted import Adjusted
 
 if TYPE_CHECKING:
-    from ...hrsi_engine.adjustment import Adjustment
+    from ...hrsi_engine.adjustment.result import Adjustment
     from ...hrsi_engine.block.block import Block
     from ...hrsi_engine.results.residuals import Residuals
     from .session import PointSession
-
-REJECT_SIGMA = 4.0  # as --reject of the block adjustment
 
 
 def block_of(session: PointSession) -> Block:
@@ -32,13 +30,13 @@ def block_of(session: PointSession) -> Block:
 
 def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjusted:
     """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
-    from ...hrsi_engine.adjustment import AdjustOptions, adjust
+    from ...hrsi_engine.adjustment.options import AdjustOptions
+    from ...hrsi_engine.adjustment.solver import adjust
     from ...hrsi_engine.results.residuals import residuals
     from ..block_steps.model_choice import choose
 
-    chosen = choose(block, {"model": model})
-    options = AdjustOptions(model=chosen.options["model"], reject_sigma=REJECT_SIGMA)
-    result = adjust(block, options, stage(progress, 0.1, 0.9))
+    chosen = choose(block, AdjustOptions(model=model))
+    result = adjust(block, chosen.options, stage(progress, 0.1, 0.9))
     suspects = chosen.entries.get("model_choice", {}).get("suspects", [])
     return shown(result, residuals(result), suspects, tuple(chosen.warnings))
 

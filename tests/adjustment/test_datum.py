@@ -14,6 +14,9 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
+#: For what counts observations and passes, or compares every point: none may be left out.
+EVERYTHING = AdjustOptions(reject_sigma=0.0)
+
 
 def two_parts(gcps: int = 6) -> Block:
     """Return images 0 and 1 with GCPs, images 2 and 3 tied to one another only, image 4 with nothing."""
@@ -107,8 +110,8 @@ def test_horizontal_and_height_control(sigmas, held):
     open_part = slice(2, 3) if held == slice(0, 2) else slice(0, 2)
     ground[4:12, open_part] += 0.01 if open_part == slice(0, 2) else 500.0  # must not matter
     changed = replace(block, points=replace(block.points, sigma_m=sigma, ground=ground))
-    result = adjust(changed)
-    full = adjust(block)
+    result = adjust(changed, EVERYTHING)
+    full = adjust(block, EVERYTHING)
     components = 8 * (2 if held == slice(0, 2) else 1)
     assert result.observations == 2 * len(block.measurements) + 12 + components
     assert full.observations == 2 * len(block.measurements) + 36
@@ -131,14 +134,14 @@ def narrow_block(seed: int = 1) -> tuple[Block, np.ndarray]:
 
 def test_weak_geometry_is_named_and_a_dem_mends_it():
     block, truth = narrow_block()
-    weak = adjust(block)
+    weak = adjust(block, EVERYTHING)
     assert any("converge by less than 3 degrees" in text and "n0" in text for text in weak.warnings)
     ties = slice(4, None)
     error = ground_difference_m(truth, weak.ground)[ties, 2]
     assert np.sqrt(np.mean(error**2)) > 10.0
     lon, lat = np.meshgrid(np.linspace(truth[:, 0].min(), truth[:, 0].max(), 3), np.linspace(-42.9, -42.8, 3))
     flat = GridSurface.from_array(np.full(lon.shape, 250.0), (lon.min(), lat.min()), (lon[0, 1] - lon[0, 0], 0.05))
-    result = adjust(block, AdjustOptions(dem=flat, sigma_dem_m=3.0))
+    result = adjust(block, replace(EVERYTHING, dem=flat, sigma_dem_m=3.0))
     assert not any("converge" in text for text in result.warnings)
     assert np.all(result.ground_sigma_m[ties, 2] < 0.2 * weak.ground_sigma_m[ties, 2])
     better = ground_difference_m(truth, result.ground)[ties, 2]
@@ -185,8 +188,8 @@ def test_dem_heights_follow_the_points():
 
 def test_warm_start_needs_fewer_passes():
     block, _, _ = blocks.block(bias_px=40.0, drift=1e-3)
-    cold = adjust(block, AdjustOptions(model="affine"))
-    warm = adjust(block, AdjustOptions(model="affine"), start=cold.values)
+    cold = adjust(block, replace(EVERYTHING, model="affine"))
+    warm = adjust(block, replace(EVERYTHING, model="affine"), start=cold.values)
     assert warm.solves < cold.solves
     assert np.abs((warm.values - cold.values) / cold.values_sigma).max() < 1e-5
 

@@ -18,7 +18,8 @@ from hrsi.hrsi_engine.measurement.reference.checks import (
     reference_shift,
     shift_warnings,
 )
-from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, ReferenceOptions, match_reference
+from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
+from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import image_patch, predicted_patch
 from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
 from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import orientation_field, peak_of, scores

@@ -12,7 +12,8 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
-from hrsi.hrsi_engine.measurement.tie_points import TieOptions, find_tie_points
+from hrsi.hrsi_engine.measurement.tie_options import TieOptions
+from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import mutual_matches, rpc_consistent
 from hrsi.hrsi_engine.measurement.tracks import consistent_tracks, spread_over_image

@@ -14,11 +14,13 @@ from osgeo import gdal, ogr, osr
 from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.adjustment import WEIGHTS
+from hrsi.hrsi_engine.adjustment.options import GROUPING_NAMES, MODEL_NAMES, WEIGHT_NAMES
+from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
+from hrsi.hrsi_engine.refinement.options import DIRECT_MODEL_NAMES
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.block_steps.params import DIRECT_MODEL_CHOICES, MODEL_CHOICES, ROBUST_CHOICES
 from hrsi.processing_algorithms.interface.cli import main
 
 GCPS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
@@ -59,9 +61,10 @@ def layer_columns(path: Path, name: str) -> dict[str, np.ndarray]:
 
 
 def test_choices_are_the_engines():
-    assert set(MODEL_CHOICES) == set(BLOCK_MODELS) | set(RULES)
-    assert set(DIRECT_MODEL_CHOICES) == set(MODELS) - set(BLOCK_MODELS)
-    assert set(ROBUST_CHOICES) == set(WEIGHTS)
+    assert set(MODEL_NAMES) == set(BLOCK_MODELS) | set(RULES)
+    assert set(DIRECT_MODEL_NAMES) == set(MODELS) - set(BLOCK_MODELS)
+    assert set(WEIGHT_NAMES) == set(WEIGHTS)
+    assert set(GROUPING_NAMES) == set(GROUPINGS)
 
 
 # ---- Hobart ---------------------------------------------------------------------------------------------------------

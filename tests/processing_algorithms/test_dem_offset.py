@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pyproj
@@ -13,6 +12,7 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.processing_algorithms.block_steps.dem_offset import offset_warning
+from hrsi.processing_algorithms.files.terrain import DemOptions
 
 
 @pytest.fixture
@@ -25,7 +25,9 @@ def dem(tmp_path: Path) -> str:
     return str(tmp_path / "dem.tif")
 
 
-def warned(dem: str | None, above_m: float, noise_m: float = 1.5, role: Role = Role.TIE, **options: Any) -> list[str]:
+def warned(
+    dem: str | None, above_m: float, noise_m: float = 1.5, role: Role = Role.TIE, sigma_dem_m: float | None = None
+) -> list[str]:
     rng = np.random.default_rng(1)
     heights = 100.0 + above_m + rng.normal(0.0, noise_m, 200)
     ground = np.column_stack([rng.uniform(147.01, 147.08, 200), rng.uniform(-42.08, -42.01, 200), heights])
@@ -33,13 +35,12 @@ def warned(dem: str | None, above_m: float, noise_m: float = 1.5, role: Role = R
     ground[5:15, 2] += 500.0  # blunders do not count
     roles = np.r_[np.full(199, Role.TIE), role]
     result = SimpleNamespace(ground=ground, block=SimpleNamespace(points=SimpleNamespace(role=roles)))
-    settings = {"dem": dem, "sigma_dem": None, "height_datum": "ellipsoidal", "dem_datum": None} | options
-    return offset_warning(result, settings)
+    return offset_warning(result, DemOptions(dem), "ellipsoidal", sigma_dem_m)
 
 
 def test_an_offset_is_told_with_its_sign(dem: str) -> None:
     (text,) = warned(dem, 2.1)
-    assert "2." in text and " m above the DEM" in text and "--sigma-dem" in text
+    assert "2." in text and " m above the DEM" in text and "`sigma_dem_m`" in text
     assert "below" in warned(dem, -2.1)[0]
 
 
@@ -47,5 +48,5 @@ def test_nothing_is_said_without_reason(dem: str) -> None:
     assert not warned(dem, 0.3)  # grass
     assert not warned(dem, 1.5, noise_m=30.0)  # not clear: sigma of the median is 2.7 m
     assert not warned(dem, 2.1, role=Role.GCP)
-    assert not warned(dem, 2.1, sigma_dem=5.0)
+    assert not warned(dem, 2.1, sigma_dem_m=5.0)
     assert not warned(None, 2.1)

@@ -12,7 +12,7 @@ from hrsi.processing_algorithms.interface.declare import Kind
 from hrsi.processing_algorithms.interface.options import EXPECTED, VALUE_OF, checked_options, suggestion
 from hrsi.tests.sample_algorithm import SAMPLE
 
-REQUIRED = {"images": ["a.tif"], "output_dir": "out"}
+REQUIRED = {"images": ("a.tif",), "output_dir": "out"}
 
 
 def test_every_kind_can_be_read():
@@ -30,12 +30,12 @@ def test_none_means_not_given():
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("images", "a.tif", ["a.tif"]),
-        ("images", Path("a.tif"), ["a.tif"]),
-        ("images", ("a.tif", Path("b.tif")), ["a.tif", "b.tif"]),
+        ("images", "a.tif", ("a.tif",)),
+        ("images", Path("a.tif"), ("a.tif",)),
+        ("images", ("a.tif", Path("b.tif")), ("a.tif", "b.tif")),
         ("output_dir", Path("out") / "x", str(Path("out") / "x")),
-        ("gcp_ids", "A, B", ["A", "B"]),
-        ("gcp_ids", ("A", 7), ["A", "7"]),
+        ("gcp_ids", "A, B", ("A", "B")),
+        ("gcp_ids", ("A", 7), ("A", "7")),
         ("iterations", "12", 12),
         ("iterations", np.int64(12), 12),
         ("height", 3, 3.0),

@@ -87,7 +87,7 @@ def test_temporary_output(run_tiny) -> None:
 
 def test_report_of_an_algorithm_without_output_folder(qgis_processing) -> None:
     params = tuple(param for param in TINY.params if param not in OUTPUT_PARAMS)
-    no_folder = replace(TINY, params=params, run=lambda options, context: {"algorithm": "tiny-test", "answer": 42})
+    no_folder = replace(TINY, declared=params, run=lambda options, context: {"algorithm": "tiny-test", "answer": 42})
     result = processing.run(DeclaredAlgorithm(no_folder).create(), {"IMAGES": ["a"]})
     assert json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["answer"] == 42
 

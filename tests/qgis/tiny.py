@@ -78,7 +78,7 @@ TINY = Algorithm(
     group="Tests",
     summary="Says what it was given",
     help="First paragraph.\n\nSecond with a < sign.",
-    params=(
+    declared=(
         Param("images", Kind.IMAGES, "Images or RPC files", required=True),
         Param("dem", Kind.RASTER, "Heights"),
         Param("gcps", Kind.POINTS, "Ground points"),

@@ -11,6 +11,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.refinement.control_checks import FOOT_M
 from hrsi.hrsi_engine.refinement.estimate import Control
+from hrsi.hrsi_engine.refinement.options import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import refine_image, refine_rpc
 
 
@@ -27,7 +28,7 @@ def control(image):
 
 
 def warnings(image, control, model="shift"):
-    return " / ".join(refine_image(image, control, model).warnings)
+    return " / ".join(refine_image(image, control, RefineOptions(model)).warnings)
 
 
 def test_good_control_has_no_warnings(image, control):
@@ -100,7 +101,7 @@ def test_points_on_a_line(image, control):
     assert "lie on a line" in warnings(image, line)
     assert refine_image(image, line).model.name == "shift"
     with pytest.raises(SolveError, match="do not determine model quadratic"):
-        refine_image(image, line, "quadratic")
+        refine_image(image, line, RefineOptions("quadratic"))
 
 
 def test_points_at_one_spot(image, control):
@@ -109,7 +110,7 @@ def test_points_at_one_spot(image, control):
     )
     spot = replace(control, ground=ground, xy=image.rpc.project(ground) + [5.0, -3.0])
     with pytest.raises(SolveError, match="do not determine model quadratic"):
-        refine_image(image, spot, "quadratic")
+        refine_image(image, spot, RefineOptions("quadratic"))
 
 
 def test_a_point_outside_the_image(image, control):
@@ -135,9 +136,9 @@ def test_heights_in_another_unit(image, control, factor, said):
 
 def test_an_unknown_model(image, control):
     with pytest.raises(InputError, match="unknown model 'afine': choose one of auto, generic"):
-        refine_image(image, control, "afine")
+        refine_image(image, control, RefineOptions("afine"))
 
 
 def test_too_few_points_for_a_model(image, control):
     with pytest.raises(InputError, match="model affine needs 3 GCPs, there are 2"):
-        refine_image(image, control.select(np.arange(2)), "affine")
+        refine_image(image, control.select(np.arange(2)), RefineOptions("affine"))

@@ -11,6 +11,7 @@ from real_control import ZY3_CONTROL, quickbird, rmse_2d, ziyuan
 
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
+from hrsi.hrsi_engine.refinement.options import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import compare_models, refine_image
 from hrsi.hrsi_engine.refinement.selection import choose_by_number, choose_model
 
@@ -67,7 +68,7 @@ def test_good_points_are_not_accused(image, seed):
 
 
 def test_a_kept_suspect_is_named_all_the_same(image):
-    found = refine_image(image, with_blunder(simulated(image, 5), 2), leave_out=False)
+    found = refine_image(image, with_blunder(simulated(image, 5), 2), RefineOptions(leave_out=False))
     assert len(found.control) == 5
     assert any("GCP 3 disagrees" in warning and "is kept" in warning for warning in found.warnings)
 
@@ -139,7 +140,7 @@ def test_ziyuan(real_data, name, most):
     image, everything = ziyuan(real_data)[name]
     used = np.isin(everything.ids, ZY3_CONTROL)
     control, check = everything.select(used), everything.select(~used)
-    chosen, generic = refine_image(image, control), refine_image(image, control, "generic")
+    chosen, generic = refine_image(image, control), refine_image(image, control, RefineOptions("generic"))
     table = compare_models(image, control, check)
     figures = {key: rmse_2d(entry.check_px) for key, entry in table.items() if entry.refinement}
     best = min(figures, key=lambda key: figures[key])

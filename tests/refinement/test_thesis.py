@@ -9,6 +9,7 @@ from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.benchmarks.thesis_tables import check_residuals, edge_difference, generic_model, rmse
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
+from hrsi.hrsi_engine.refinement.options import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import refine_image
 
 
@@ -69,7 +70,7 @@ def test_bias_compensation_breaks_down_with_the_attitude(spot5, case):
 def test_the_written_rpc_does_what_the_generic_method_found(spot5):
     """Even where the vendor's RPC was made for ground 120 km away."""
     image, (control, _) = spot5.image(1), spot5.control(7)
-    found = refine_image(image, control, "generic")
+    found = refine_image(image, control, RefineOptions("generic"))
     away = np.abs(found.rpc.project(spot5.ground) - found.model.project(image, found.estimate.values, spot5.ground))
     print(f"case 1: written RPC within {away.max():.1e} px of its model, own check {found.refined.fit_max_px:.1e} px")
     assert away.max() <= 0.01

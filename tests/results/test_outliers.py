@@ -16,10 +16,12 @@ from hrsi.hrsi_engine.results.layers import block_layers
 from hrsi.hrsi_engine.results.residuals import residuals
 
 SEEDS = range(4)
-DRIFT = AdjustOptions(model="shift", sigma_drift=1e-4)
+#: Nothing is left out: what stands out is to be seen in the residuals.
+AFFINE = AdjustOptions(model="affine", reject_sigma=0.0)
+DRIFT = AdjustOptions(model="shift", sigma_drift=1e-4, reject_sigma=0.0)
 
 
-def adjusted(options=AdjustOptions(model="affine"), single=False, **scene):  # noqa: B008
+def adjusted(options=AFFINE, single=False, **scene):
     """Return an adjusted block, its residuals and its layers' columns; ``single`` check points are on one image."""
     block, _, _ = blocks.block(**scene)
     if single:
@@ -46,7 +48,7 @@ def shifted(block, point, image, px):
     return replace(block, measurements=replace(rows, xy=xy))
 
 
-@pytest.mark.parametrize("options", [AdjustOptions(model="affine"), DRIFT], ids=["affine", "drift"])
+@pytest.mark.parametrize("options", [AFFINE, DRIFT], ids=["affine", "drift"])
 def test_dividing_gives_the_flag(options):
     block, _, _ = blocks.block(gcps=6, checks=20, ties=400, drift=1e-4, noise_px=0.05)
     # a tie point and a GCP wrong by 1 px, and a check point by 10 px: robust weights would hide nothing of it
@@ -81,8 +83,8 @@ def test_dividing_gives_the_flag(options):
 @pytest.mark.parametrize(
     ("options", "scene"),
     [
-        (AdjustOptions(model="affine"), {"noise_px": 0.05}),
-        (AdjustOptions(model="affine"), {"noise_px": 0.3, "noise_m": 0.01}),
+        (AFFINE, {"noise_px": 0.05}),
+        (AFFINE, {"noise_px": 0.3, "noise_m": 0.01}),
         (DRIFT, {"noise_px": 0.05, "noise_m": 0.1, "drift": 1e-4}),
     ],
     ids=["surveys decide", "images decide", "drift"],
@@ -116,7 +118,7 @@ def test_counts_are_counts():
     rows = block.measurements
     check = (block.points.role == Role.CHECK)[rows.point]
     xy = rows.xy + np.where(check[:, None], rng.choice([-20.0, 20.0], rows.xy.shape), 0.0)
-    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine"))
+    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AFFINE)
     left = residuals(result)
     refined = [result.model.refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     report = block_report(result, left, refined)
@@ -131,7 +133,7 @@ def test_a_point_without_surveyed_height_is_judged_where_it_came_out():
     ground = block.points.ground.copy()
     ground[7, 2] += 100.0  # whatever the file says there
     points = replace(block.points, sigma_m=sigma, ground=ground)
-    result = adjust(replace(block, points=points), AdjustOptions(model="affine"))
+    result = adjust(replace(block, points=points), AFFINE)
     left = residuals(result)
     rows = block.measurements.point == 7
     assert np.abs(left.measured_px[rows]).max() < 2.0

@@ -12,8 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ...refinement import RefinementModel
-from ...refinement.model import Structure
+from ...refinement.model import RefinementModel, Structure
 from ..observations import Observations
 from .states import State
 

@@ -30,7 +30,7 @@ import numpy as np
 
 from ...foundation.compiled_code import is_wanted
 from ...ground.geodesy import moved_ground
-from ...refinement import RefinementModel
+from ...refinement.model import RefinementModel
 from ..observations import Observations
 from .elimination import PlainElimination
 from .linearisation import Cameras, CamerasByImage, CompiledCameras, Linearised, Portion, whole_block

@@ -22,11 +22,13 @@ import numpy as np
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.threads import thread_count
 from ...surface.dem import HeightSurface
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.orientation_correlation import orientation_field, peak_of, scores
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .bias_search import ImageBias, search_bias
+from .options import ReferenceOptions
 from .places import choose_places
 from .predicted_patches import Patch, image_patch, predicted_patch
 from .robust_offsets import Agreement, agree
@@ -39,23 +41,6 @@ SIGMA_BY_DIRECTIONS_PX = 0.4  # of a peak of gradient directions where grey valu
 CORRELATION = 0.5  # of grey values, below which least-squares matching is not trusted
 LSM_REACH_PX, LSM_SMOOTHING_PX = 1.5, 0.7
 TEMPLATE_BORDER = 4  # working pixels around a template, for smoothing and slopes
-
-
-@dataclass(frozen=True)
-class ReferenceOptions:
-    """How places are found.
-
-    points : places looked for in an image; window_px : side of a place's window in working pixels, odd
-    reach_px : how far beside the image's bias, in working pixels; search_px : largest bias looked for, image pixels
-    node_px : rays are computed every so many working pixels; threads : that work side by side
-    """
-
-    points: int = 300
-    window_px: int = 41
-    reach_px: int = 8
-    search_px: float = 1024.0
-    node_px: float = 4.0
-    threads: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +154,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     margin = task.step * (options.window_px // 2 + 1)
     inside = np.all((expected > margin) & (expected < np.array(task.image.size) - 1.0 - margin), axis=1)
     rows = np.flatnonzero(inside)
-    with ThreadPoolExecutor(max(options.threads, 1)) as pool:
+    with ThreadPoolExecutor(thread_count(options.threads)) as pool:
         matches = list(pool.map(lambda row: _match_place(task, expected[row], options), rows))
     chosen = [match for match in matches if match is not None]
     rows = rows[[match is not None for match in matches]]

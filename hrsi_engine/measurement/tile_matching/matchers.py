@@ -18,9 +18,10 @@ from ...block.block import ArrayRaster
 from ..control_network.matching import ControlNetworkOptions as NetworkOptions
 from ..control_network.matching import match_windows
 from .features import SIFT_CONTRAST, root_sift, stretch_to_byte
+from .options import TileMatchOptions
 from .patch_finder import distinct_places, seek
 from .rpc_consistency import mutual_matches
-from .types import ImageTile, TileMatchOptions
+from .types import ImageTile
 
 LENIENT_RATIO = 0.9  # lenient: geometry rejects what is wrong
 

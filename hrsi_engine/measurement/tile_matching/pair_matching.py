@@ -25,9 +25,10 @@ from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .epipolar import MIN_STRETCH
 from .frame import TileFrame
 from .matchers import MATCHERS
+from .options import TileMatchOptions
 from .points import tile_points
 from .rpc_consistency import FEWEST, Consistency, rpc_consistency
-from .types import HeightGrid, ImageTile, TileMatches, TileMatchOptions, TilePairGeometry, no_matches
+from .types import HeightGrid, ImageTile, TileMatches, TilePairGeometry, no_matches
 
 __all__ = [
     "HeightGrid",

@@ -13,7 +13,8 @@ import numpy as np
 
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from ..interest_points.corners import Tensor, far_from_unusable, local_maxima, structure_tensor
-from .types import ImageTile, TileMatchOptions
+from .options import TileMatchOptions
+from .types import ImageTile
 
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
 NOISE_CELL_PX = 32

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ...adjustment import Adjustment, Decision
+from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role
-from ...refinement import RefinedRPC
+from ...refinement.model import RefinedRPC
 from ..residuals import Residuals
 from .fields import ResidualField, residual_fields
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from ...adjustment import Adjustment
+from ...adjustment.result import Adjustment
 from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
 from .significance import RISK

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...refinement import priors_of
+from ...refinement.model import priors_of
 from .evidence import CAMERA_PX, Evidence
 from .significance import is_significant
 

@@ -1,0 +1,41 @@
+"""How places of a reference orthoimage are found in images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...foundation.options import option, threads_option
+
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """How places are found; what is said of each option is also its help on the command line and in the dialogs.
+
+    Parameters
+    ----------
+    window_px : side of a place's window in working pixels, odd
+    reach_px : how far a place is looked for beside the image's bias, in working pixels
+    node_px : rays are computed every so many working pixels
+    """
+
+    points: int = option(
+        300,
+        "Places of the reference looked for in each image",
+        name="reference-points",
+        minimum=12,
+        advanced=True,
+        metavar="N",
+    )
+    search_px: float = option(
+        1024.0,
+        "How far the RPCs may be off against the reference",
+        name="reference-search",
+        minimum=16.0,
+        unit="px",
+        advanced=True,
+        metavar="PX",
+    )
+    window_px: int = 41
+    reach_px: int = 8
+    node_px: float = 4.0
+    threads: int = threads_option()
