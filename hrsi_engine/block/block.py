@@ -26,7 +26,20 @@ class Raster(Protocol):
         """Number of samples and lines."""
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool)."""
+        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).
+
+        Parameters
+        ----------
+        sample, line : int
+            The window's first pixel.
+        samples, lines : int
+            Its size.
+
+        Returns
+        -------
+        tuple of (lines, samples) ndarray
+            Grey values; and True where they are valid.
+        """
 
 
 class ArrayRaster:
@@ -45,7 +58,21 @@ class ArrayRaster:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image: its id, its camera and, where they are known, its size and pixels."""
+    """One image: its id, its camera and, where they are known, its size and pixels.
+
+    Parameters
+    ----------
+    id : str
+        Its name in the block, in files and messages.
+    rpc : RPC
+        Its camera.
+    size : tuple of int, optional
+        Samples and lines.
+    path : str
+        Of the file; empty for an image that comes from arrays.
+    raster : Raster, optional
+        Its pixels.
+    """
 
     id: str
     rpc: RPC
@@ -81,7 +108,20 @@ class Image:
         return np.array([(last_sample - first_sample) / 2.0, (last_line - first_line) / 2.0])
 
     def grid_px(self, samples: int, lines: int, margin: float = 0.0) -> np.ndarray:
-        """Return a regular grid over the image area, ``(samples * lines, 2)``; ``margin`` as a share of it."""
+        """Return a regular grid over the image area.
+
+        Parameters
+        ----------
+        samples, lines : int
+            Its points along each axis.
+        margin : float
+            By which it is larger than the image, as a share of it; below 0 smaller.
+
+        Returns
+        -------
+        (samples * lines, 2) ndarray
+            Sample, line in pixels.
+        """
         reach = (1.0 + margin) * self.half_size_px
         axes = [
             c + r * np.linspace(-1.0, 1.0, n) for c, r, n in zip(self.centre_px, reach, (samples, lines), strict=True)
@@ -89,7 +129,18 @@ class Image:
         return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
     def outline_px(self, per_side: int = 5) -> np.ndarray:
-        """Return points around the image area (outer pixel edges), clockwise, ``(4 * per_side, 2)``."""
+        """Return points around the image area (outer pixel edges), clockwise.
+
+        Parameters
+        ----------
+        per_side : int
+            Their number on each side.
+
+        Returns
+        -------
+        (4 * per_side, 2) ndarray
+            Sample, line in pixels.
+        """
         first_sample, last_sample, first_line, last_line = self.domain_px
         s0, s1, l0, l1 = first_sample - 0.5, last_sample + 0.5, first_line - 0.5, last_line + 0.5
         t = np.arange(per_side) / per_side
@@ -100,7 +151,19 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Images, ground points and measurements with consistent indices; every sigma is set."""
+    """Images, ground points and measurements with consistent indices; every sigma is set.
+
+    Parameters
+    ----------
+    images : tuple of Image
+        The images.
+    points : GroundPoints
+        The ground points.
+    measurements : Measurements
+        Where they were measured, with indices of images and points.
+    warnings : tuple of str
+        What was put right on the way.
+    """
 
     images: tuple[Image, ...]
     points: GroundPoints
@@ -113,14 +176,31 @@ class Block:
         return self.points.role != Role.TIE
 
     def rays_per_point(self) -> np.ndarray:
-        """Return the number of different images on which each point was measured, ``(m,)``."""
+        """Return the number of different images on which each point was measured.
+
+        Returns
+        -------
+        (m,) ndarray
+            Numbers of images.
+        """
         point, image = self.measurements.point, self.measurements.image  # sorted by point, then by image
         another = np.ones(len(point), dtype=bool)
         another[1:] = (point[1:] != point[:-1]) | (image[1:] != image[:-1])
         return np.bincount(point[another], minlength=len(self.points))
 
     def with_measurements(self, keep: np.ndarray) -> Block:
-        """Return the block with only the chosen measurements (mask); points stay."""
+        """Return the block with only the chosen measurements; points stay.
+
+        Parameters
+        ----------
+        keep : (n,) ndarray
+            True for those to keep.
+
+        Returns
+        -------
+        Block
+            The smaller block.
+        """
         return replace(self, measurements=self.measurements.select(keep))
 
 
@@ -137,7 +217,28 @@ def assemble(
     A known point is a GCP unless its role says otherwise; with ``gcp_ids`` those are the GCPs and every other known
     point a check point; ``check_ids`` are check points in any case. Points that are only measured are tie points.
 
-    Raises `InputError` for ids that do not exist or contradict each other.
+    Parameters
+    ----------
+    images : sequence of Image
+        The images.
+    ground_points : iterable of GroundPoints
+        Tables of known points.
+    image_points : iterable of ImagePoints
+        Tables of measurements.
+    gcp_ids, check_ids : sequence of str, optional
+        Who is control and who is not.
+    defaults : Defaults, optional
+        Standard deviations of what has none of its own.
+
+    Returns
+    -------
+    Block
+        Consistent indices; every sigma is set.
+
+    Raises
+    ------
+    InputError
+        Ids that do not exist or contradict each other.
     """
     defaults = defaults or Defaults()
     _require_unique([image.id for image in images])

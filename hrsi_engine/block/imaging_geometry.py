@@ -38,7 +38,21 @@ CROP_SHARE = 0.5  # an image smaller than this share of its RPC's extent is a cr
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """How an image sees the terrain in its middle; ``footprint (k, 2)`` is its outline as lon, lat."""
+    """How an image sees the terrain in its middle.
+
+    Parameters
+    ----------
+    centre : (3,) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    gsd_sample_m, gsd_line_m : float
+        Ground distance of neighbouring samples and lines.
+    incidence_deg : float
+        Between the line of sight and the vertical on the ground.
+    azimuth_deg : float
+        From the ground to the satellite, clockwise from north.
+    footprint : (k, 2) ndarray
+        The image's outline as lon, lat in degrees.
+    """
 
     centre: np.ndarray
     gsd_sample_m: float
@@ -52,8 +66,18 @@ class ViewGeometry:
 class PairGeometry:
     """How two images see the ground that they share.
 
-    ``overlap`` is the shared share (0 to 1) of the first and of the second image. Angles belong to the middle of
-    the shared ground, and are None where there is none.
+    Angles belong to the middle of the shared ground, and are None where there is none.
+
+    Parameters
+    ----------
+    first, second : str
+        Ids of the images.
+    overlap : tuple of float
+        The shared share (0 to 1) of the first and of the second image.
+    convergence_deg : float or None
+        Angle between the two lines of sight.
+    base_to_height : float or None
+        Base over height, without unit.
     """
 
     first: str
@@ -64,7 +88,15 @@ class PairGeometry:
 
 
 class ViewDirection:
-    """An image with the terrain under it."""
+    """An image with the terrain under it.
+
+    Parameters
+    ----------
+    image : Image
+        The image.
+    surface : HeightSurface
+        The terrain.
+    """
 
     def __init__(self, image: Image, surface: HeightSurface) -> None:
         self.image, self._surface = image, surface
@@ -81,14 +113,36 @@ class ViewDirection:
         return ground[status == Status.FOUND]
 
     def contains(self, ground: np.ndarray) -> np.ndarray:
-        """Tell which ground points the image sees (out to the outer edges of its pixels)."""
+        """Tell which ground points the image sees (out to the outer edges of its pixels).
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n,) ndarray
+            Booleans.
+        """
         sample, line = self.image.rpc.project(ground).T
         first_sample, last_sample, first_line, last_line = self.image.domain_px
         inside_samples = (sample >= first_sample - 0.5) & (sample <= last_sample + 0.5)
         return inside_samples & (line >= first_line - 0.5) & (line <= last_line + 0.5)
 
     def geometry(self) -> ViewGeometry:
-        """Return the view's figures; raise `SolveError` where the image's middle has no position on the terrain."""
+        """Return the view's figures.
+
+        Returns
+        -------
+        ViewGeometry
+            Of the image's middle.
+
+        Raises
+        ------
+        SolveError
+            The image's middle has no position on the terrain.
+        """
         ground, status = intersect_surface(self.image.rpc, self.image.centre_px[None], self._surface)
         if status[0] != Status.FOUND:
             reason = Status(status[0]).label
@@ -145,7 +199,18 @@ def _share(mask: np.ndarray) -> float:
 
 
 def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
-    """Return the geometry of every pair of images."""
+    """Return the geometry of every pair of images.
+
+    Parameters
+    ----------
+    views : list of ViewDirection
+        The images with their terrain.
+
+    Returns
+    -------
+    list of PairGeometry
+        One for each two images, in their order.
+    """
     return [pair_geometry(first, second) for first, second in combinations(views, 2)]
 
 

@@ -20,7 +20,23 @@ class Role(IntEnum):
 
     @classmethod
     def parse(cls, text: str) -> Role | None:
-        """Return the role named in a file, None for an empty field; raise KeyError for anything else."""
+        """Return the role named in a file.
+
+        Parameters
+        ----------
+        text : str
+            ``gcp``, ``check``, ``tie`` and their like in any case; may be empty.
+
+        Returns
+        -------
+        Role or None
+            None for an empty field.
+
+        Raises
+        ------
+        KeyError
+            The word names no role.
+        """
         return None if not text.strip() else _ROLE_NAMES[text.strip().lower()]
 
     @property
@@ -41,12 +57,21 @@ UNSET = -1  #: role column of `GroundPoints`: the file says nothing
 class GroundPoints(Columns):
     """Points on the ground.
 
-    ids : (m,) str
-    ground : (m, 3) lon, lat, ellipsoidal height; NaN where not known
-    role : (m,) int, a `Role` or `UNSET`
-    sigma_m : (m, 2) standard deviation of each horizontal coordinate and of the height; NaN takes the default
-    covariance_m2 : (m, 3, 3) of east, north and height; where an element is NaN, or for None, ``sigma_m`` says it. An
-        infinite variance is a coordinate that was not surveyed
+    Parameters
+    ----------
+    ids : (m,) ndarray of str
+        Their names.
+    ground : (m, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres; NaN where not known.
+    role : (m,) ndarray of int
+        A `Role` or `UNSET`.
+    sigma_m : (m, 2) ndarray
+        Standard deviation of each horizontal coordinate and of the height; NaN takes the default.
+    source : str
+        The file and layer, for messages.
+    covariance_m2 : (m, 3, 3) ndarray, optional
+        Of east, north and height; where an element is NaN, or for None, ``sigma_m`` says it. An infinite variance is a
+        coordinate that was not surveyed.
     """
 
     ids: np.ndarray
@@ -60,7 +85,18 @@ class GroundPoints(Columns):
         return len(self.ids)
 
     def survey_covariance_m2(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return the covariance of some points' positions ``(k, 3, 3)``: its given elements, else of the sigmas."""
+        """Return the covariance of some points' positions: its given elements, else of the sigmas.
+
+        Parameters
+        ----------
+        rows : (k,) ndarray or slice
+            The points.
+
+        Returns
+        -------
+        (k, 3, 3) ndarray
+            Of east, north and height in square metres.
+        """
         covariance = np.zeros((len(self.ids[rows]), 3, 3))
         covariance[:, range(3), range(3)] = self.sigma_m[rows][:, [0, 0, 1]] ** 2
         if self.covariance_m2 is not None:
@@ -78,7 +114,28 @@ class GroundPoints(Columns):
         source: str = "",
         covariance_m2: np.ndarray | None = None,
     ) -> GroundPoints:
-        """Make columns of matching length from arrays or single values."""
+        """Make columns of matching length from arrays or single values.
+
+        Parameters
+        ----------
+        ids : (m,) sequence of str
+            Their names.
+        ground : (m, 3) array_like
+            Lon, lat in degrees, ellipsoidal height in metres.
+        role : (m,) array_like or int
+            A `Role` or `UNSET`.
+        sigma_m : (m, 2) array_like or float
+            Horizontal and height.
+        source : str
+            The file and layer, for messages.
+        covariance_m2 : (m, 3, 3) ndarray, optional
+            Of east, north and height.
+
+        Returns
+        -------
+        GroundPoints
+            The table.
+        """
         count = len(ids)
         return cls(
             np.asarray(ids, dtype=str),
@@ -94,8 +151,20 @@ class GroundPoints(Columns):
 class ImagePoints(Columns):
     """Measurements of points on images, as files and matchers deliver them.
 
-    ids, image_ids : (n,) str; xy : (n, 2) sample, line; sigma_px : (n,), NaN takes the default;
-    kind : (n,) str (``corner``, ``center`` …); quality : (n,), larger is better, NaN where not known
+    Parameters
+    ----------
+    ids, image_ids : (n,) ndarray of str
+        The point's and the image's name.
+    xy : (n, 2) ndarray
+        Sample, line in pixels.
+    sigma_px : (n,) ndarray
+        Standard deviation of each coordinate; NaN takes the default.
+    kind : (n,) ndarray of str
+        What was measured: ``corner``, ``center`` …
+    quality : (n,) ndarray
+        Larger is better, NaN where not known.
+    source : str
+        The file and layer, for messages.
     """
 
     ids: np.ndarray
@@ -120,7 +189,28 @@ class ImagePoints(Columns):
         quality: np.ndarray | float = np.nan,
         source: str = "",
     ) -> ImagePoints:
-        """Make columns of matching length from arrays or single values."""
+        """Make columns of matching length from arrays or single values.
+
+        Parameters
+        ----------
+        ids, image_ids : (n,) sequence of str
+            The point's and the image's name.
+        xy : (n, 2) array_like
+            Sample, line in pixels.
+        sigma_px : (n,) array_like or float
+            Standard deviation of each coordinate.
+        kind : (n,) sequence of str or str
+            What was measured.
+        quality : (n,) array_like or float
+            Larger is better.
+        source : str
+            The file and layer, for messages.
+
+        Returns
+        -------
+        ImagePoints
+            The table.
+        """
         count = len(ids)
         return cls(
             np.asarray(ids, dtype=str),

@@ -22,8 +22,18 @@ _CLASSES = {Role.GCP: "gcp", Role.CHECK: "check", Role.TIE: "tie"}
 class BlockMap:
     """What the map of a report shows.
 
-    footprints : rings (k, 2) lon, lat by image id
-    lonlat : (m, 2); roles : (m,) `Role`; residual_en_m : (m, 2) east, north, NaN without; ids : (m,)
+    Parameters
+    ----------
+    footprints : mapping of str to (k, 2) ndarray
+        Rings of lon, lat in degrees by image id.
+    lonlat : (m, 2) ndarray
+        Lon, lat of the points.
+    roles : (m,) ndarray
+        Values of `Role`.
+    residual_en_m : (m, 2) ndarray
+        East, north; NaN without.
+    ids : (m,) ndarray of str
+        Their names.
     """
 
     footprints: Mapping[str, np.ndarray]
@@ -49,7 +59,18 @@ class _View:
 
 
 def block_map_svg(data: BlockMap) -> str:
-    """Return the map as an SVG element; ids are escaped. Empty where there is nothing to show."""
+    """Return the map as an SVG element; ids are escaped. Empty where there is nothing to show.
+
+    Parameters
+    ----------
+    data : BlockMap
+        What to draw.
+
+    Returns
+    -------
+    str
+        An SVG element.
+    """
     rings = {name: ring[np.isfinite(ring).all(axis=1)] for name, ring in data.footprints.items()}
     rings = {name: ring for name, ring in rings.items() if len(ring) > 2}
     here = np.flatnonzero(np.isfinite(data.lonlat).all(axis=1))

@@ -16,7 +16,20 @@ CELL, HISTOGRAM_GAP = 14.0, 1.0
 
 
 def histogram_svg(values: np.ndarray, label: str) -> str:
-    """Return the histogram of normalised values as density, with the standard normal curve over it."""
+    """Return the histogram of normalised values as density, with the standard normal curve over it.
+
+    Parameters
+    ----------
+    values : (n,) ndarray
+        Residuals over their standard deviations.
+    label : str
+        For those who cannot see the picture.
+
+    Returns
+    -------
+    str
+        An SVG element.
+    """
     edges = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, BINS + 1)
     counts, _ = np.histogram(np.clip(values, -SIGMAS_SHOWN, SIGMAS_SHOWN), edges)
     density = counts / max(len(values), 1) / (edges[1] - edges[0])
@@ -34,7 +47,20 @@ def histogram_svg(values: np.ndarray, label: str) -> str:
 
 
 def qq_svg(values: np.ndarray, label: str) -> str:
-    """Return the quantiles of normalised values against those of the normal distribution, with the line y = x."""
+    """Return the quantiles of normalised values against those of the normal distribution, with the line y = x.
+
+    Parameters
+    ----------
+    values : (n,) ndarray
+        Residuals over their standard deviations.
+    label : str
+        For those who cannot see the picture.
+
+    Returns
+    -------
+    str
+        An SVG element.
+    """
     parts = [_frame(label, [-4, -2, 0, 2, 4], [-4, -2, 0, 2, 4])]
     ends = [_place(end, (end + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN)) for end in (-SIGMAS_SHOWN, SIGMAS_SHOWN)]
     parts.append(f'<polyline class="normal" points="{_path(ends)}"/>')
@@ -48,7 +74,20 @@ def qq_svg(values: np.ndarray, label: str) -> str:
 
 
 def coverage_svg(counts: np.ndarray, label: str) -> str:
-    """Return the cells of an image, darker where more points lie; red ones are empty."""
+    """Return the cells of an image, darker where more points lie; red ones are empty.
+
+    Parameters
+    ----------
+    counts : (rows, columns) ndarray
+        Points in each cell.
+    label : str
+        For those who cannot see the picture.
+
+    Returns
+    -------
+    str
+        An SVG element.
+    """
     lines, samples = counts.shape
     width, height = samples * (CELL + HISTOGRAM_GAP), lines * (CELL + HISTOGRAM_GAP)
     parts = [

@@ -18,7 +18,19 @@ LABEL_CELLS = 7
 
 @dataclass(frozen=True, eq=False)
 class PictureSide:
-    """One window: grey values and valid pixels (lines, samples), sample and line of the first pixel, points (k, 2)."""
+    """One window of a pair of images.
+
+    Parameters
+    ----------
+    grey : (lines, samples) ndarray
+        Grey values.
+    valid : (lines, samples) ndarray
+        True where they count.
+    origin : (2,) ndarray
+        Sample and line of the first pixel.
+    points : (k, 2) ndarray
+        Sample, line of the correspondences.
+    """
 
     grey: np.ndarray
     valid: np.ndarray
@@ -30,6 +42,16 @@ def pair_svg(first: PictureSide, second: PictureSide) -> str:
     """Return the picture: corresponding points have the same colour and some the same number.
 
     Colours follow the position in the first window, so that wrong neighbours would show.
+
+    Parameters
+    ----------
+    first, second : PictureSide
+        The two windows; row k of their points belongs together.
+
+    Returns
+    -------
+    str
+        An SVG element.
     """
     scale = LONGEST_PX / float(max(*first.grey.shape, *second.grey.shape))
     sizes = [np.array(side.grey.shape[::-1]) * scale for side in (first, second)]

@@ -17,8 +17,20 @@ CHIP_STRETCH_PERCENT = (0.5, 99.5)
 class TargetChip:
     """What a chip shows, in image coordinates.
 
-    grey : (lines, samples) around the target, None without pixels; origin : sample and line of its first pixel
-    edges : (k, 2) edge points, used : (k,) mask; curves : polylines (m, 2); position : (2,), NaN where refused
+    Parameters
+    ----------
+    grey : (lines, samples) ndarray or None
+        Around the target, None without pixels.
+    origin : (2,) ndarray
+        Sample and line of its first pixel.
+    edges : (k, 2) ndarray
+        Edge points.
+    used : (k,) ndarray
+        True for those the fit kept.
+    curves : tuple of (m, 2) ndarray
+        Polylines of the fit.
+    position : (2,) ndarray
+        The target, NaN where refused.
     """
 
     grey: np.ndarray | None
@@ -30,7 +42,18 @@ class TargetChip:
 
 
 def chip_svg(chip: TargetChip) -> str:
-    """Return the chip as an SVG element."""
+    """Return the chip as an SVG element.
+
+    Parameters
+    ----------
+    chip : TargetChip
+        What to draw.
+
+    Returns
+    -------
+    str
+        An SVG element.
+    """
     origin, size = _extent(chip)
     scale = CHIP_SIDE_PX / float(max(size))
     width, height = size * scale

@@ -13,7 +13,22 @@ from .replacing import replacing
 
 
 def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a table."""
+    """Write a table as CSV.
+
+    Parameters
+    ----------
+    path : str
+        The file, replaced in one step.
+    header : sequence of str
+        Names of the columns.
+    rows : iterable of sequences
+        Their values.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)

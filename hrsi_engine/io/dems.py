@@ -28,8 +28,15 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
 
     Parameters
     ----------
-    path : any raster that GDAL opens, with a geotransform and a CRS; the first band holds the heights
-    height_datum : ``layer`` (as the CRS of the file says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file
+    path : str
+        Any raster that GDAL opens, with a geotransform and a CRS; the first band holds the heights.
+    height_datum : str
+        ``layer`` (as the CRS of the file says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
+
+    Returns
+    -------
+    GridSurface
+        Ellipsoidal heights.
 
     Raises
     ------

@@ -32,12 +32,20 @@ _CHUNK_ROWS = 50_000
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A layer as columns.
+    """A vector layer as columns.
 
-    geometry : ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry)
-    crs : EPSG code
-    coordinates : (n, 2) or (n, 3) points; for polygons a list of (k, 2) outer rings, closed or not. NaN: no geometry
-    fields : columns (n,) by name: text, integers, floats (NaN is written as NULL) or bools
+    Parameters
+    ----------
+    name : str
+        Of the layer.
+    geometry : str
+        ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry).
+    crs : int
+        EPSG code.
+    coordinates : (n, 2) or (n, 3) ndarray, or sequence of (k, 2) ndarray
+        Points; for polygons outer rings, closed or not. NaN: no geometry.
+    fields : mapping of str to (n,) ndarray
+        Columns by name: text, integers, floats (NaN is written as NULL) or bools.
     """
 
     name: str
@@ -55,7 +63,23 @@ def write_geopackage(
 ) -> None:
     """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
 
-    Raises `OutputError` where the file cannot be written, `Cancelled` where ``progress`` asks to stop.
+    Parameters
+    ----------
+    path : str
+        The file.
+    layers : sequence of Layer
+        What it is to hold.
+    styles : mapping of str to Style, optional
+        By layer name; by default those of `layer_styles`.
+    progress : Progress
+        Callback; False cancels.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     _require_consistent(path, layers)
     total = max(1, sum(map(len, layers)))

@@ -53,7 +53,23 @@ class OrthoRaster:
 
 
 def open_ortho(path: str) -> OrthoRaster:
-    """Open an orthoimage; raise `InputError` where it is not georeferenced, or not north up."""
+    """Open an orthoimage.
+
+    Parameters
+    ----------
+    path : str
+        Any raster that GDAL opens.
+
+    Returns
+    -------
+    OrthoRaster
+        Its grid and pixels.
+
+    Raises
+    ------
+    InputError
+        It is not georeferenced, or not north up.
+    """
     raster = GdalRaster(path)
     dataset = raster.dataset
     wkt, geotransform = dataset.GetProjection(), dataset.GetGeoTransform(can_return_null=True)

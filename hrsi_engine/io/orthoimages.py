@@ -72,13 +72,34 @@ MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where th
 
 @dataclass(frozen=True)
 class OrthoFormat:
-    """How orthoimages are stored: names of `FORMATS` and `COMPRESSION`."""
+    """How orthoimages are stored.
+
+    Parameters
+    ----------
+    name : str
+        One of `FORMATS`.
+    compression : str
+        One of `COMPRESSION`.
+    """
 
     name: str = "cog"
     compression: str = "deflate"
 
     def creation_options(self, is_integer: bool, threads: int) -> list[str]:
-        """Return GDAL's creation options."""
+        """Return GDAL's creation options.
+
+        Parameters
+        ----------
+        is_integer : bool
+            Whether grey values are whole numbers: what predictor compresses best.
+        threads : int
+            Threads that compress.
+
+        Returns
+        -------
+        list of str
+            ``NAME=VALUE``.
+        """
         driver, options = FORMATS[self.name]
         found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
         if self.compression in _PREDICTED:
@@ -140,9 +161,40 @@ def write_orthoimage(
     path: str, source: OrthoSource, grid: Grid, map_chunk: MapChunk, warp: Warp, form: OrthoFormat,
     made_from: Mapping[str, Any], threads: int, progress: Progress,
 ) -> OrthoFigures:  # fmt: skip
-    """Make an orthoimage; return its figures. ``path`` is replaced in one step.
+    """Make an orthoimage; return its figures.
 
-    Raises `OutputError` where it cannot be written, `Cancelled` where ``progress`` asks to stop.
+    Parameters
+    ----------
+    path : str
+        The file, replaced in one step.
+    source : OrthoSource
+        The image.
+    grid : Grid
+        The pixels of the map.
+    map_chunk : callable
+        The image positions of a window of the grid.
+    warp : Warp
+        How grey values are interpolated.
+    form : OrthoFormat
+        How they are stored.
+    made_from : mapping
+        What to note in the file: from what and how it was made.
+    threads : int
+        That work side by side.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    OrthoFigures
+        What was written.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     figures = OrthoFigures()
 

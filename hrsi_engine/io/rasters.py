@@ -32,7 +32,20 @@ def image_id(path: str) -> str:
 def open_image(path: str) -> Image:
     """Open an image with its RPC, or an RPC file alone (then without pixels).
 
-    Raises `InputError` where the file is missing, is neither an image nor an RPC file, or has no RPC.
+    Parameters
+    ----------
+    path : str
+        Anything that GDAL opens and that has an RPC, or an RPC file.
+
+    Returns
+    -------
+    Image
+        With its camera, its size and a way to its pixels.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is neither an image nor an RPC file, or has no RPC.
     """
     return open_image_and_source(path)[0]
 

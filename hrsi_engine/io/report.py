@@ -16,7 +16,17 @@ __all__ = ["BlockMap", "ReportFigures", "write_report_html", "write_report_json"
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     """Write a report as JSON in one step; NumPy values become plain ones, NaN and infinity become null.
 
-    Raises `OutputError` where the file cannot be written.
+    Parameters
+    ----------
+    path : str
+        The file.
+    report : mapping
+        The report.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
     """
     write_text(path, json.dumps(json_ready(report), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
@@ -26,7 +36,21 @@ def write_report_html(
 ) -> None:
     """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
 
-    Raises `OutputError` where the file cannot be written.
+    Parameters
+    ----------
+    path : str
+        The file.
+    report : mapping
+        The report.
+    map_data : BlockMap, optional
+        The map.
+    figures : ReportFigures, optional
+        The other figures.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
     """
     drawing = None if map_data is None else block_map_svg(map_data)
     write_page(path, "report.html.j2", report, block_map=drawing, **drawn(figures or ReportFigures()))

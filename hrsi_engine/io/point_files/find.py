@@ -44,13 +44,24 @@ def read_points(
 
     Parameters
     ----------
-    spec : ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|image=ID`` says on which
-        image the points were measured, where the file does not say it
-    ground_crs : CRS of positions in a file that names none, anything PROJ reads
-    height_datum : ``layer`` (what the CRS says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file
-    image_ids : ids of the block's images; an image named by file name or path gets the id that fits
-    surface : ellipsoidal heights (n,) at lon, lat (n, 2), for points without a height
-    adjusted : whether points of HRSI's own layers lie where the adjustment put them, not where they were surveyed
+    spec : str
+        ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|image=ID`` says on which image
+        the points were measured, where the file does not say it.
+    ground_crs : str, optional
+        CRS of positions in a file that names none, anything PROJ reads.
+    height_datum : str
+        ``layer`` (what the CRS says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
+    image_ids : sequence of str
+        Ids of the block's images; an image named by file name or path gets the id that fits.
+    surface : callable, optional
+        Ellipsoidal heights (n,) at lon, lat (n, 2), for points without a height.
+    adjusted : bool
+        Whether points of HRSI's own layers lie where the adjustment put them, not where they were surveyed.
+
+    Returns
+    -------
+    PointTables
+        The ground points and the image points.
 
     Raises
     ------

@@ -22,7 +22,19 @@ _SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
 
 @dataclass(frozen=True)
 class PointTables:
-    """What one file holds; None for what it does not hold. ``pairwise``: ids join two images only, see `PointTable`."""
+    """What one file of points holds.
+
+    Parameters
+    ----------
+    ground : GroundPoints or None
+        None where it holds none.
+    image : ImagePoints or None
+        None where it holds none.
+    warnings : tuple of str
+        What a user should know of the file.
+    pairwise : bool
+        Whether ids join two images only, see `PointTable`.
+    """
 
     ground: GroundPoints | None
     image: ImagePoints | None

@@ -41,8 +41,20 @@ Source = tuple[str, Callable[[], FoundRpc]]
 def read_rpc(path: str) -> FoundRpc:
     """Return the RPC of an image, or of an RPC file alone, and where it came from.
 
-    Raises `InputError` where the file is missing, is neither an image nor an RPC file, has no RPC, or the source
-    that wins is damaged.
+    Parameters
+    ----------
+    path : str
+        An image, or an RPC file alone.
+
+    Returns
+    -------
+    FoundRpc
+        The RPC, and where it came from.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is neither an image nor an RPC file, has no RPC, or the source that wins is damaged.
     """
     path = os.fspath(path)
     found = read_rpc_file(path)

@@ -35,11 +35,32 @@ _AFTER_RPB = ("rpc-txt", "isd")
 
 
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
-    """Give an image another RPC and keep the original in it; return notices for the log.
+    """Give an image another RPC and keep the original in it.
 
-    ``path`` is a GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``).
-    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. Raises `InputError` where the file
-    is of another kind, `OutputError` where it cannot be written, `Cancelled` where ``progress`` asks to stop.
+    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are.
+
+    Parameters
+    ----------
+    path : str
+        A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``).
+    rpc : RPC
+        The new camera.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    tuple of str
+        Notices for the log.
+
+    Raises
+    ------
+    InputError
+        The file is of another kind.
+    OutputError
+        It cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     reader = rpc_reader_of(path)
     if reader is not None:
@@ -99,9 +120,24 @@ def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]
 
 
 def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
-    """Bring back the RPC that an image or RPC file had before the first writing in place; return notices.
+    """Bring back the RPC that an image or RPC file had before the first writing in place.
 
-    Raises `InputError` where nothing is kept that could be brought back.
+    Parameters
+    ----------
+    path : str
+        The file.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    tuple of str
+        Notices for the log.
+
+    Raises
+    ------
+    InputError
+        Nothing is kept that could be brought back.
     """
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     is_rpc_file = rpc_reader_of(path) is not None

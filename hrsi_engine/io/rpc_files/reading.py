@@ -47,9 +47,16 @@ class RpcReader:
 class FoundRpc:
     """The RPC of an image and where it came from.
 
-    source : format and file, and what was done to it (crop origin, ICHIPB)
-    ignored : other sources that were there and lost
-    size : (samples, lines) where known
+    Parameters
+    ----------
+    rpc : RPC
+        The camera.
+    source : str
+        Format and file, and what was done to it (crop origin, ICHIPB).
+    ignored : tuple of str
+        Other sources that were there and lost.
+    size : tuple of int, optional
+        Samples and lines, where known.
     """
 
     rpc: RPC

@@ -23,12 +23,38 @@ from .tiff_directory import read_directory
 
 
 def write_rpc_text(path: str, rpc: RPC) -> None:
-    """Write a ``_RPC.TXT`` file with all digits, read it again and compare."""
+    """Write a ``_RPC.TXT`` file with all digits, read it again and compare.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    rpc : RPC
+        The camera.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
     _write_text(path, rpc, rpc_txt.text_of(rpc), rpc_txt.READER.read)
 
 
 def write_rpb(path: str, rpc: RPC) -> None:
-    """Write an ``.RPB`` file with all digits, read it again and compare."""
+    """Write an ``.RPB`` file with all digits, read it again and compare.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    rpc : RPC
+        The camera.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
     _write_text(path, rpc, rpb.text_of(rpc), rpb.READER.read)
 
 
@@ -55,14 +81,34 @@ def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], RpcReading
 
 
 def write_geotiff_copy(source_path: str, target_path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
-    """Copy an image to a GeoTIFF with another RPC; the source is only read. Return notices for the log.
+    """Copy an image to a GeoTIFF with another RPC; the source is only read.
 
-    A TIFF is copied byte for byte and only its RPC tag changes, so that pixels, compression, overviews, metadata
-    and the layout of a Cloud Optimized GeoTIFF stay; what GDAL keeps beside it (``.aux.xml``, ``.msk``, ``.ovr``) is
-    copied too. Any other image is written by GDAL as a tiled, losslessly compressed GeoTIFF.
+    A TIFF is copied byte for byte and only its RPC tag changes, so that pixels, compression, overviews, metadata and
+    the layout of a Cloud Optimized GeoTIFF stay; what GDAL keeps beside it (``.aux.xml``, ``.msk``, ``.ovr``) is copied
+    too. Any other image is written by GDAL as a tiled, losslessly compressed GeoTIFF.
 
-    Raises `InputError` where the source cannot be read or is the target, `OutputError` where the target
-    cannot be written, `Cancelled` where ``progress`` asks to stop.
+    Parameters
+    ----------
+    source_path, target_path : str
+        The image, and its copy.
+    rpc : RPC
+        The camera of the copy.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    tuple of str
+        Notices for the log.
+
+    Raises
+    ------
+    InputError
+        The source cannot be read or is the target.
+    OutputError
+        The target cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     _require_other_file(source_path, target_path)
     source = open_raster(source_path)
@@ -150,10 +196,27 @@ def _creation_options(source: gdal.Dataset) -> list[str]:
 
 
 def write_vrt(source_path: str, target_path: str, rpc: RPC) -> tuple[str, ...]:
-    """Write a virtual image: the source's pixels with another RPC; the source is only read. Return notices.
+    """Write a virtual image: the source's pixels with another RPC; the source is only read.
 
-    The path of the source is kept relative where it lies beside or below the VRT, absolute otherwise. Raises
-    `InputError` where the source cannot be read or is the target, `OutputError` where the VRT cannot be written.
+    Parameters
+    ----------
+    source_path, target_path : str
+        The image, and the VRT; its path of the source is relative where the source lies beside or below it, absolute
+        otherwise.
+    rpc : RPC
+        The camera of the VRT.
+
+    Returns
+    -------
+    tuple of str
+        Notices for the log.
+
+    Raises
+    ------
+    InputError
+        The source cannot be read or is the target.
+    OutputError
+        The VRT cannot be written.
     """
     _require_other_file(source_path, target_path)
     local = os.path.exists(source_path)
