@@ -98,7 +98,7 @@ def fit_rpc(
         Damping of the denominators, as a variance ratio to the normalised image residuals. The default damps nothing
         that the points determine; 1e-6 and more is for noisy measurements.
     common_denominator : bool
-        One denominator for sample and line.
+        One denominator for sample and line; affine corrections then fold in exactly.
 
     Returns
     -------
@@ -107,10 +107,10 @@ def fit_rpc(
 
     Raises
     ------
-    InputError
-        Too few points, points that are not finite, or weights that fit none.
     SolveError
-        The points do not determine a camera.
+        Fewer than 5 points, or points on a line or at one place.
+    ValueError
+        Arrays of other shapes, or with values that are not finite.
     """
     ground, image = np.asarray(ground, dtype=np.float64), np.asarray(image, dtype=np.float64)
     _check_shapes(ground, image, weights)
@@ -193,12 +193,17 @@ def best_fit(
     check : tuple of (m, 3) ndarray and (m, 2) ndarray
         Other points, which judge the damping.
     common_denominator : bool
-        One denominator for sample and line.
+        One denominator for sample and line; affine corrections then fold in exactly.
 
     Returns
     -------
     RpcFit
         The camera that is best at the check points.
+
+    Raises
+    ------
+    SolveError
+        Fewer than 5 points, or points on a line or at one place.
     """
     fits = []
     for ridge in RIDGES:

@@ -221,7 +221,12 @@ def group_of(kind: str) -> str:
 class MethodComparison:
     """Registrations with each kind alone and with all points together (thesis experiments 1 to 3).
 
-    alone, together : summaries by group, in pixels of the second image times the unit
+    Parameters
+    ----------
+    alone, together : mapping of str to ResidualSummary
+        By group of points, in pixels of the second image times the unit.
+    registrations : mapping of str to Registration
+        The registrations themselves.
     """
 
     alone: Mapping[str, ResidualSummary]
@@ -229,7 +234,18 @@ class MethodComparison:
     registrations: Mapping[str, Registration] = field(default_factory=dict)
 
     def ratio(self, table: str = "alone") -> float | None:
-        """Return centre error over corner error, None where one is missing."""
+        """Return centre error over corner error.
+
+        Parameters
+        ----------
+        table : str
+            ``alone`` or ``together``.
+
+        Returns
+        -------
+        float or None
+            None where one is missing.
+        """
         rows = getattr(self, table)
         if not {"center", "corner"} <= rows.keys() or rows["corner"].distance == 0.0:
             return None
@@ -247,7 +263,34 @@ def compare_kinds(
 ) -> MethodComparison:
     """Return how well each group of points registers two images, alone and together with the others.
 
-    Groups with too few points are left out. Raises `SolveError` where even all points together are too few.
+    Groups with too few points are left out.
+
+    Parameters
+    ----------
+    first_px, second_px : (n, 2) ndarray
+        Sample, line in both images.
+    kinds : (n,) ndarray of str
+        Of the points.
+    model : str
+        One of `FORMS`.
+    sigma_px : (n,) ndarray or float
+        Standard deviations of the measurements.
+    reject_sigma : float
+        Points farther off are left out; 0 keeps all.
+    unit : float
+        What one pixel of the second image is in the summaries.
+
+    Returns
+    -------
+    MethodComparison
+        The registrations and their residuals.
+
+    Raises
+    ------
+    InputError
+        The model is not known.
+    SolveError
+        Even all points together are too few, or lie on a line.
     """
     groups = np.array([group_of(str(kind)) for kind in kinds])
     everything = register_points(first_px, second_px, model, sigma_px, reject_sigma)

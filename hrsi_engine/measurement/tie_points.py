@@ -57,7 +57,19 @@ class PairSummary(NamedTuple):
 
 
 class TiePoints(NamedTuple):
-    """Image points of all tracks, approximate ground ``(tracks, 3)`` in the order of ids, pairs, and warnings."""
+    """Tie points of a block.
+
+    Parameters
+    ----------
+    image_points : ImagePoints
+        The measurements of all tracks.
+    ground : (tracks, 3) ndarray
+        Approximate lon, lat, height, in the order of ids.
+    pairs : tuple of PairSummary
+        What was found between each two images.
+    warnings : tuple of str
+        What a user should know.
+    """
 
     image_points: ImagePoints
     ground: np.ndarray
@@ -76,12 +88,32 @@ def find_tie_points(
 ) -> TiePoints:
     """Find tie points between all overlapping images with pixels.
 
-    surface : the ground, where it is known; else heights come out of the matching
-    scheduler : who does the work; threads without
-    keeper : keeps the results of finished parts, so that a run that was stopped continues
+    Parameters
+    ----------
+    images : sequence of Image
+        At least two of them with pixels.
+    options : TieOptions, optional
+        How to find them.
+    progress : Progress
+        Callback; False cancels.
+    surface : HeightSurface, optional
+        The ground, where it is known; else heights come out of the matching.
+    scheduler : Scheduler, optional
+        Who does the work; threads without.
+    keeper : Keeper, optional
+        Keeps the results of finished parts, so that a run that was stopped continues.
 
-    Raises `InputError` when fewer than two images have pixels or no two of them overlap, `Cancelled` when
-    ``progress`` asks to stop.
+    Returns
+    -------
+    TiePoints
+        Tracks over two images or more.
+
+    Raises
+    ------
+    InputError
+        Fewer than two images have pixels, or no two of them overlap.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     search = _Search(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper)
     pairs = search.estimated_pairs(stage(progress, 0.0, 0.3))

@@ -50,9 +50,20 @@ def rounded_resolution(gsd: float) -> float:
 
 @dataclass(frozen=True)
 class MapGrid:
-    """Pixels of a map: CRS (WKT), resolution in the CRS's units, and the place on the lattice.
+    """Pixels of a map, and their place on the lattice that all grids of a CRS and resolution share.
 
     The upper left corner of the first pixel is at ``(left * resolution, top * resolution)``; rows run south.
+
+    Parameters
+    ----------
+    crs : str
+        The CRS as WKT.
+    resolution : float
+        Side of a pixel in the CRS's units.
+    left, top : int
+        Columns and rows from the CRS's origin to the upper left corner of the first pixel.
+    columns, rows : int
+        Size of the grid.
     """
 
     crs: str
@@ -64,7 +75,27 @@ class MapGrid:
 
     @classmethod
     def around(cls, crs: str, resolution: float, bounds: Sequence[float]) -> MapGrid:
-        """Return the smallest grid that holds ``bounds`` (west, south, east, north in the CRS's units)."""
+        """Return the smallest grid that holds an area.
+
+        Parameters
+        ----------
+        crs : str
+            The CRS as WKT.
+        resolution : float
+            Side of a pixel in the CRS's units.
+        bounds : sequence of float
+            West, south, east, north in the CRS's units.
+
+        Returns
+        -------
+        MapGrid
+            The grid.
+
+        Raises
+        ------
+        InputError
+            The bounds hold not one pixel.
+        """
         west, south, east, north = (value / resolution for value in bounds)
         left, top = math.floor(west + WHOLE), math.ceil(north - WHOLE)
         columns, rows = math.ceil(east - WHOLE) - left, top - math.floor(south + WHOLE)
@@ -88,17 +119,52 @@ class MapGrid:
         return pyproj.Transformer.from_crs(self.crs, 4326, always_xy=True)
 
     def lonlat(self, pixels: np.ndarray) -> np.ndarray:
-        """Return lon, lat ``(n, 2)`` of column, row ``(n, 2)``; (0, 0) is the centre of the first pixel."""
+        """Return the positions of pixels.
+
+        Parameters
+        ----------
+        pixels : (n, 2) ndarray
+            Column, row; (0, 0) is the centre of the first pixel.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Lon, lat in degrees.
+        """
         x = (self.left + 0.5 + pixels[:, 0]) * self.resolution
         y = (self.top - 0.5 - pixels[:, 1]) * self.resolution
         return np.column_stack(self._to_wgs84.transform(x, y))
 
     def chunks(self, columns: int, rows: int | None = None) -> Iterator[GridWindow]:
-        """Yield windows of so many columns and rows (the same number) that cover the grid, row by row."""
+        """Yield windows of so many columns and rows (the same number) that cover the grid, row by row.
+
+        Parameters
+        ----------
+        columns : int
+            Of a window.
+        rows : int, optional
+            Of a window; by default as many.
+
+        Returns
+        -------
+        iterator of GridWindow
+            Windows that cover the grid, row by row; those at its edges are smaller.
+        """
         return GridWindow(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
 
     def common(self, other: MapGrid) -> MapGrid | None:
-        """Return the part that two grids on the same lattice share, None where they do not meet."""
+        """Return the part that two grids on the same lattice share, None where they do not meet.
+
+        Parameters
+        ----------
+        other : MapGrid
+            On the same lattice.
+
+        Returns
+        -------
+        MapGrid or None
+            None where they do not meet.
+        """
         left, top = max(self.left, other.left), min(self.top, other.top)
         right = min(self.left + self.columns, other.left + other.columns)
         bottom = max(self.top - self.rows, other.top - other.rows)

@@ -188,7 +188,21 @@ class _Chunk:
 
 @dataclass(frozen=True, eq=False)
 class OrthoMapping:
-    """The mapping of a whole orthoimage; chunks may be asked for by several threads."""
+    """The mapping of a whole orthoimage; chunks may be asked for by several threads.
+
+    Parameters
+    ----------
+    rpc : RPC
+        The image's camera.
+    size : tuple of int
+        Samples and lines of the image.
+    surface : HeightSurface
+        The terrain.
+    grid : MapGrid
+        The orthoimage's pixels.
+    error_px : float
+        What interpolation between nodes may be off; 0 computes every pixel.
+    """
 
     rpc: RPC
     size: tuple[int, int]
@@ -197,12 +211,34 @@ class OrthoMapping:
     error_px: float = 0.05
 
     def exact(self, pixels: np.ndarray) -> np.ndarray:
-        """Return image positions ``(n, 2)`` of the grid's pixels ``(n, 2)``; NaN where the terrain is not known."""
+        """Return the image positions of the grid's pixels.
+
+        Parameters
+        ----------
+        pixels : (n, 2) ndarray
+            Column, row.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Sample, line in pixels; NaN where the terrain is not known.
+        """
         lonlat = self.grid.lonlat(pixels)
         return self.rpc.project(np.column_stack([lonlat, surface_heights(self.surface, lonlat)]))
 
     def chunk(self, window: GridWindow) -> ChunkMapping | None:
-        """Return the mapping of a window of the grid; None where the image shows nothing of it."""
+        """Return the mapping of a window of the grid.
+
+        Parameters
+        ----------
+        window : GridWindow
+            The window.
+
+        Returns
+        -------
+        ChunkMapping or None
+            None where the image shows nothing of it.
+        """
         if self.error_px == 0.0:
             return self._every_pixel(window)
         chunk = _Chunk(self, window)
@@ -267,7 +303,13 @@ class OrthoMapping:
         return sum(self.rpc.height_range) / 2.0
 
     def source_pixels_per_pixel(self) -> float:
-        """Return how many pixels of the image, along each axis, one pixel of the map covers in the map's middle."""
+        """Return how many pixels of the image, along each axis, one pixel of the map covers in the map's middle.
+
+        Returns
+        -------
+        float
+            Without unit; above 1 the orthoimage is coarser than the image.
+        """
         middle = np.array([[self.grid.columns / 2.0, self.grid.rows / 2.0]]) + np.array([[0, 0], [1, 0], [0, 1]])
         lonlat = self.grid.lonlat(middle)
         heights = surface_heights(self.surface, lonlat)

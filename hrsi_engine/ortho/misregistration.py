@@ -55,8 +55,18 @@ class WindowOutcome(IntEnum):
 class MisregistrationOptions:
     """How windows are matched.
 
-    window_px : side of a window, even; search_px : largest shift; min_correlation : of windows that count
-    max_sigma_px : of a shift that counts; most : windows along the longer side of the common area
+    Parameters
+    ----------
+    window_px : int
+        Side of a window, even.
+    search_px : int
+        Largest shift.
+    min_correlation : float
+        Of windows that count.
+    max_sigma_px : float
+        Of a shift that counts.
+    most : int
+        Windows along the longer side of the common area.
     """
 
     window_px: int = 48
@@ -67,8 +77,21 @@ class MisregistrationOptions:
 
 
 class WindowShifts(NamedTuple):
-    """Windows: centres ``(n, 2)`` column, row, shifts ``(n, 2)`` in px (NaN where not matched), correlation, sigma of a
-    shift in px and `WindowOutcome`, each ``(n,)``."""
+    """Shifts of windows between two orthoimages.
+
+    Parameters
+    ----------
+    centre : (n, 2) ndarray
+        Column, row of the windows' centres.
+    shift_px : (n, 2) ndarray
+        NaN where not matched.
+    correlation : (n,) ndarray
+        Of the two windows.
+    sigma_px : (n,) ndarray
+        Standard deviation of a shift.
+    outcome : (n,) ndarray
+        Values of `WindowOutcome`.
+    """
 
     centre: np.ndarray
     shift_px: np.ndarray
@@ -92,7 +115,20 @@ class Shift(NamedTuple):
 
 
 def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> np.ndarray:
-    """Return centres of windows spread evenly over an area of columns x rows pixels, ``(n, 2)`` integers."""
+    """Return centres of windows spread evenly over an area.
+
+    Parameters
+    ----------
+    columns, rows : int
+        Size of the area in pixels.
+    options : MisregistrationOptions
+        How large and how many windows are.
+
+    Returns
+    -------
+    (n, 2) ndarray of int
+        Column, row.
+    """
     reach = options.window_px // 2 + options.search_px + SEARCH_BORDER
     spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
     axes = []
@@ -107,7 +143,26 @@ def measure_shifts(
     first: Read, second: Read, centres: np.ndarray, options: MisregistrationOptions,
     tell: Callable[[float], None] | None = None, threads: int = 1,
 ) -> WindowShifts:  # fmt: skip
-    """Match windows of two orthoimages, of which ``first(...)`` and ``second(...)`` read the common area."""
+    """Match windows of two orthoimages.
+
+    Parameters
+    ----------
+    first, second : callable
+        They read a part of the common area.
+    centres : (n, 2) ndarray of int
+        Column, row of the windows' centres.
+    options : MisregistrationOptions
+        How windows are matched.
+    tell : callable, optional
+        Is told the share that is done.
+    threads : int
+        That work side by side.
+
+    Returns
+    -------
+    WindowShifts
+        A shift for each window.
+    """
     found = []
     with ThreadPoolExecutor(threads) as pool:
         try:
@@ -246,7 +301,20 @@ def _values_and_slopes(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndar
 
 
 def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | int | None]:
-    """Return robust figures of shifts ``(n, 2)`` in px: medians, NMADs, median and 90th percentile of the lengths."""
+    """Return robust figures of shifts: medians, NMADs, median and 90th percentile of the lengths.
+
+    Parameters
+    ----------
+    shift_px : (n, 2) ndarray
+        Shifts, NaN where not matched.
+    pixel_m : float
+        Side of a pixel in metres.
+
+    Returns
+    -------
+    dict
+        Figures by name; the names say the unit.
+    """
     if not len(shift_px):
         return dict.fromkeys(STATISTICS) | {"windows": 0}
     middle = np.median(shift_px, axis=0)

@@ -36,15 +36,29 @@ LEAST_SCATTER_M = 0.1
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:
-    """Return a surface through points ``(n, 3)`` (lon, lat, ellipsoidal height), and how many were left out.
+    """Return a surface through points, and how many were left out.
 
     The surface has cells of a fifth of the points' mean spacing; outside the points' convex hull it takes the height of
-    the nearest point. ``sigma_height_m (n,)`` are the heights' standard deviations, NaN where not known: points that
-    are less certain than their neighbours count less. Left out are points far from the median height of their
-    neighbours and from nearly all of them (a wrong match of a tie point across the epipolar direction is found by the
-    adjustment, one along it is not).
+    the nearest point. Left out are points far from the median height of their neighbours and from nearly all of them (a
+    wrong match of a tie point across the epipolar direction is found by the adjustment, one along it is not).
 
-    Raises `InputError` with fewer than three points.
+    Parameters
+    ----------
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    sigma_height_m : (n,) ndarray, optional
+        Standard deviations of the heights, NaN where not known: points that are less certain than their neighbours
+        count less.
+
+    Returns
+    -------
+    tuple of GridSurface and int
+        The surface, and how many points it leaves out.
+
+    Raises
+    ------
+    InputError
+        There are fewer than three points.
     """
     known = np.isfinite(ground).all(axis=1)
     sigma = np.full(len(ground), np.nan) if sigma_height_m is None else np.asarray(sigma_height_m, dtype=np.float64)

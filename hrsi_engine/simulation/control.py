@@ -19,7 +19,15 @@ STEEPEST_CONTROL = 0.35  # slope at surveyed points
 
 @dataclass(frozen=True)
 class PointCounts:
-    """How many surveyed and tie points a block gets; every tie point is on two images or more."""
+    """How many points a block gets.
+
+    Parameters
+    ----------
+    gcps, checks : int
+        Surveyed points, control and check.
+    ties : int
+        Tie points; every one is on two images or more.
+    """
 
     gcps: int = 10
     checks: int = 50
@@ -30,9 +38,24 @@ class PointCounts:
 class Noise:
     """Errors of the measurements; standard deviations of normal errors, and shares of gross ones.
 
-    ``blunders`` is the share of tie measurements moved by ``blunder_px``; ``gcp_blunders`` of the GCPs' image
-    measurements likewise; ``wrong_heights`` the share of GCPs whose height is off by ``wrong_height_m``;
-    ``vendor`` scales the errors of the vendor's orientation.
+    Parameters
+    ----------
+    image_px : float
+        Of a measured coordinate.
+    gcp_xy_m, gcp_h_m : float
+        Of a surveyed position, horizontal and height.
+    blunders : float
+        Share of tie measurements moved by ``blunder_px``.
+    gcp_blunders : float
+        … of the GCPs' image measurements.
+    blunder_px : float
+        How far gross errors are off.
+    wrong_heights : float
+        Share of GCPs whose height is off by ``wrong_height_m``.
+    wrong_height_m : float
+        How far wrong heights are off.
+    vendor : float
+        Scales the errors of the vendor's orientation.
     """
 
     image_px: float = 0.3

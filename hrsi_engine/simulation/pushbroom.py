@@ -33,12 +33,38 @@ ORBIT_MAX_ITERATIONS = 40
 
 @dataclass(frozen=True, eq=False)
 class PushbroomCamera:
-    """An image's exact geometry; make one with `aim`.
+    """An image's exact geometry; make one with `aim`. Vectors are geocentric unit vectors.
 
-    ``size`` is (samples, lines); ``middle`` the sample and line at which the undisturbed sensor sees the scene centre;
-    ``pixel_rad`` the angle of one pixel; ``scan_rad`` and ``orbit_rad`` the angles from line to line on the ground
-    circle and on the orbit; drifts of ``error`` are complete after ``drift_lines``. Vectors are geocentric unit
-    vectors, ``centre`` is in metres.
+    Parameters
+    ----------
+    size : tuple of int
+        Samples and lines.
+    middle : tuple of float
+        Sample and line at which the undisturbed sensor sees the scene centre.
+    drift_lines : float
+        After which the drifts of ``error`` are complete.
+    pixel_rad : float
+        Angle of one pixel.
+    frame : LocalFrame
+        Topocentric frame of the scene centre.
+    centre : (3,) ndarray
+        The scene centre, geocentric metres.
+    scan_direction : (3,) ndarray
+        In which the footprint moves.
+    normal : (3,) ndarray
+        Axis about which the footprint moves.
+    ground_radius_m : float
+        Of the circle on which the footprint moves.
+    scan_rad : float
+        Angle from line to line on that circle.
+    orbit_radius_m : float
+        Of the circular orbit.
+    zenith, flight_direction : (3,) ndarray
+        Of the satellite at the middle line.
+    orbit_rad : float
+        Angle from line to line on the orbit.
+    error : OrientationError
+        What is added to position and attitude.
     """
 
     size: tuple[int, int]
@@ -58,11 +84,33 @@ class PushbroomCamera:
     error: OrientationError = OrientationError()
 
     def disturb(self, error: OrientationError) -> PushbroomCamera:
-        """Return the same camera with other position and attitude errors."""
+        """Return the same camera with other position and attitude errors.
+
+        Parameters
+        ----------
+        error : OrientationError
+            The errors.
+
+        Returns
+        -------
+        PushbroomCamera
+            The disturbed camera.
+        """
         return replace(self, error=error)
 
     def coarsen(self, ratio: int) -> PushbroomCamera:
-        """Return the camera of pixels that cover ``ratio`` x ``ratio`` of this one's, same upper left outer corner."""
+        """Return the camera of larger pixels, with the same upper left outer corner.
+
+        Parameters
+        ----------
+        ratio : int
+            Pixels of this camera along each side of a larger one.
+
+        Returns
+        -------
+        PushbroomCamera
+            The coarser camera.
+        """
         centre_shift = (ratio - 1) / 2.0
         return replace(
             self,
@@ -83,7 +131,18 @@ class PushbroomCamera:
     # ---- exterior orientation ----------------------------------------------------------------------------------
 
     def exterior(self, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions ``(n, 3)`` and rotations ``(n, 3, 3)`` with columns forward, right and down, in ECEF."""
+        """Return where the sensor is at a line, and how it is turned.
+
+        Parameters
+        ----------
+        line : (n,) ndarray
+            Lines in pixels.
+
+        Returns
+        -------
+        tuple of (n, 3) ndarray and (n, 3, 3) ndarray
+            Positions in metres and rotations with columns forward, right and down, in ECEF.
+        """
         step = np.asarray(line, dtype=np.float64) - self.middle[1]
         position, forward, right, down = self._nominal(step)
         share = step / self.drift_lines
@@ -105,16 +164,37 @@ class PushbroomCamera:
     # ---- image to ground ---------------------------------------------------------------------------------------
 
     def rays(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return origins and unit directions, ``(n, 3)`` each in ECEF, of image points ``(n, 2)``."""
+        """Return the rays of image points in ECEF.
+
+        Parameters
+        ----------
+        image : (n, 2) ndarray
+            Sample, line in pixels.
+
+        Returns
+        -------
+        tuple of (n, 3) ndarray
+            Origins in metres and unit directions.
+        """
         position, axes = self.exterior(image[:, 1])
         across = -(image[:, 0] - self.middle[0]) * self.pixel_rad
         look = axes[:, :, 2] + across[:, None] * axes[:, :, 1]
         return position, _unit(look)
 
     def image_to_ground(self, image: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
-        """Return lon, lat, height ``(n, 3)`` where the rays of image points reach ellipsoidal heights.
+        """Return the ground points where the rays of image points reach given heights.
 
-        NaN where a ray misses the Earth.
+        Parameters
+        ----------
+        image : (n, 2) ndarray
+            Sample, line in pixels.
+        height_m : (n,) ndarray or float
+            Ellipsoidal heights.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            Lon, lat in degrees, height in metres; NaN where a ray misses the Earth.
         """
         image = np.asarray(image, dtype=np.float64)
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
@@ -128,6 +208,16 @@ class PushbroomCamera:
         Solved for the line on which a point lies in the plane of the detectors, by a secant iteration per point
         whose slope is kept near one pixel a line; so it converges from anywhere the sensor can be turned to, also
         tens of thousands of lines outside the image. NaN where it does not.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Sample, line in pixels; NaN where the iteration does not converge.
         """
         target = to_ecef(np.asarray(ground, dtype=np.float64))
         line = np.full(len(target), self.middle[1])
@@ -158,7 +248,13 @@ class PushbroomCamera:
     # ---- resolution --------------------------------------------------------------------------------------------
 
     def gsd_m(self) -> tuple[float, float]:
-        """Return the ground distance in metres of neighbouring samples and lines at the image's middle."""
+        """Return the ground distance in metres of neighbouring samples and lines at the image's middle.
+
+        Returns
+        -------
+        tuple of float
+            Metres across and along.
+        """
         s, c = self.middle
         image = np.array([[s, c], [s + 1.0, c], [s, c + 1.0]])
         xyz = to_ecef(self.image_to_ground(image, self.frame.height_m))
@@ -174,13 +270,27 @@ def aim(
     heading_deg: float = 190.0,
     scan_deg: float | None = None,
 ) -> PushbroomCamera:
-    """Return the undisturbed camera whose middle looks at ``target`` (lon, lat, height).
+    """Return the undisturbed camera whose middle looks at a target.
 
     Parameters
     ----------
-    along_deg, across_deg : off-nadir angles of the middle line of sight at the satellite, ahead of it and to its right
-    heading_deg : azimuth of the flight over the ground
-    scan_deg : azimuth in which lines increase; the heading where not given
+    sensor : Sensor
+        The scanner.
+    size : tuple of int
+        Samples and lines.
+    target : (3,) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    along_deg, across_deg : float
+        Off-nadir angles of the middle line of sight at the satellite, ahead of it and to its right.
+    heading_deg : float
+        Azimuth of the flight over the ground.
+    scan_deg : float, optional
+        Azimuth in which lines increase; by default the heading.
+
+    Returns
+    -------
+    PushbroomCamera
+        The camera.
     """
     frame = LocalFrame(*(float(value) for value in target))
     east, north, up = _axes_of(frame)

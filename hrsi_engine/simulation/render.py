@@ -32,7 +32,18 @@ ORTHO_BLUR_PX = 0.5
 class ImageRenderer:
     """Renders windows of one band of one image; thread-safe. Make one with `renderer`.
 
-    ``stream`` numbers the image and band for its noise.
+    Parameters
+    ----------
+    scene : Scene
+        What is seen.
+    camera : PushbroomCamera
+        By whom.
+    radiometry : Radiometry
+        How grey values become digital numbers.
+    painter : TilePainter
+        Paints the ground of a tile.
+    stream : int
+        Number of the image and band, for its noise.
     """
 
     scene: Scene
@@ -47,7 +58,25 @@ class ImageRenderer:
         return self.camera.size
 
     def window(self, sample: int, line: int, samples: int, lines: int) -> np.ndarray:
-        """Return digital numbers ``(lines, samples)``, uint16; raises ValueError outside the image."""
+        """Return a window's digital numbers.
+
+        Parameters
+        ----------
+        sample, line : int
+            The window's first pixel.
+        samples, lines : int
+            Its size.
+
+        Returns
+        -------
+        (lines, samples) ndarray
+            Type uint16.
+
+        Raises
+        ------
+        ValueError
+            The window is not inside the image.
+        """
         return cut_window(self._remembered_tile, self.size, sample, line, samples, lines)
 
     @cached_property
@@ -56,11 +85,22 @@ class ImageRenderer:
         return lru_cache(maxsize=64)(self.tile)
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return a window and its mask of valid pixels, all of them: `block.Raster`'s contract."""
+        """As `Raster.read`: every pixel is valid."""
         return self.window(sample, line, samples, lines), np.ones((lines, samples), dtype=bool)
 
     def tile(self, row: int, column: int) -> np.ndarray:
-        """Return one tile's digital numbers, uint16."""
+        """Return one tile's digital numbers, uint16.
+
+        Parameters
+        ----------
+        row, column : int
+            The tile.
+
+        Returns
+        -------
+        (lines, samples) ndarray
+            Type uint16.
+        """
         radiometry = self.radiometry
         grey = np.float32(radiometry.gain) * self.noise_free_tile(row, column) + np.float32(radiometry.offset)
         rng = np.random.default_rng([self.scene.spec.seed, 50, self.stream, row, column])
@@ -69,12 +109,34 @@ class ImageRenderer:
         return _quantise(grey + noise * np.sqrt(variance), radiometry)
 
     def noise_free_tile(self, row: int, column: int) -> np.ndarray:
-        """Return one tile's blurred grey values, float32, before gain and noise."""
+        """Return one tile's blurred grey values, float32, before gain and noise.
+
+        Parameters
+        ----------
+        row, column : int
+            The tile.
+
+        Returns
+        -------
+        (lines, samples) ndarray
+            Type float32.
+        """
         paths = self.tile_paths(row, column)
         return self.painter.grey(row, column, *paths.at(meet_surface(paths, self.scene.terrain)))
 
     def tile_paths(self, row: int, column: int) -> RayPaths:
-        """Return the rays of a tile's pixels, from the exact ones at the nodes around it."""
+        """Return the rays of a tile's pixels, from the exact ones at the nodes around it.
+
+        Parameters
+        ----------
+        row, column : int
+            The tile.
+
+        Returns
+        -------
+        RayPaths
+            Where they go through the terrain's heights.
+        """
         lines, samples = tile_shape(self.size, row, column)
         across, down = samples // NODE_SAMPLES + 2, lines // self._node_lines + 2
         sample = column * RENDER_TILE + NODE_SAMPLES * np.arange(across)
@@ -95,10 +157,31 @@ class ImageRenderer:
 
 
 def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> ImageRenderer:
-    """Return the renderer of one band of an image; bands other than ``pan`` have the multispectral pixel size.
+    """Return the renderer of one band of an image.
 
-    A multispectral pixel covers `Sensor.ms_ratio` squared panchromatic ones; both images have the same upper left
-    outer corner. Raises `InputError` for an unknown image, ValueError for an unknown band.
+    A multispectral pixel covers `Sensor.ms_ratio` squared panchromatic ones; both images have the same upper left outer
+    corner.
+
+    Parameters
+    ----------
+    simulated : SimulatedBlock
+        The block.
+    image_id : str
+        The image.
+    band : str
+        ``pan`` or one of the multispectral bands, which have larger pixels.
+
+    Returns
+    -------
+    ImageRenderer
+        The renderer.
+
+    Raises
+    ------
+    InputError
+        The image is not known.
+    ValueError
+        The band is not known.
     """
     index, band_index = simulated.index(image_id), SPECTRAL_BANDS.index(band)
     view, camera, scene = simulated.views[index], simulated.truth.cameras[index], simulated.scene
@@ -113,7 +196,25 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
 
 
 def multispectral_renderers(simulated: SimulatedBlock, image_id: str) -> tuple[ImageRenderer, ...]:
-    """Return the renderers of blue, green, red and near infrared, which share what does not depend on the band."""
+    """Return the renderers of blue, green, red and near infrared, which share what does not depend on the band.
+
+    Parameters
+    ----------
+    simulated : SimulatedBlock
+        The block.
+    image_id : str
+        The image.
+
+    Returns
+    -------
+    tuple of ImageRenderer
+        In this order.
+
+    Raises
+    ------
+    InputError
+        The image is not known.
+    """
     first = renderer(simulated, image_id, SPECTRAL_BANDS[1])
     return tuple(
         replace(
@@ -128,12 +229,42 @@ def multispectral_renderers(simulated: SimulatedBlock, image_id: str) -> tuple[I
 def render_window(
     simulated: SimulatedBlock, image_id: str, sample: int, line: int, samples: int, lines: int, band: str = "pan"
 ) -> np.ndarray:
-    """Return a window of a simulated image, ``(lines, samples)`` uint16. For many windows keep a `renderer`."""
+    """Return a window of a simulated image. For many windows keep a `renderer`.
+
+    Parameters
+    ----------
+    simulated : SimulatedBlock
+        The block.
+    image_id : str
+        The image.
+    sample, line : int
+        The window's first pixel.
+    samples, lines : int
+        Its size.
+    band : str
+        The band.
+
+    Returns
+    -------
+    (lines, samples) ndarray
+        Type uint16.
+    """
     return renderer(simulated, image_id, band).window(sample, line, samples, lines)
 
 
 def block_with_pixels(simulated: SimulatedBlock) -> Block:
-    """Return the simulated block whose images render their pixels when they are read."""
+    """Return the simulated block whose images render their pixels when they are read.
+
+    Parameters
+    ----------
+    simulated : SimulatedBlock
+        The block.
+
+    Returns
+    -------
+    Block
+        The same block; its images have a raster.
+    """
     images = tuple(replace(image, raster=renderer(simulated, image.id)) for image in simulated.block.images)
     return replace(simulated.block, images=images)
 
@@ -175,7 +306,24 @@ class OrthoRenderer:
 
 
 def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, band: str = "pan") -> OrthoRenderer:
-    """Return the orthophoto of a square around the scene's centre, at any ground sample distance."""
+    """Return the orthophoto of a square around the scene's centre.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is seen.
+    gsd_m : float
+        Side of a pixel.
+    half_extent_m : float, optional
+        Half the square's side; by default the scene's.
+    band : str
+        The band.
+
+    Returns
+    -------
+    OrthoRenderer
+        It renders windows.
+    """
     half = int((half_extent_m or scene.half_extent_m) / gsd_m)
     corner = -half * gsd_m, half * gsd_m
     size = 2 * half + 1, 2 * half + 1

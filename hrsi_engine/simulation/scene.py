@@ -26,9 +26,22 @@ TARGET_GSD, APRON_GSD = 9.0, 20.0  # diameters in pixels of the finest view
 class SceneSpec:
     """What a scene should be like; the same spec and views always give the same scene.
 
-    ``half_extent_m``, ``post_m`` (spacing of the terrain) and ``scale`` (of the landscape) follow from the views where
-    they are None. ``cliff_m`` is the height of cliffs, none where 0. ``change``, 0 … 1, is how much of the ground looks
-    different at a `View.date` other than 0.
+    Parameters
+    ----------
+    lon_deg, lat_deg : float
+        The scene's centre.
+    mean_height_m : float
+        Ellipsoidal.
+    relief_m : float
+        Between the lowest and the highest ground.
+    cliff_m : float
+        Height of cliffs, none where 0.
+    seed : int
+        Of everything random.
+    half_extent_m, post_m, scale : float, optional
+        Half the side, spacing of the terrain, scale of the landscape; by default they follow from the views.
+    change : float
+        0 … 1, how much of the ground looks different at a `SceneView.date` other than 0.
     """
 
     lon_deg: float = 5.45
@@ -55,7 +68,25 @@ class SceneSpec:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Terrain, landscape and painted objects; ``targets_m`` are surveyed targets, chart metres ``(n, 2)``."""
+    """Terrain, landscape and painted objects.
+
+    Parameters
+    ----------
+    spec : SceneSpec
+        What it was made from.
+    chart : Chart
+        Metres east and north of the centre.
+    terrain : SimulatedTerrain
+        Heights.
+    landscape : Landscape
+        What lies on it.
+    half_extent_m : float
+        Half the side.
+    finest_gsd_m : float
+        Of the images, which sets how fine the texture is.
+    targets_m : (n, 2) ndarray
+        Surveyed targets in chart metres.
+    """
 
     spec: SceneSpec
     chart: Chart
@@ -88,7 +119,13 @@ class Scene:
         return Texture(self.landscape)
 
     def object_ground(self) -> np.ndarray:
-        """Return lon, lat, height ``(n, 3)`` of the objects' centres."""
+        """Return the positions of the objects' centres.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+        """
         position = self.objects.position_m
         return self.chart.to_ground(position, self.terrain.height(*position.T))
 

@@ -19,9 +19,20 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 class OrientationError:
     """What is added to a camera's exact position and attitude.
 
-    Positions are metres east, north and up in the topocentric frame of the scene centre (dX, dY, dH); attitudes are
-    roll, pitch and yaw in radians about the sensor's own axes forward, right and down. A drift is the change over
-    the whole image, zero at its middle line. Jitter is a sine over the lines, one amplitude and phase an axis.
+    A drift is the change over the whole image, zero at its middle line. Jitter is a sine over the lines.
+
+    Parameters
+    ----------
+    position_m, position_drift_m : tuple of float
+        Metres east, north and up in the topocentric frame of the scene centre (dX, dY, dH).
+    attitude_rad, attitude_drift_rad : tuple of float
+        Roll, pitch and yaw about the sensor's own axes forward, right and down.
+    jitter_rad : tuple of float
+        Amplitude about each axis.
+    jitter_period_lines : float
+        Of the sine.
+    jitter_phase_rad : tuple of float
+        About each axis.
     """
 
     position_m: Vector = ZERO
@@ -33,11 +44,35 @@ class OrientationError:
     jitter_phase_rad: Vector = ZERO
 
     def position(self, share: np.ndarray) -> np.ndarray:
-        """Return ``(n, 3)`` metres at ``share`` (-0.5 first line, 0.5 last line) of the image."""
+        """Return the error of the position.
+
+        Parameters
+        ----------
+        share : (n,) ndarray
+            -0.5 at the first line, 0.5 at the last.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            Metres.
+        """
         return np.asarray(self.position_m) + share[:, None] * np.asarray(self.position_drift_m)
 
     def attitude(self, share: np.ndarray, line: np.ndarray) -> np.ndarray:
-        """Return ``(n, 3)`` roll, pitch and yaw in radians at ``share`` of the image and at ``line``."""
+        """Return the error of the attitude.
+
+        Parameters
+        ----------
+        share : (n,) ndarray
+            -0.5 at the first line, 0.5 at the last.
+        line : (n,) ndarray
+            The line, for the jitter.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            Roll, pitch and yaw in radians.
+        """
         angles = np.asarray(self.attitude_rad) + share[:, None] * np.asarray(self.attitude_drift_rad)
         if any(self.jitter_rad):
             phase = 2.0 * np.pi * line[:, None] / self.jitter_period_lines + np.asarray(self.jitter_phase_rad)
@@ -47,10 +82,16 @@ class OrientationError:
 
 @dataclass(frozen=True)
 class Radiometry:
-    """How grey values become digital numbers: ``gain * grey + offset``, blur and noise, 11 bits.
+    """How grey values become digital numbers of 11 bits.
 
-    ``psf_px`` is the standard deviation of the point spread function in pixels. The noise of a digital number D has
-    the variance ``noise_dn ** 2 + shot_dn * D``.
+    Parameters
+    ----------
+    gain, offset : float
+        ``gain * grey + offset``.
+    psf_px : float
+        Standard deviation of the point spread function.
+    noise_dn, shot_dn : float
+        The noise of a digital number D has the variance ``noise_dn ** 2 + shot_dn * D``.
     """
 
     gain: float = 1.0
@@ -66,7 +107,15 @@ class Radiometry:
 
 
 class StatedAccuracy(NamedTuple):
-    """Standard deviations with which a vendor knows a satellite's orbit and attitude."""
+    """Standard deviations with which a vendor knows a satellite's orbit and attitude.
+
+    Parameters
+    ----------
+    position_m, position_drift_m : float
+        Of each axis.
+    attitude_rad, attitude_drift_rad : float
+        About each axis.
+    """
 
     position_m: float
     position_drift_m: float
@@ -74,7 +123,20 @@ class StatedAccuracy(NamedTuple):
     attitude_drift_rad: float
 
     def draw(self, rng: np.random.Generator, scale: float = 1.0) -> OrientationError:
-        """Return one image's error, every component independent and normal."""
+        """Draw one image's error, every component independent and normal.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Where the numbers come from.
+        scale : float
+            Factor of all standard deviations.
+
+        Returns
+        -------
+        OrientationError
+            The error.
+        """
 
         def triple(sigma: float) -> Vector:
             east, north, up = scale * sigma * rng.standard_normal(3)
@@ -90,10 +152,22 @@ class StatedAccuracy(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensor:
-    """A pushbroom scanner on a circular orbit; ``gsd_m`` and ``altitude_m`` fix the angle of one detector.
+    """A pushbroom scanner on a circular orbit.
 
-    ``samples`` is the full detector line; ``line_rate_hz`` fixes how far the satellite flies from line to line.
-    ``ms_ratio`` is the size of a multispectral pixel in panchromatic ones.
+    Parameters
+    ----------
+    name : str
+        Its name.
+    altitude_m, gsd_m : float
+        They fix the angle of one detector.
+    samples : int
+        Of the full detector line.
+    line_rate_hz : float
+        It fixes how far the satellite flies from line to line.
+    accuracy : StatedAccuracy
+        Of its orbit and attitude.
+    ms_ratio : int
+        Size of a multispectral pixel in panchromatic ones.
     """
 
     name: str

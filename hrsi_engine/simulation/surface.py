@@ -104,5 +104,20 @@ def _walk_down(paths: RayPaths, terrain: SimulatedTerrain, low: float, high: flo
 
 
 def locate_on_surface(camera: PushbroomCamera, terrain: SimulatedTerrain, image: np.ndarray) -> np.ndarray:
-    """Return the ground points ``(n, 3)`` that a camera sees at image points ``(n, 2)``."""
+    """Return the ground points that a camera sees at image points.
+
+    Parameters
+    ----------
+    camera : PushbroomCamera
+        The camera.
+    terrain : SimulatedTerrain
+        The terrain.
+    image : (n, 2) ndarray
+        Sample, line in pixels.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    """
     return camera.image_to_ground(image, meet_surface(ray_paths(camera, terrain, image), terrain))

@@ -33,11 +33,28 @@ from .views import SceneView
 class Truth:
     """Everything that is exactly so.
 
-    cameras : the physical cameras that took the images; vendor_cameras : what the vendor believes
-    vendor_rpcs : the delivered RPCs with their fit errors; height_range_m : the heights they were made for
-    ids, ground, role : ``(m,)``, ``(m, 3)``, ``(m,)`` true positions of all points, sorted by id
-    image_points : exact image points; ``blunder`` marks the measurements that were made gross errors
-    wrong_height : ``(m,)`` GCPs whose surveyed height is wrong
+    Parameters
+    ----------
+    cameras : tuple of PushbroomCamera
+        The physical cameras that took the images.
+    vendor_cameras : tuple of PushbroomCamera
+        What the vendor believes.
+    vendor_rpcs : tuple of VendorRPC
+        The delivered RPCs with their fit errors.
+    height_range_m : tuple of float
+        The heights they were made for.
+    ids : (m,) ndarray of str
+        Of all points, sorted.
+    ground : (m, 3) ndarray
+        True positions: lon, lat in degrees, ellipsoidal height in metres.
+    role : (m,) ndarray of int
+        Values of `Role`.
+    image_points : TrueImagePoints
+        Exact image points.
+    blunder : (n,) ndarray
+        True for measurements that were made gross errors.
+    wrong_height : (m,) ndarray
+        True for GCPs whose surveyed height is wrong.
     """
 
     cameras: tuple[PushbroomCamera, ...]
@@ -59,7 +76,23 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedBlock:
-    """A block as a user would have it, the scene it shows and the truth; rows of the two point tables agree."""
+    """A block as a user would have it, the scene it shows and the truth; rows of the two point tables agree.
+
+    Parameters
+    ----------
+    spec : SceneSpec
+        What the scene was made from.
+    views : tuple of SceneView
+        What the images were made from.
+    noise : Noise
+        What the errors were made from.
+    scene : Scene
+        The ground.
+    block : Block
+        What a user would have.
+    truth : Truth
+        What is exactly so.
+    """
 
     spec: SceneSpec
     views: tuple[SceneView, ...]
@@ -69,7 +102,23 @@ class SimulatedBlock:
     truth: Truth
 
     def index(self, image_id: str) -> int:
-        """Return the position of an image; raises `InputError` for an unknown id."""
+        """Return the position of an image.
+
+        Parameters
+        ----------
+        image_id : str
+            The image.
+
+        Returns
+        -------
+        int
+            Its row among the images.
+
+        Raises
+        ------
+        InputError
+            The id is not known.
+        """
         for position, view in enumerate(self.views):
             if view.id == image_id:
                 return position
@@ -85,7 +134,30 @@ def simulate_block(
 ) -> SimulatedBlock:
     """Return a synthetic block; the same arguments give the same block to the last bit.
 
-    Raises `InputError` where the views do not see enough in common, `Cancelled` where ``progress`` asks to stop.
+    Parameters
+    ----------
+    spec : SceneSpec
+        The ground.
+    views : sequence of SceneView
+        The images.
+    points : PointCounts, optional
+        How many points there are.
+    noise : Noise, optional
+        Their errors.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    SimulatedBlock
+        The block, its scene and the truth.
+
+    Raises
+    ------
+    InputError
+        The views do not see enough in common.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     points, noise = points or PointCounts(), noise or Noise()
     scene = make_scene(spec, views)

@@ -27,6 +27,16 @@ def truth_document(simulated: SimulatedBlock) -> dict[str, Any]:
     """Return everything that is exactly so, ready for JSON; the tables have the points as well.
 
     Image points are ``[id, image, sample, line]``; blunders are named ``[id, image]``.
+
+    Parameters
+    ----------
+    simulated : SimulatedBlock
+        The block.
+
+    Returns
+    -------
+    dict
+        Plain values.
     """
     truth, views = simulated.truth, simulated.views
     points = truth.image_points
@@ -97,7 +107,18 @@ def _coefficients(rpc: RPC) -> dict[str, Any]:
 
 
 def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
-    """Return the tables ``true_ground_points``, ``true_image_points`` (at their ground positions) and ``objects``."""
+    """Return the tables ``true_ground_points``, ``true_image_points`` (at their ground positions) and ``objects``.
+
+    Parameters
+    ----------
+    simulated : SimulatedBlock
+        The block.
+
+    Returns
+    -------
+    dict of str to TruthTable
+        By the tables' names.
+    """
     return {
         "true_ground_points": _ground_points(simulated),
         "true_image_points": _image_points(simulated),

@@ -20,9 +20,15 @@ CONTROL_GRID_BORDER = 0.02  # by which the control grid is larger than the image
 
 @dataclass(frozen=True, eq=False)
 class VendorRPC:
-    """An RPC and how far it is from the physical camera it was fitted to, in pixels on the independent grid.
+    """An RPC and how far it is from the physical camera it was fitted to, on the independent grid.
 
-    ``max_px`` is never below `RESOLVED_PX`: the camera's own two directions agree no better.
+    Parameters
+    ----------
+    rpc : RPC
+        The camera as it is delivered.
+    max_px, rms_px : float
+        Largest and RMS difference; the largest is never below `RESOLVED_PX`: the camera's own two directions agree no
+        better.
     """
 
     rpc: RPC
@@ -31,7 +37,20 @@ class VendorRPC:
 
 
 def fit_camera(camera: PushbroomCamera, height_range_m: tuple[float, float]) -> VendorRPC:
-    """Return the RPC of a camera over a range of ellipsoidal heights (metres, widened by 50 m)."""
+    """Return the RPC of a camera over a range of heights.
+
+    Parameters
+    ----------
+    camera : PushbroomCamera
+        The camera.
+    height_range_m : tuple of float
+        Lowest and highest ellipsoidal height; they are widened by 50 m.
+
+    Returns
+    -------
+    VendorRPC
+        The RPC, and how well it fits.
+    """
     low, high = height_range_m[0] - HEIGHT_MARGIN_M, height_range_m[1] + HEIGHT_MARGIN_M
     image, ground = control_grid(camera, CONTROL_GRID, (low, high), CONTROL_GRID_BORDER)
     rpc = fit_rpc(ground, image).rpc
@@ -57,7 +76,20 @@ def stated_accuracy(rpc: RPC, camera: PushbroomCamera, accuracy: StatedAccuracy,
 
 
 def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
-    """Return the exact RPC of pixels that cover ``ratio`` x ``ratio`` of the given one's, same upper left corner."""
+    """Return the exact RPC of larger pixels with the same upper left corner.
+
+    Parameters
+    ----------
+    rpc : RPC
+        Of the panchromatic pixels.
+    ratio : int
+        Panchromatic pixels along each side of a larger one.
+
+    Returns
+    -------
+    RPC
+        Of the larger pixels.
+    """
     shift = (ratio - 1) / 2.0
     return replace(
         rpc,

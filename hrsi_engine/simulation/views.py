@@ -19,10 +19,28 @@ ALONG_TRACK_DEG: dict[int, tuple[float, ...]] = {1: (0.0,), 2: (12.0, -12.0), 3:
 class SceneView:
     """One image to be taken.
 
-    ``size`` is (samples, lines); angles are those of `pushbroom.aim`; ``offset_m`` is where the middle of the image
-    lies, east and north of the scene centre. ``jitter`` belongs to the true camera; ``vendor_error`` is what the
-    vendor's orientation is wrong by, None draws it from the sensor's accuracy. Views of another ``date`` see the ground
-    changed by `SceneSpec.change`.
+    Parameters
+    ----------
+    id : str
+        Of the image.
+    sensor : Sensor
+        The scanner.
+    size : tuple of int
+        Samples and lines.
+    along_deg, across_deg, heading_deg : float
+        As of `aim`.
+    scan_deg : float, optional
+        As of `aim`.
+    offset_m : tuple of float
+        Where the middle of the image lies, east and north of the scene centre.
+    jitter : OrientationError
+        Of the true camera.
+    vendor_error : OrientationError, optional
+        What the vendor's orientation is wrong by; by default drawn from the sensor's accuracy.
+    radiometry : Radiometry
+        How grey values become digital numbers.
+    date : int
+        Views of another date see the ground changed by `SceneSpec.change`.
     """
 
     id: str
@@ -39,7 +57,20 @@ class SceneView:
     date: int = 0
 
     def camera(self, chart: Chart, height_m: float) -> PushbroomCamera:
-        """Return the true camera over a chart, aimed at a height."""
+        """Return the true camera.
+
+        Parameters
+        ----------
+        chart : Chart
+            Where the scene lies.
+        height_m : float
+            At which its middle is aimed.
+
+        Returns
+        -------
+        PushbroomCamera
+            The camera.
+        """
         target = chart.to_ground(np.array([self.offset_m]), np.array([height_m]))[0]
         camera = aim(self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg)
         return camera.disturb(self.jitter)
@@ -60,7 +91,28 @@ def along_track_views(
     offset_m: tuple[float, float] = (0.0, 0.0),
     prefix: str = "image",
 ) -> tuple[SceneView, ...]:
-    """Return views of one place from along the orbit: a pair, a triplet, or more spread over +-20 degrees."""
+    """Return views of one place from along the orbit: a pair, a triplet, or more spread over +-20 degrees.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The scanner.
+    images : int
+        Their number.
+    size : tuple of int
+        Samples and lines.
+    across_deg, heading_deg : float
+        As of `aim`.
+    offset_m : tuple of float
+        Of the place, east and north of the scene centre.
+    prefix : str
+        Of the images' ids.
+
+    Returns
+    -------
+    tuple of SceneView
+        In the order of flight.
+    """
     angles: Sequence[float] = ALONG_TRACK_DEG.get(images) or tuple(np.linspace(20.0, -20.0, images).tolist())
     return tuple(
         SceneView(f"{prefix}_{index + 1}", sensor, size, angle, across_deg, heading_deg, offset_m=offset_m)
@@ -77,7 +129,30 @@ def strip_views(
     overlap: float = 0.2,
     heading_deg: float = 180.0,
 ) -> tuple[SceneView, ...]:
-    """Return a block: ``strips`` beside each other, ``per_strip`` places along each, overlapping by a share."""
+    """Return a block of strips.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The scanner.
+    strips : int
+        Beside each other.
+    per_strip : int
+        Places along each.
+    images_per_place : int
+        Seen from along the orbit.
+    size : tuple of int
+        Samples and lines.
+    overlap : float
+        Share of an image that its neighbours show.
+    heading_deg : float
+        Azimuth of the flight.
+
+    Returns
+    -------
+    tuple of SceneView
+        Strip by strip.
+    """
     across, along = (number * sensor.gsd_m * (1.0 - overlap) for number in size)
     heading = np.radians(heading_deg)
     forward = np.array([np.sin(heading), np.cos(heading)])

@@ -28,13 +28,30 @@ LARGEST_WINDOW_PX = 8192 * 8192
 class ControlNetworkOptions:
     """How two windows are matched.
 
-    detectors : of `DETECTORS`; radius_px : of the local maxima; share : of the local maxima that become interest points
-    incidence_deg, max_slope_deg : what the tolerances allow for (thesis eq. 3.6)
-    scales : lowest and highest ratio of the first image's pixel size to the second's
-    reach_px : leaves of a super-point network farther from their root do not count
-    correlation : least correlation of two interest points' surroundings
-    consistency_px : most that a correspondence may differ from its neighbours, beyond their own spread
-    least : correspondences below which there is no match; mask_saturated, threads : of the detectors
+    Parameters
+    ----------
+    detectors : tuple of str
+        Of `DETECTORS`.
+    radius_px : float
+        Of the local maxima.
+    share : float
+        Of the local maxima that become interest points.
+    incidence_deg, max_slope_deg : float
+        What the tolerances allow for (thesis eq. 3.6).
+    scales : tuple of float
+        Lowest and highest ratio of the first image's pixel size to the second's.
+    reach_px : float
+        Leaves of a super-point network farther from their root do not count.
+    correlation : float
+        Least correlation of two interest points' surroundings.
+    consistency_px : float
+        Most that a correspondence may differ from its neighbours, beyond their own spread.
+    least : int
+        Correspondences below which there is no match.
+    mask_saturated : bool
+        Of the detectors: leave out saturated areas.
+    threads : int
+        Of the detectors.
     """
 
     detectors: tuple[str, ...] = ("harris",)
@@ -51,19 +68,47 @@ class ControlNetworkOptions:
     threads: int = 1
 
     def tolerance(self, slope_deg: float | None = None) -> Tolerance:
-        """Return the tolerances of position and angle for a slope, by default the steepest expected one."""
+        """Return the tolerances of position and angle for a slope, by default the steepest expected one.
+
+        Parameters
+        ----------
+        slope_deg : float, optional
+            Of the ground; by default the steepest expected one.
+
+        Returns
+        -------
+        Tolerance
+            Of position and angle, by the distance from the root.
+        """
         window_px = self.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
         both = self.incidence_deg, self.incidence_deg
         return tolerance_of(window_px, both, self.max_slope_deg if slope_deg is None else slope_deg)
 
     def growth(self) -> GrowthOptions:
-        """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
+        """Return how the network grows.
+
+        Returns
+        -------
+        GrowthOptions
+            On gentle ground, then up and down steep ground, then across gaps.
+        """
         gentle, steep = self.tolerance(), self.tolerance(max(STEEP_DEG, self.max_slope_deg))
         stages = Stage(gentle, NEAR_PX), Stage(steep, NEAR_PX), Stage(steep, FAR_PX)
         return GrowthOptions(stages, self.correlation, self.consistency_px)
 
     def seeding(self, scales: tuple[float, float]) -> SeedOptions:
-        """Return how the network begins, for scales between the two windows' pixels."""
+        """Return how the network begins.
+
+        Parameters
+        ----------
+        scales : tuple of float
+            Lowest and highest ratio between the two windows' pixels.
+
+        Returns
+        -------
+        SeedOptions
+            How super points are matched.
+        """
         tolerance = self.tolerance()
         return SeedOptions(tolerance, self.reach_px, scale_ladder(*scales, tolerance.gradient), self.correlation)
 
@@ -72,11 +117,28 @@ class ControlNetworkOptions:
 class ControlNetworkMatch:
     """Correspondences of two images, and how sure they are.
 
-    status : ``found``, ``ambiguous`` or ``no match``; message : what that means here, empty where found
-    positions : sample and line in both images with their sigmas and residuals; kind : of the interest points, (k,)
-    generation : 0 for the root, 1 for its leaves, then one more than the father's; father : row or -1
-    network : correspondences of the super-point match (0 without), runner_up : of its nearest rival
-    points : interest points in both windows; affine : (2, 3) of the second image's position by the first's
+    Parameters
+    ----------
+    status : str
+        ``found``, ``ambiguous`` or ``no match``.
+    message : str
+        What that means here, empty where found.
+    positions : Positions
+        Sample and line in both images with their sigmas and residuals.
+    kind : (k,) ndarray of str
+        Of the interest points.
+    generation : (k,) ndarray of int
+        0 for the root, 1 for its leaves, then one more than the father's.
+    father : (k,) ndarray of int
+        Row of the father, or -1.
+    network : int
+        Correspondences of the super-point match (0 without).
+    runner_up : int
+        … of its nearest rival.
+    points : tuple of int
+        Interest points in both windows.
+    affine : (2, 3) ndarray
+        Of the second image's position by the first's.
     """
 
     status: str
@@ -122,8 +184,30 @@ def match_windows(
 ) -> ControlNetworkMatch:  # fmt: skip
     """Match two images, or a window of each.
 
-    Raises `InputError` for an unknown detector and for windows without pixels or too large for the memory, `Cancelled`
-    where ``progress`` asks to stop. Windows that cannot be matched are a status of the result.
+    Windows that cannot be matched are a status of the result.
+
+    Parameters
+    ----------
+    first, second : Raster
+        The images' pixels.
+    options : ControlNetworkOptions, optional
+        How they are matched.
+    first_window, second_window : Area, optional
+        The parts to match; by default all.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    ControlNetworkMatch
+        The correspondences, and how sure they are.
+
+    Raises
+    ------
+    InputError
+        An unknown detector, or windows without pixels or too large for the memory.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     options = options or ControlNetworkOptions()
     for name in options.detectors:

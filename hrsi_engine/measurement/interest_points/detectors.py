@@ -34,8 +34,20 @@ SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
 class DetectionOptions:
     """What to look for, and how much of it.
 
-    per_cell : most points of each kind of detector in a cell of ``cell_px``, None for all; mask_saturated : leave out
-    saturated areas; threads : windows worked on at the same time
+    Parameters
+    ----------
+    corners : CornerOptions
+        Of the corner detectors.
+    centres : CentreOptions
+        Of the gravity centres.
+    per_cell : int, optional
+        Most points of each kind of detector in a cell; by default all.
+    cell_px : float
+        Side of a cell.
+    mask_saturated : bool
+        Leave out saturated areas.
+    threads : int
+        Windows worked on at the same time.
     """
 
     corners: CornerOptions = field(default_factory=CornerOptions)
@@ -164,9 +176,33 @@ def detect_interest_points(
 ) -> InterestPoints:
     """Return the interest points of an image, or of a region of it, in a fixed order.
 
-    ``detector`` is one of `DETECTORS`. The result does not depend on the windows the image is read in; memory is that
-    of ``threads`` windows of 2048 x 2048 pixels and of the points. Raises `InputError` for an unknown detector or a
-    region without pixels, `Cancelled` where ``progress`` asks to stop.
+    The result does not depend on the windows the image is read in; memory is that of ``threads`` windows of 2048 x 2048
+    pixels and of the points.
+
+    Parameters
+    ----------
+    raster : Raster
+        The image's pixels.
+    detector : str
+        One of `DETECTORS`.
+    options : DetectionOptions, optional
+        What to look for.
+    region : Area, optional
+        The part of the image; by default all.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    InterestPoints
+        The points.
+
+    Raises
+    ------
+    InputError
+        An unknown detector, or a region without pixels.
+    Cancelled
+        When ``progress`` asks to stop.
     """
     options = options or DetectionOptions()
     if detector not in DETECTORS:

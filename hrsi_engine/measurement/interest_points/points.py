@@ -17,10 +17,26 @@ CORNER, SUPER = "corner", "super"
 class InterestPoints(Columns):
     """Interest points of one image, columns of length n.
 
-    xy : (n, 2) sample, line; kind : ``super``, ``corner``, ``ellipse``, ``rectangle`` or ``region``
-    covariance_px2 : (n, 2, 2); strength : of the detector, larger is better; quality : 0 … 1
-    size_px : (n, 2) longer and shorter diameter or side, NaN for corners; azimuth_rad : of the longer one
-    contrast : grey values inside - outside, NaN for corners; rmse_px : of the outline about the shape, NaN for corners
+    Parameters
+    ----------
+    xy : (n, 2) ndarray
+        Sample, line in pixels.
+    kind : (n,) ndarray of str
+        ``super``, ``corner``, ``ellipse``, ``rectangle`` or ``region``.
+    covariance_px2 : (n, 2, 2) ndarray
+        Of the position.
+    strength : (n,) ndarray
+        Of the detector, larger is better.
+    quality : (n,) ndarray
+        0 … 1.
+    size_px : (n, 2) ndarray
+        Longer and shorter diameter or side, NaN for corners.
+    azimuth_rad : (n,) ndarray
+        Of the longer one.
+    contrast : (n,) ndarray
+        Grey values inside - outside, NaN for corners.
+    rmse_px : (n,) ndarray
+        Of the outline about the shape, NaN for corners.
     """
 
     xy: np.ndarray
@@ -47,7 +63,20 @@ class InterestPoints(Columns):
         return ~np.isin(self.kind, (CORNER, SUPER))
 
     def to_image_points(self, image_id: str, prefix: str = "P") -> ImagePoints:
-        """Return the points as image points with ids ``P1 …``."""
+        """Return the points as image points of a block.
+
+        Parameters
+        ----------
+        image_id : str
+            The image's name.
+        prefix : str
+            Of the points' ids ``P1 …``.
+
+        Returns
+        -------
+        ImagePoints
+            With the sigmas of the covariances.
+        """
         width = len(str(max(len(self), 1)))
         ids = [f"{prefix}{number + 1:0{width}d}" for number in range(len(self))]
         return ImagePoints.create(

@@ -70,7 +70,17 @@ class ImageControl:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceControl:
-    """Places ``ground (m, 3)`` with their ids, and what was found of them in each image."""
+    """Places on the ground and what was found of them.
+
+    Parameters
+    ----------
+    ids : (m,) ndarray of str
+        Their names.
+    ground : (m, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    images : tuple of ImageControl
+        What was found in each image.
+    """
 
     ids: np.ndarray
     ground: np.ndarray
@@ -90,7 +100,31 @@ def match_reference(
     options: ReferenceOptions | None = None,
     progress: Progress = silent,
 ) -> ReferenceControl:
-    """Return the places of an orthoimage that are found in images; every image has its pixels (`Image.raster`)."""
+    """Return the places of an orthoimage that are found in images.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        Every image has its pixels (`Image.raster`).
+    reference : Orthoimage
+        The reference.
+    surface : HeightSurface
+        The terrain.
+    options : ReferenceOptions, optional
+        How places are found.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    ReferenceControl
+        The places, and their measurements in each image.
+
+    Raises
+    ------
+    Cancelled
+        When ``progress`` asks to stop.
+    """
     options = options or ReferenceOptions()
     places = choose_places(images, reference, surface, options.points, options.window_px)
     advance(progress, 0.1, f"{len(places)} places in the reference")

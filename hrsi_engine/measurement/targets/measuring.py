@@ -36,7 +36,15 @@ STATISTICS_PX = 256  # half side of the area whose statistics hold for a target
 
 @dataclass(frozen=True)
 class TargetOptions:
-    """How far from the approximate position the target may be, and the largest diameter of its object."""
+    """Where a target may be, and how large.
+
+    Parameters
+    ----------
+    search_px : float
+        How far from the approximate position.
+    largest_px, smallest_px : float
+        Diameter of its object.
+    """
 
     search_px: float = 15.0
     largest_px: float = 80.0
@@ -47,9 +55,26 @@ class TargetOptions:
 class TargetMeasurement:
     """A target measured, or why not.
 
-    kind : ``center`` or ``corner``; xy : (2,) sample, line, NaN where refused; covariance_px2 : (2, 2)
-    rmse_px : of the edge points about the fitted curve; edges : (k, 2), used : (k,) mask
-    curves : polylines (m, 2) of the fit, to be drawn; refusal : the reason, empty where measured
+    Parameters
+    ----------
+    kind : str
+        ``center`` or ``corner``.
+    xy : (2,) ndarray
+        Sample, line, NaN where refused.
+    covariance_px2 : (2, 2) ndarray
+        Of the position.
+    rmse_px : float
+        Of the edge points about the fitted curve.
+    edges : (k, 2) ndarray
+        The edge points.
+    used : (k,) ndarray
+        True for those the fit kept.
+    curves : tuple of (m, 2) ndarray
+        Polylines of the fit, to be drawn.
+    quality : float
+        0 … 1, NaN where not known.
+    refusal : str
+        The reason, empty where measured.
     """
 
     kind: str
@@ -79,9 +104,30 @@ def refuse(kind: str, reason: str) -> TargetMeasurement:
 def measure_target(
     raster: Raster, approximate: np.ndarray, kind: str = TARGET_CENTER, options: TargetOptions | None = None
 ) -> TargetMeasurement:
-    """Return the target nearest to an approximate position ``(2,)``; ``kind`` is one of `MEASURES`.
+    """Measure the target nearest to an approximate position.
 
-    Raises `InputError` for an unknown kind; a target that is not there is a refusal in the result.
+    A target that is not there is a refusal in the result.
+
+    Parameters
+    ----------
+    raster : Raster
+        The image's pixels.
+    approximate : (2,) ndarray
+        Sample, line in pixels.
+    kind : str
+        One of `MEASURES`.
+    options : TargetOptions, optional
+        Where and how large it may be.
+
+    Returns
+    -------
+    TargetMeasurement
+        The target, or why not.
+
+    Raises
+    ------
+    InputError
+        The kind is not known.
     """
     options = options or TargetOptions()
     if kind not in MEASURES:
@@ -317,7 +363,25 @@ EDGE_FITS: dict[str, Callable[[np.ndarray], TargetMeasurement]] = {
 
 
 def measure_edges(edges: np.ndarray, kind: str = TARGET_CENTER) -> TargetMeasurement:
-    """Return the target of hand-measured edge points ``(n, 2)``, or a refusal with the reason."""
+    """Measure the target of hand-measured edge points.
+
+    Parameters
+    ----------
+    edges : (n, 2) ndarray
+        Sample, line in pixels.
+    kind : str
+        One of `MEASURES`.
+
+    Returns
+    -------
+    TargetMeasurement
+        The target, or a refusal with the reason.
+
+    Raises
+    ------
+    InputError
+        The kind is not known.
+    """
     if kind not in EDGE_FITS:
         raise InputError(f"target kind {kind!r} is not one of {', '.join(EDGE_FITS)}: correct it")
     try:
