@@ -52,7 +52,7 @@ class PushbroomCamera:
     scan_direction : (3,) ndarray
         In which the footprint moves.
     normal : (3,) ndarray
-        Axis about which the footprint moves.
+        Upwards at the scene centre.
     ground_radius_m : float
         Of the circle on which the footprint moves.
     scan_rad : float
