@@ -29,7 +29,6 @@ from hrsi.hrsi_engine.io.rpc_files import (
     write_rpb,
     write_rpc_text,
 )
-from hrsi.hrsi_engine.io.rpc_files.crop import crop_origin
 from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_gdal
 from hrsi.hrsi_engine.io.rpc_files.nitf import apply_ichipb
 
@@ -179,17 +178,6 @@ def test_crop_lies_where_it_should(real_data: Path) -> None:
     rpc = read_rpc(str(real_data / "kahramanmaras_phr4" / "pre_event_img1.tif")).rpc
     centre = rpc.localize(np.array([[499.5, 499.5]]), 704.0).ground[0]
     np.testing.assert_allclose(centre[:2], [36.9095, 37.5847], atol=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("geotransform", "has_crs", "expected"),
-    [((12114.5, 1, 0, 5511.5, 0, 1), False, (12114, 5511)), ((5000, 1, 0, 5162, 0, 1), False, (5000, 5162)),
-     ((0.5, 1, 0, -0.5, 0, -1), False, (0, 0)), ((100.5, 1, 0, -200.5, 0, -1), False, (100, 200)),
-     ((5000, 1, 0, 5162, 0, -1), True, (0, 0)), ((5000, 2, 0, 5162, 0, 2), False, (0, 0)),
-     ((5000, 1, 0.1, 5162, 0, 1), False, (0, 0)), (None, False, (0, 0))],
-)  # fmt: skip
-def test_what_counts_as_crop_origin(geotransform, has_crs, expected) -> None:  # type: ignore[no-untyped-def]
-    assert crop_origin(geotransform, has_crs) == expected
 
 
 def test_rpc_of_the_crop_beside_it_is_not_moved_again(tmp_path: Path) -> None:

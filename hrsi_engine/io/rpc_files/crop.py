@@ -1,46 +1,198 @@
-"""Crops: the RPC of a full scene beside a cut-out whose origin stands only in the geotransform.
+"""Crops: the RPC of a full scene beside an image cut from it, whose place in the scene stands only in the geotransform.
 
-A geotransform is a crop origin where it has no coordinate system and no rotation and its pixels are exactly 1 x 1
-(lines counted down, or up as negative numbers). Airbus products start at 0.5, because their first pixel's centre
-is 1; tools without that habit start at 0. Both give the first pixel (0, 0): the fraction 0.5 is taken off.
+A geotransform without a coordinate system takes the image's pixels to the scene's: a shift, and where the crop was
+reduced, enlarged, mirrored or turned, any affine map. Its pixels count from the corner. Lines are counted down, or up
+as negative numbers. Airbus products start at 0.5, because their first pixel's centre is 1; tools without that habit
+start at 0. Both give the first pixel (0, 0): the fraction 0.5 is taken off. A geotransform with a coordinate system,
+or one whose pixels are no pixels of a scene (degrees, a map's metres), is a map's and places nothing here.
 
 An RPC *inside* the image (GeoTIFF tag, NITF, VRT, PAM) is that of its pixels and is never moved. An RPC *beside* it may
 be of the scene or of the crop (when it was written for the crop, by GDAL or by this program). OFF - SCALE tells
-them apart: it is the first sample and line that the RPC was made for, near 0 in a scene's RPC and near minus the origin
-in one that was moved. The RPC is taken for the scene's where the crop lies inside that range and
-its beginning is nearer to 0.
+them apart: it is the first sample and line that the RPC was made for, near 0 in a scene's RPC and elsewhere in one that
+was moved. Where neither reading fits, the image is refused: placed at (0, 0) it would lie kilometres away.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...block.imaging_geometry import CROP_SHARE
 from ...camera.rpc import RPC
+from ...camera.rpc_fit import refit_rpc
+from ...foundation.errors import InputError, SolveError
 
 Geotransform = tuple[float, float, float, float, float, float]
 RANGE_TOLERANCE = 0.02  # share of the RPC's range by which it may end inside the image
+PIXEL_SCALES = (1.0 / 32.0, 128.0)  # pixels of a scene that a pixel of an image of it may be long
+SAME_END = 0.05  # share by which a scene and an image of the whole of it may differ
+FIRST_TOLD_PX = 2.0  # of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing
+TURNED_PX = 1e-3  # to which an RPC can follow a turned or sheared crop
 
 
-def crop_origin(geotransform: Geotransform | None, has_crs: bool) -> tuple[float, float]:
-    """Return the scene's (sample, line) of the crop's first pixel; (0, 0) where the geotransform is no crop origin."""
-    if geotransform is None or has_crs:
-        return 0.0, 0.0
-    x, dx, row_rotation, y, column_rotation, dy = geotransform
-    if row_rotation or column_rotation or dx != 1.0 or abs(dy) != 1.0:
-        return 0.0, 0.0
-    return _without_half(x), _without_half(y * dy)
+@dataclass(frozen=True, eq=False)
+class CropPlace:
+    """Where an image lies in its scene: ``scene = matrix @ image + first``, both from the centre of the first pixel."""
+
+    matrix: np.ndarray
+    first: np.ndarray
+
+    @classmethod
+    def at(cls, sample: float, line: float) -> CropPlace:
+        """Return the place of a crop with the scene's pixels."""
+        return cls(np.eye(2), np.array([sample, line]))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the image is anything else than its scene's upper left part."""
+        return bool((self.matrix != np.eye(2)).any() or self.first.any())
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the image is a mirror image."""
+        return bool(np.linalg.det(self.matrix) < 0.0)
+
+    def to_scene(self, image: np.ndarray) -> np.ndarray:
+        """Return the scene's coordinates ``(n, 2)`` of the image's."""
+        return np.asarray(image @ self.matrix.T + self.first)
+
+    def from_scene(self, scene: np.ndarray) -> np.ndarray:
+        """Return the image's coordinates ``(n, 2)`` of the scene's."""
+        return np.asarray((scene - self.first) @ np.linalg.inv(self.matrix).T)
+
+    def __str__(self) -> str:
+        text = f"at sample {self.first[0]:g}, line {self.first[1]:g} of its scene"
+        if (self.matrix == np.eye(2)).all():
+            return text
+        (a, b), (c, d) = self.matrix.tolist()
+        if not b and not c:
+            return f"{text}, a pixel {abs(a):g} x {abs(d):g} of the scene's{', mirrored' if a * d < 0.0 else ''}"
+        return f"{text}, turned or sheared by ({a:g} {b:g}; {c:g} {d:g})"
 
 
-def _without_half(origin: float) -> float:
-    return origin - 0.5 if origin % 1.0 == 0.5 else origin
+def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | None:
+    """Return the place that a geotransform gives an image in its scene; None where it does not speak of a scene."""
+    if geotransform is None or has_crs or not np.isfinite(geotransform).all():
+        return None
+    x, dx, x_by_row, y, y_by_column, dy = geotransform
+    matrix, corner = np.array([[dx, x_by_row], [y_by_column, dy]], dtype=np.float64), np.array([x, y])
+    if not PIXEL_SCALES[0] <= np.sqrt(abs(np.linalg.det(matrix))) <= PIXEL_SCALES[1]:
+        return None
+    if dy < 0.0 and y <= 0.0:  # lines upwards as negative numbers
+        matrix, corner = matrix * [[1.0], [-1.0]], corner * [1.0, -1.0]
+    corner = np.where(corner % 1.0 == 0.5, corner - 0.5, corner)
+    return CropPlace(matrix, corner + matrix @ [0.5, 0.5] - 0.5)
 
 
-def is_of_full_scene(rpc: RPC, origin: tuple[float, float], size: tuple[int, int]) -> bool:
-    """Return whether an RPC that stands beside a crop is that of the scene it was cut from."""
-    offs, scales = (rpc.samp_off, rpc.line_off), (abs(rpc.samp_scale), abs(rpc.line_scale))
-    for first, count, off, scale in zip(origin, size, offs, scales, strict=True):
-        margin = RANGE_TOLERANCE * 2.0 * scale
-        if first < off - scale - margin or first + count - 1 > off + scale + margin:
-            return False
-        begin = off - scale
-        if abs(begin + first) < abs(begin):
-            return False
-    return True
+def require_placed(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, size: tuple[int, int]) -> None:
+    """Raise `InputError` for a part of a scene whose geotransform says no place in it; a map's CRS is left alone."""
+    if geotransform is not None and not has_crs and _begins_a_larger_scene(rpc, size):
+        low, high = _range_of(rpc)
+        raise InputError(
+            f"its RPC is of a scene of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} px, and its geotransform "
+            f"{tuple(geotransform)} says no place in that: give the crop's first sample and line there, or put the RPC "
+            "of these pixels into the image"
+        )
+
+
+def _begins_a_larger_scene(rpc: RPC, size: tuple[int, int]) -> bool:
+    low, high = _range_of(rpc)
+    extent = high - low
+    return bool((np.abs(low) <= RANGE_TOLERANCE * extent).all() and (np.array(size) < CROP_SHARE * extent).any())
+
+
+def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
+    """Return whether an RPC that stands beside a crop is that of the scene it was cut from, or else the crop's own.
+
+    Raises `InputError` where it can be neither, or either.
+    """
+    low, high = _range_of(rpc)
+    slack = RANGE_TOLERANCE * (high - low)
+    in_scene = place.to_scene(_corners(np.zeros(2), np.array(size) - 1.0))
+    inside = (in_scene.min(axis=0) >= low - slack).all() and (in_scene.max(axis=0) <= high + slack).all()
+    if not inside:
+        if _begins_a_larger_scene(rpc, size):
+            raise InputError(
+                f"its RPC is of a scene of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} px, and its geotransform "
+                f"puts it outside ({place}): correct that, or put the RPC of these pixels into the image"
+            )
+        return False
+    if place.mirrored:
+        return not _shows_mirror_image(rpc)
+    # a scene's RPC begins at 0; one that was moved begins where the scene's first pixel is, seen from the crop
+    own_begin = place.to_scene(_corners(low, high)).min(axis=0)
+    told = np.abs(place.first) > FIRST_TOLD_PX * np.abs(place.matrix).max() * (place.matrix != np.eye(2)).any()
+    nearer = np.sign(np.abs(own_begin) - np.abs(low)) * told
+    if (nearer < 0.0).any() or (nearer > 0.0).any():
+        return not (nearer < 0.0).any()
+    return _ends_with_scene(low, high, in_scene, size, place)
+
+
+def _ends_with_scene(
+    low: np.ndarray, high: np.ndarray, in_scene: np.ndarray, size: tuple[int, int], place: CropPlace
+) -> bool:
+    """Return whether the range ends where the image does in the scene, for an image that begins with its scene."""
+    extent = high - low
+    of_scene = (np.abs(high - in_scene.max(axis=0)) < SAME_END * extent).all()
+    of_image = (np.abs(high - np.array(size)) < SAME_END * extent).all()
+    if of_scene != of_image:
+        return bool(of_scene)
+    raise InputError(
+        f"its geotransform puts it {place}, and nothing tells whether the RPC beside it is that of the scene or of "
+        "these pixels: put the RPC of these pixels into the image (write-rpc), or remove the geotransform"
+    )
+
+
+def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
+    """Return the RPC of a crop from its scene's; exact, but for a turned or sheared crop to a thousandth of a pixel.
+
+    Raises `InputError` where no RPC follows the crop.
+    """
+    (a, b), (c, d) = place.matrix.tolist()
+    if not b and not c:
+        moved = rpc if (a, d) == (1.0, 1.0) else _scaled(rpc, place)
+        return moved.shift(-place.first[0], -place.first[1]) if moved is rpc else moved
+    corners = place.to_scene(_corners(np.zeros(2), np.array(size) - 1.0))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    area = float(low[0]), float(high[0]), float(low[1]), float(high[1])
+    try:
+        found = refit_rpc(rpc, lambda scene, ground: place.from_scene(scene), area, rpc.height_range)
+    except SolveError as error:
+        raise InputError(f"no RPC of the crop {place}: {error}") from error
+    if not found.max_px <= TURNED_PX:
+        raise InputError(
+            f"no RPC follows the crop {place} ({found.max_px:.3g} px off): put an RPC of these pixels into the image"
+        )
+    return found.rpc
+
+
+def _scaled(rpc: RPC, place: CropPlace) -> RPC:
+    """Return the RPC in pixels of another size or direction; OFF and SCALE take it, signs go into the numerators."""
+    a, d = place.matrix[0, 0], place.matrix[1, 1]
+    return replace(
+        rpc,
+        samp_off=(rpc.samp_off - place.first[0]) / a,
+        line_off=(rpc.line_off - place.first[1]) / d,
+        samp_scale=rpc.samp_scale / abs(a),
+        line_scale=rpc.line_scale / abs(d),
+        samp_num=rpc.samp_num * np.sign(a),
+        line_num=rpc.line_num * np.sign(d),
+    )
+
+
+def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and last sample and line that an RPC was made for."""
+    off, scale = np.array([rpc.samp_off, rpc.line_off]), np.abs([rpc.samp_scale, rpc.line_scale])
+    return off - scale, off + scale
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+
+
+def _shows_mirror_image(rpc: RPC) -> bool:
+    """Return whether an RPC's image shows the ground as in a mirror; a sensor's never does."""
+    middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+    _, by_ground = rpc.project_with_metric_jacobian(middle)
+    return bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)

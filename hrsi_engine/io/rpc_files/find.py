@@ -196,13 +196,19 @@ def _place(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Da
     """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
     reading: RpcReading = reader.read(file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
-    origin = crop.crop_origin(dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection()))
-    if origin == (0.0, 0.0):
-        origin = reader.tile_origin(path, file)
-    if origin == (0.0, 0.0) or reading.size == size or not crop.is_of_full_scene(reading.rpc, origin, size):
-        return FoundRpc(reading.rpc, title)
-    moved = reading.rpc.shift(-origin[0], -origin[1])
-    return FoundRpc(moved, f"{title}, moved to the crop at sample {origin[0]:g}, line {origin[1]:g} of its scene")
+    geotransform, has_crs = dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection())
+    try:
+        place = crop.crop_place(geotransform, has_crs)
+        if place is None:
+            crop.require_placed(reading.rpc, geotransform, has_crs, size)
+        if place is None or not place.moves:
+            place = crop.CropPlace.at(*reader.tile_origin(path, file))
+        whole = not place.moves or (reading.size == size and not place.mirrored)
+        if whole or not crop.is_of_full_scene(reading.rpc, place, size):
+            return FoundRpc(reading.rpc, title)
+        return FoundRpc(crop.crop_rpc(reading.rpc, place, size), f"{title}, moved to the crop {place}")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _inside(path: str, dataset: gdal.Dataset) -> list[Source]:
