@@ -62,8 +62,9 @@ def test_result_on_stdout_progress_on_stderr(hrsi):
     assert err == "a message\n" + BAR
 
 
-def test_quiet_says_nothing(hrsi):
-    assert hrsi("--quiet", "a.tif") == (0, "1 images\n", "")
+def test_quiet_prints_errors_only(hrsi):
+    assert hrsi("--quiet", "a.tif") == (0, "", "")
+    assert_one_error(hrsi("--quiet", "a.tif", "--iterations", "x"), 2, "--iterations")
 
 
 def test_json_is_one_document_and_nothing_else(hrsi):

@@ -5,6 +5,8 @@ A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets t
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import shutil
 import tempfile
@@ -36,6 +38,29 @@ def check_output_dir(path: str, overwrite: bool) -> None:
         raise InputError(
             f"{path} already holds a result ({', '.join(found)}): add --overwrite or choose another directory"
         )
+
+
+def earlier_rpcs(path: str, protected: list[str]) -> list[Path]:
+    """Return the files with refined RPCs that the report of an earlier run names in its folder, without the inputs.
+
+    Beside a new report that withholds its RPCs they would pass for the new ones.
+    """
+    folder = Path(path)
+    try:
+        images = json.loads((folder / RESULT_FILES[0]).read_text(encoding="utf-8"))["images"].values()
+        names = [Path(image["output"]).name for image in images if image["output"]]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or not ours
+        return []
+    inputs = {os.path.realpath(name) for name in protected if name}
+    found = [folder / name for name in names]
+    return [file for file in found if file.is_file() and os.path.realpath(file) not in inputs]
+
+
+def remove_files(files: list[Path]) -> None:
+    """Remove files; those that cannot be removed stay."""
+    for file in files:
+        with contextlib.suppress(OSError):
+            file.unlink()
 
 
 @contextmanager

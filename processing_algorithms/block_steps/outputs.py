@@ -15,7 +15,7 @@ from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.layer_styles import default_styles
 from ...hrsi_engine.io.layers import write_geopackage
-from ...hrsi_engine.io.output_dir import stage_folder
+from ...hrsi_engine.io.output_dir import earlier_rpcs, remove_files, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.refinement.model import RefinedRPC
@@ -32,6 +32,7 @@ from .rpc_outputs import IN_PLACE, NOTHING, clear_the_way, write_into_images, wr
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
+REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
 
 
@@ -85,10 +86,11 @@ def write_results(
     verdict = Verdict.of(reached(report), [*reasons, *find_reasons(evidence)])
     report["verdict"] = verdict.entry()
     output = options.output
-    how = output.write
+    how, stale = output.write, []
     if verdict.level is Level.UNUSABLE and how != NOTHING and not output.force_write:
         how = NOTHING
-        report["warnings"].append(WITHHELD)
+        stale = earlier_rpcs(output.folder.output_dir, [image.path for image in images])
+        report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     clock.lap("judge")
     with stage_folder(output.folder.output_dir, [image.path for image in images]) as folder:
         names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
@@ -104,6 +106,7 @@ def write_results(
         report["seconds"] = clock.total()
         _write_reports(folder, report, result, left, page=output.report)
         advance(context.progress, 1.0, "done")
+    remove_files(stale)
     return report
 
 

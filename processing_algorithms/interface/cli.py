@@ -15,7 +15,7 @@ from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import algorithm_parser, registry_help
-from .declare import Algorithm, Context, Report, is_unusable
+from .declare import Algorithm, Context, Report, is_unusable, unusable_text
 from .naming import spell_arguments
 from .options import checked_options, find_algorithm
 from .terminal import SilentTerminal, TerminalProgress
@@ -88,8 +88,15 @@ def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
         terminal.finish()
     finally:
         terminal.break_line()
-    print(_json_text(report) if as_json else spelt(algorithm.summarise(report)))
-    return UNUSABLE if is_unusable(report) else 0
+    if as_json:
+        print(_json_text(report))
+    elif not (quiet and options.get("output_dir")):  # what lies in files needs no summary; else stdout is the result
+        print(spelt(algorithm.summarise(report)))
+    if not is_unusable(report):
+        return 0
+    if quiet or as_json:
+        print(f"ERROR: {spelt(unusable_text(report))}", file=sys.stderr)
+    return UNUSABLE
 
 
 def _json_text(report: Report) -> str:

@@ -84,6 +84,14 @@ def is_unusable(report: Report) -> bool:
     return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
 
 
+def unusable_text(report: Report) -> str:
+    """Return on one line why a result cannot be used, and what to do first."""
+    verdict = report["verdict"]
+    worst = next(iter(verdict["reasons"]), None)
+    reason = f": {worst['message']}; {worst['advice']}" if worst else ""
+    return f"the result is unusable{reason}"
+
+
 @dataclass(frozen=True)
 class Context:
     """What an algorithm gets besides its options: where to report progress and messages."""
