@@ -12,12 +12,17 @@ PAGE = ROOT / "docs" / "verdict.md"
 CODE = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
 
-def reasons_of(path: Path) -> Iterator[ast.expr]:
-    """Yield the code of every `Reason(...)` in a file as it is written there."""
+def codes_in(path: Path) -> Iterator[ast.expr]:
+    """Yield the code of every `Reason(...)`, and of every `Slip(...)` that becomes one, as it is written in a file."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "Reason":
+        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in (
+            "Reason",
+            "Slip",
+        ):
             named = [word.value for word in node.keywords if word.arg == "code"]
-            yield (named or node.args)[0]
+            code = (named or node.args)[0]
+            if not (isinstance(code, ast.Attribute) and code.attr == "code"):  # that of a slip
+                yield code
 
 
 def words_of(expression: ast.expr) -> set[str]:
@@ -34,7 +39,7 @@ def words_of(expression: ast.expr) -> set[str]:
 
 def test_codes_and_sections_agree():
     emitted = {
-        word for path in (ROOT / "hrsi_engine").rglob("*.py") for code in reasons_of(path) for word in words_of(code)
+        word for path in (ROOT / "hrsi_engine").rglob("*.py") for code in codes_in(path) for word in words_of(code)
     }
     sections = re.findall(r"^### (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert {"not-converged", "control-misfit"} <= emitted
