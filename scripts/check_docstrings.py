@@ -14,6 +14,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from enum import EnumMeta
 from importlib import import_module
 from pathlib import Path
@@ -69,10 +70,19 @@ def faults_of(name: str, value: Any) -> Iterator[str]:
         return
     made_elsewhere = isinstance(value, EnumMeta) or getattr(value, "_is_protocol", False)  # nobody calls these classes
     for code, message in validate(name)["errors"]:
-        if code in FAULTS and not (code == "PR01" and made_elsewhere):
+        if code == "PR01":
+            missing = ast.literal_eval(message[message.index("{") : message.index("}") + 1]) - told_by_options(value)
+            if missing and not made_elsewhere:
+                yield f"{code} {', '.join(sorted(missing))} not described"
+        elif code in FAULTS:
             yield f"{code} {message}"
     if isinstance(value, FunctionType) and raises(value) and "Raises\n---" not in docstring:
         yield f"raises {', '.join(sorted(raises(value)))} and has no section Raises"
+
+
+def told_by_options(value: Any) -> set[str]:
+    """Return the fields of a dataclass that are options: their help stands with them."""
+    return {part.name for part in fields(value) if part.metadata} if is_dataclass(value) else set()
 
 
 def raises(function: FunctionType) -> set[str]:

@@ -25,8 +25,12 @@ class AdjustOptions:
 
     Parameters
     ----------
-    dem : a surface that holds the heights of tie points, where ``sigma_dem_m`` says how well
-    max_iterations, tolerance : of the Gauss-Newton loop; it ends where a step lowers the cost by less than this share
+    dem : HeightSurface, optional
+        A surface that holds the heights of tie points, where ``sigma_dem_m`` says how well.
+    max_iterations : int
+        Of the Gauss-Newton loop.
+    tolerance : float
+        The loop ends where a step lowers the cost by less than this share.
     """
 
     model: str = option(

@@ -111,20 +111,62 @@ class EstimatedCameras:
 class Adjustment:
     """Result of `adjust`; arrays are in the order of the block's images, points and measurements.
 
-    values, values_sigma : (images, p) parameters of the model and their standard deviations
-    cameras : what was estimated, with covariances; the delivered ``model`` with ``values`` unless there is a drift
-    ground, ground_sigma_m : (points, 3) adjusted positions and sigmas (east, north, up); NaN where not adjusted
-    ground_covariance_m2 : (points, 3, 3) covariance of each position, sigma0 included
-    residual_px : (measurements, 2) observed - computed at the adjusted position; NaN where it took no part
-    estimate_residual_px : (measurements, 2) the same without the drift that the model does not follow, as it was
-        estimated; redundancy numbers and statistic are of these. None: there is no such drift
-    weight : (measurements,) robust weight factor, 0 for rejected ones
-    redundancy_numbers : (measurements, 2) share of an error in sample and in line that shows in its own residual
-    statistic : (measurements,) test value, in standard deviations, of "this measurement is a blunder"; of
-        those left out by data snooping the value that did it; NaN: untested
-    decision : (measurements,) a `Decision`
-    prior_share : (images, p) how much of each parameter comes from its prior (0 … 1)
-    solves : linear systems solved in all; ``history`` has the passes of all rounds
+    Parameters
+    ----------
+    block : Block
+        What was adjusted.
+    model : RefinementModel
+        The delivered model.
+    values, values_sigma : (images, p) ndarray
+        Parameters of the model and their standard deviations.
+    cameras : EstimatedCameras
+        What was estimated, with covariances; the delivered ``model`` with ``values`` unless there is a drift.
+    ground, ground_sigma_m : (points, 3) ndarray
+        Adjusted positions (lon, lat, height) and sigmas (east, north, up); NaN where not adjusted.
+    ground_covariance_m2 : (points, 3, 3) ndarray
+        Covariance of each position, sigma0 included.
+    residual_px : (measurements, 2) ndarray
+        Observed - computed at the adjusted position; NaN where it took no part.
+    weight : (measurements,) ndarray
+        Robust weight factor, 0 for rejected ones.
+    redundancy_numbers : (measurements, 2) ndarray
+        Share of an error in sample and in line that shows in its own residual.
+    statistic : (measurements,) ndarray
+        Test value, in standard deviations, of "this measurement is a blunder"; of those left out by data snooping the
+        value that did it; NaN: untested.
+    decision : (measurements,) ndarray of int
+        A `Decision`.
+    prior_share : (images, p) ndarray
+        How much of each parameter comes from its prior (0 … 1).
+    sigma0 : float
+        Standard deviation of unit weight.
+    observations, unknowns : int
+        Of the last solution.
+    redundancy : float
+        Observations and what priors tell, less unknowns.
+    converged : bool
+        Whether the loop ended by itself.
+    status : str
+        How it ended, in words.
+    history : tuple of Iteration
+        The passes of all rounds.
+    solves : int
+        Linear systems solved in all.
+    findings : tuple of Finding
+        Blunders, suspects and what was done with them.
+    variance_components : tuple of VarianceComponent
+        Estimated sigmas of groups of observations.
+    parts : tuple of DatumPart
+        Parts of the block that share no points.
+    cross_validation : CrossValidation or None
+        Each GCP as a check point in turn, where that was asked for.
+    warnings : tuple of str
+        What a user should know.
+    dem : DemAgreement or None
+        How tie points agree with the DEM that held them.
+    estimate_residual_px : (measurements, 2) ndarray or None
+        The residuals without the drift that the model does not follow, as it was estimated; redundancy numbers and
+        statistic are of these. None: there is no such drift.
     """
 
     block: Block

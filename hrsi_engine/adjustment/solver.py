@@ -30,14 +30,30 @@ def adjust(
 ) -> Adjustment:
     """Adjust a block; return corrected cameras, points and their precision.
 
-    ``start (images, p)`` are values to begin with, those of an earlier adjustment with the same model, say.
+    Parameters
+    ----------
+    block : Block
+        The block.
+    options : AdjustOptions, optional
+        How to adjust.
+    progress : Progress
+        Callback; False cancels.
+    start : (images, p) ndarray, optional
+        Values to begin with, those of an earlier adjustment with the same model, say.
+
+    Returns
+    -------
+    Adjustment
+        Corrected cameras and points, and how sure they are; not to converge is a status in it.
 
     Raises
     ------
     InputError
-        unknown model, weight function or image id
+        An unknown model, weight function or image id.
     SolveError
-        nothing to adjust, or fewer observations than unknowns (the images are named)
+        Nothing to adjust, or fewer observations than unknowns (the images are named).
+    Cancelled
+        When ``progress`` asks to stop.
     """
     return Adjuster(prepare(block, options or AdjustOptions(), start)).run(progress)
 

@@ -17,9 +17,12 @@ class TieOptions:
 
     Parameters
     ----------
-    match : how two windows are matched, of images that are matched everywhere
-    match_sampled : the same for windows of larger images, where a few points of each are enough
-    match_dense : the same where points are to be dense: heights of small windows mix less of roofs and ground
+    match : TileMatchOptions
+        How two windows are matched, of images that are matched everywhere.
+    match_sampled : TileMatchOptions
+        The same for windows of larger images, where a few points of each are enough.
+    match_dense : TileMatchOptions
+        The same where points are to be dense: heights of small windows mix less of roofs and ground.
     """
 
     margin_px: float = option(

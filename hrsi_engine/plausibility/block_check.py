@@ -21,8 +21,15 @@ def check_block(block: Block, *, surface: HeightSurface | None = None) -> list[R
 
     Parameters
     ----------
-    block : images with the RPCs as they came, points and measurements
-    surface : the DEM that comes with the block, if any
+    block : Block
+        Images with the RPCs as they came, points and measurements.
+    surface : HeightSurface, optional
+        The DEM that comes with the block.
+
+    Returns
+    -------
+    list of Reason
+        Worst first; empty where all is plausible.
     """
     accuracies = [image_accuracy(image) for image in block.images]
     control = control_of(block, accuracies)

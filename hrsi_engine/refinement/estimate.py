@@ -34,7 +34,18 @@ CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)
 class Control(Columns):
     """Ground points measured on one image.
 
-    ids : (n,) str; ground : (n, 3); xy : (n, 2) sample, line; sigma_px : (n,); sigma_m : (n, 2) horizontal, height
+    Parameters
+    ----------
+    ids : (n,) ndarray of str
+        Their names.
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    xy : (n, 2) ndarray
+        Sample, line in pixels.
+    sigma_px : (n,) ndarray
+        Of the measurements.
+    sigma_m : (n, 2) ndarray
+        Of the survey, horizontal and height.
     """
 
     ids: np.ndarray
@@ -51,7 +62,26 @@ class Control(Columns):
         cls, ground: np.ndarray, xy: np.ndarray, ids: np.ndarray | None = None, sigma_px: np.ndarray | float = 0.5,
         sigma_m: np.ndarray | tuple[float, float] = (0.2, 0.3),
     ) -> Control:  # fmt: skip
-        """Make columns of matching length; ids default to 1, 2, …"""
+        """Make columns of matching length.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+        xy : (n, 2) ndarray
+            Sample, line in pixels.
+        ids : (n,) ndarray of str, optional
+            Their names; 1, 2, … by default.
+        sigma_px : (n,) ndarray or float
+            Of the measurements.
+        sigma_m : (n, 2) ndarray or tuple of float
+            Of the survey, horizontal and height.
+
+        Returns
+        -------
+        Control
+            The table.
+        """
         ground = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
         count = len(ground)
         return cls(

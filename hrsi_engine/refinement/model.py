@@ -25,7 +25,17 @@ from ..camera.rpc import RPC
 
 
 class Equations(NamedTuple):
-    """Linearised observation equations of one image's points; shapes in the module's docstring."""
+    """Linearised observation equations of one image's points.
+
+    Parameters
+    ----------
+    computed : (n, 2) ndarray
+        Sample, line in pixels.
+    by_values : (n, 2, p) ndarray
+        Pixels per unit of each parameter.
+    by_ground : (n, 2, 3) ndarray
+        Pixels per metre east, north, up at each point.
+    """
 
     computed: np.ndarray
     by_values: np.ndarray
@@ -56,7 +66,15 @@ ALL_ROWS = slice(None)
 
 
 class RefinedRPC(NamedTuple):
-    """A new RPC and how far it is from its model on an independent grid (px; 0 for an exact fold)."""
+    """A new RPC and how far it is from its model.
+
+    Parameters
+    ----------
+    rpc : RPC
+        The camera.
+    fit_max_px : float
+        Largest difference on an independent grid; 0 for an exact fold.
+    """
 
     rpc: RPC
     fit_max_px: float
@@ -81,8 +99,14 @@ class Orientation:
 class Priors:
     """Standard deviations of the corrections before any observation (diagonal of C_A, thesis eq. 5.46).
 
-    ``shift_px`` is the constant part, ``drift`` its change across the image in px per px; ``orientation`` are those of
-    a pseudo sensor, None derives them from the other two.
+    Parameters
+    ----------
+    shift_px : float
+        Of the constant part.
+    drift : float
+        Of its change across the image, in px per px.
+    orientation : Orientation, optional
+        Of a pseudo sensor; by default derived from the other two.
     """
 
     shift_px: float
@@ -104,7 +128,20 @@ UNFOLLOWED_DRIFT = 3e-5
 
 
 def priors_of(image: Image, controlled: bool) -> Priors:
-    """Return the priors of an image; without GCPs the RPC's own ERR_BIAS (m) is taken where it is given."""
+    """Return the priors of an image; without GCPs the RPC's own ERR_BIAS (m) is taken where it is given.
+
+    Parameters
+    ----------
+    image : Image
+        The image.
+    controlled : bool
+        Whether GCPs hold the part of the block that it belongs to.
+
+    Returns
+    -------
+    Priors
+        Standard deviations before any observation.
+    """
     if controlled:
         return CONTROLLED
     if not image.rpc.err_bias:
@@ -138,16 +175,69 @@ class RefinementModel(Protocol):
         """GCPs on one image from which the parameters follow, priors helping only where the model is made for it."""
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the standard deviation of each parameter before any observation, ``(p,)``."""
+        """Return the standard deviation of each parameter before any observation.
+
+        Parameters
+        ----------
+        image : Image
+            The image.
+        priors : Priors
+            Of the image.
+
+        Returns
+        -------
+        (p,) ndarray
+            In the parameters' units.
+        """
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
-        """Return the function ``(values, ground) -> Equations`` for points observed at ``observed_px (n, 2)``.
+        """Return the linearised equations of points that were observed on an image.
 
         What depends on the observations only (pseudo rays, say) is computed here once.
+
+        Parameters
+        ----------
+        image : Image
+            The image.
+        observed_px : (n, 2) ndarray
+            Sample, line; what depends on the observations only (pseudo rays, say) is computed here once.
+
+        Returns
+        -------
+        callable
+            ``(values, ground) -> Equations``.
         """
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Return image points ``(n, 2)`` of ground points by the corrected camera."""
+        """Return image points of ground points by the corrected camera.
+
+        Parameters
+        ----------
+        image : Image
+            The image.
+        values : (p,) ndarray
+            Of the parameters.
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Sample, line in pixels.
+        """
 
     def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
-        """Return an RPC that does the same as RPC and correction together over the image and its height range."""
+        """Return an RPC that does the same as RPC and correction together, over the image and its height range.
+
+        Parameters
+        ----------
+        image : Image
+            The image.
+        values : (p,) ndarray
+            Of the parameters.
+
+        Returns
+        -------
+        RefinedRPC
+            The RPC, and how well it does so.
+        """

@@ -69,20 +69,34 @@ def refine_rpc(
 
     Parameters
     ----------
-    image : the image, or its RPC alone (then the image area is taken from OFF and SCALE)
-    ground : (n, 3) lon, lat in degrees, ellipsoidal height in m
-    xy : (n, 2) sample, line; (0, 0) is the centre of the first pixel
-    ids : (n,) names for messages; 1, 2, … by default
-    sigma_px, sigma_m : standard deviations of the measurements (n,) or one, and of the survey, horizontal and height
-    model : a name of `MODELS`, or ``auto`` (chosen by prediction) or ``generic`` (the thesis's rule)
-    leave_out : whether GCPs that disagree with the others are left out; they are named in any case
+    image : Image or RPC
+        The image, or its RPC alone (then the image area is taken from OFF and SCALE).
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    xy : (n, 2) ndarray
+        Sample, line in pixels; (0, 0) is the centre of the first pixel.
+    ids : (n,) ndarray of str, optional
+        Names for messages; 1, 2, … by default.
+    sigma_px : (n,) ndarray or float
+        Standard deviations of the measurements.
+    sigma_m : (n, 2) ndarray or tuple of float
+        … of the survey, horizontal and height.
+    model : str
+        A name of `MODELS`, or ``auto`` (chosen by prediction) or ``generic`` (the thesis's rule).
+    leave_out : bool
+        Whether GCPs that disagree with the others are left out; they are named in any case.
+
+    Returns
+    -------
+    Refinement
+        The refined RPC, how well it fits, and what was left out.
 
     Raises
     ------
     InputError
-        unknown model, no or too few points, points that cannot be right (they are named)
+        An unknown model, no or too few points, or points that cannot be right (they are named).
     SolveError
-        the points do not determine the model
+        The points do not determine the model.
     """
     if isinstance(image, RPC):
         image = Image("image", image)
@@ -181,7 +195,24 @@ class ModelComparison:
 def compare_models(
     image: Image, control: Control, check: Control, models: Mapping[str, RefinementModel] = MODELS
 ) -> dict[str, ModelComparison]:
-    """Return what every model makes of the same control and check points; a model that fails says why."""
+    """Return what every model makes of the same control and check points; one that fails says why.
+
+    Parameters
+    ----------
+    image : Image
+        The image.
+    control : Control
+        The points that estimate.
+    check : Control
+        The points that judge.
+    models : mapping of str to RefinementModel
+        The models, by name.
+
+    Returns
+    -------
+    dict
+        By the models' names.
+    """
     table = {}
     for name, model in models.items():
         try:

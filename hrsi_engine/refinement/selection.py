@@ -89,7 +89,20 @@ def control_on(block: Block, image: int, role: Role) -> Control:
 
 
 def choose_model(block: Block, rule: str = "auto") -> Choice:
-    """Return the model for a block by a rule of `RULES`; a shift where no GCP tells more."""
+    """Return the model for a block; a shift where no GCP tells more.
+
+    Parameters
+    ----------
+    block : Block
+        The block; its GCPs judge.
+    rule : str
+        One of `RULES`.
+
+    Returns
+    -------
+    Choice
+        The model, and what spoke for it.
+    """
     return RULES[rule](controls_of(block))
 
 

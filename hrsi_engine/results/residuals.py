@@ -53,7 +53,18 @@ class Residuals:
 
 
 def residuals(result: Adjustment) -> Residuals:
-    """Return all residuals of an adjustment."""
+    """Return all residuals of an adjustment.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+
+    Returns
+    -------
+    Residuals
+        Of measurements in pixels, of ground points in metres.
+    """
     block, rows = result.block, result.block.measurements
     at_known = _known_residuals(result, result.values)
     # Points whose survey has all coordinates are judged where they are known to be, others where they came out.

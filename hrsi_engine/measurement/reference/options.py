@@ -13,9 +13,12 @@ class ReferenceOptions:
 
     Parameters
     ----------
-    window_px : side of a place's window in working pixels, odd
-    reach_px : how far a place is looked for beside the image's bias, in working pixels
-    node_px : rays are computed every so many working pixels
+    window_px : int
+        Side of a place's window in working pixels, odd.
+    reach_px : int
+        How far a place is looked for beside the image's bias, in working pixels.
+    node_px : float
+        Rays are computed every so many working pixels.
     """
 
     points: int = option(
