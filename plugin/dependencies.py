@@ -10,6 +10,8 @@ from pathlib import Path
 
 #: Import name of a package -> its name for pip, where they differ.
 PIP_NAMES = {"cv2": "opencv-python-headless"}
+#: Packages whose wheels bring a second GEOS that collides with that of QGIS -> their name at Debian and OSGeo4W.
+SYSTEM_NAMES = {"shapely": "python3-shapely"}
 _CONSTRAINTS = Path(__file__).resolve().parent.parent / "constraints.txt"
 
 
@@ -21,6 +23,11 @@ def missing_package_message(error: ImportError) -> str | None:
     package = (error.name or "").partition(".")[0]
     if package in ("", __name__.partition(".")[0]):
         return None
+    if package in SYSTEM_NAMES:
+        return (
+            f"The Python package {package} cannot be loaded ({error}): install {SYSTEM_NAMES[package]} from where your "
+            "QGIS comes from (apt, OSGeo4W), not with pip, and restart QGIS"
+        )
     pip_name = PIP_NAMES.get(package, package)
     return f"The Python package {pip_name} cannot be loaded ({error}): run  {pip_command(pip_name)}  and restart QGIS"
 

@@ -83,7 +83,7 @@ def _terrain_range(view: ViewDirection, options: Mapping[str, Any]) -> tuple[flo
     """Return the lowest and highest ground of an image where the user says how high it is."""
     if options["dem"] is None and options["height"] is None:
         return None
-    heights = view.cells[:, 2]
+    heights = view.terrain[:, 2]
     return (float(heights.min()), float(heights.max())) if heights.size else None
 
 

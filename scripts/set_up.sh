@@ -7,8 +7,8 @@ cd "$(dirname "$0")/.."
 readonly PURPOSE=${1:-run} PYTHON=/usr/bin/python3 LOG=build/set_up.log
 
 # Debian's geospatial packages serve QGIS and HRSI together; PyPI's wheels of them collide inside QGIS.
-readonly RUN_PACKAGES="python3-venv python3-gdal gdal-bin proj-bin python3-pyproj python3-matplotlib python3-jinja2"
-readonly TEST_PACKAGES="$RUN_PACKAGES python3-rasterio python3-shapely qgis python3-qgis xvfb xauth chromium"
+readonly RUN_PACKAGES="python3-venv python3-gdal gdal-bin proj-bin python3-pyproj python3-shapely python3-jinja2"
+readonly TEST_PACKAGES="$RUN_PACKAGES python3-rasterio python3-matplotlib qgis python3-qgis xvfb xauth chromium"
 declare -A PACKAGES=([run]=$RUN_PACKAGES [test]=$TEST_PACKAGES) EXTRA=([run]="[fast]" [test]="[test]")
 [ -n "${PACKAGES[$PURPOSE]:-}" ] || { echo "usage: $0 run|test" >&2; exit 2; }
 

@@ -16,6 +16,7 @@ from types import ModuleType
 import pytest
 
 from hrsi.hrsi_engine.foundation.version import VERSION
+from hrsi.plugin.dependencies import missing_package_message
 
 
 @pytest.fixture(scope="module")
@@ -125,3 +126,14 @@ def test_modules_open_with_a_docstring(repository: Path):
         if path.stat().st_size and not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     ]
     assert silent == []
+
+
+@pytest.mark.parametrize(
+    ("package", "advice"),
+    [("shapely", "install python3-shapely from where your QGIS comes from"), ("cv2", "pip install -c .* opencv")],
+)
+def test_advice_on_a_missing_package(package: str, advice: str):
+    """A wheel of Shapely would bring a second GEOS into QGIS."""
+    message = missing_package_message(ModuleNotFoundError("No module", name=package))
+    assert message is not None and re.search(advice, message)
+    assert ("pip install" in message) == (package == "cv2")

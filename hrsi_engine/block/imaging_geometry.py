@@ -18,17 +18,18 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import virtual_grid
 from ..foundation.errors import SolveError
 from ..ground.geodesy import ground_difference_m
-from ..surface.dem import HeightSurface, Status, intersect_surface
+from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .block import Image
+from .footprints import OUTLINE_PER_SIDE, overlap_shares, polygon_of, ring_of, shared_ground, touching_pairs
 
 LEVER_M = 100.0  # rays are taken between points so far above and below the terrain
-OVERLAP_CELLS = 100  # per axis, of the grid of cells by which overlaps are measured
-OUTLINE_PER_SIDE = 8
+TERRAIN_GRID = 50  # points along each side of an image, between which the lowest and highest ground hardly hides
 VOLUME_GRID = (11, 11, 7)
 SHALLOW_DENOMINATOR = 0.1  # of its value in the middle: below, the RPC is about to break
 GROUND_REACH = 1.5  # normalised lon and lat that an image of its own RPC does not exceed
@@ -99,36 +100,35 @@ class ViewDirection:
     """
 
     def __init__(self, image: Image, surface: HeightSurface) -> None:
-        self.image, self._surface = image, surface
+        self.image, self.surface = image, surface
 
     @cached_property
-    def cells(self) -> np.ndarray:
-        """Ground points ``(n, 3)`` of the centres of a grid of equal parts of the image, those on known terrain."""
-        first_sample, last_sample, first_line, last_line = self.image.domain_px
-        share = (np.arange(OVERLAP_CELLS) + 0.5) / OVERLAP_CELLS
-        samples = first_sample - 0.5 + (last_sample - first_sample + 1.0) * share
-        lines = first_line - 0.5 + (last_line - first_line + 1.0) * share
-        grid = np.stack(np.meshgrid(samples, lines), axis=-1).reshape(-1, 2)
-        ground, status = intersect_surface(self.image.rpc, grid, self._surface)
+    def terrain(self) -> np.ndarray:
+        """Ground points ``(n, 3)`` of a grid over the image, those on known terrain."""
+        grid = self.image.grid_px(TERRAIN_GRID, TERRAIN_GRID)
+        ground, status = intersect_surface(self.image.rpc, grid, self.surface)
         return ground[status == Status.FOUND]
 
-    def contains(self, ground: np.ndarray) -> np.ndarray:
-        """Tell which ground points the image sees (out to the outer edges of its pixels).
+    @cached_property
+    def centre(self) -> np.ndarray:
+        """Position ``(1, 3)`` of the image's middle; raises `SolveError` where it has none on the terrain."""
+        ground, status = intersect_surface(self.image.rpc, self.image.centre_px[None], self.surface)
+        if status[0] != Status.FOUND:
+            reason = Status(status[0]).label
+            raise SolveError(
+                f"image {self.image.id}: its middle has no position on the terrain ({reason}): "
+                "check the RPC, or use a DEM that covers the image, or --height"
+            )
+        return ground
 
-        Parameters
-        ----------
-        ground : (n, 3) ndarray
-            Lon, lat in degrees, ellipsoidal height in metres.
-
-        Returns
-        -------
-        (n,) ndarray
-            Booleans.
-        """
-        sample, line = self.image.rpc.project(ground).T
-        first_sample, last_sample, first_line, last_line = self.image.domain_px
-        inside_samples = (sample >= first_sample - 0.5) & (sample <= last_sample + 0.5)
-        return inside_samples & (line >= first_line - 0.5) & (line <= last_line + 0.5)
+    @cached_property
+    def footprint(self) -> Polygon:
+        """The outline on the terrain; where that is not known, at the height of the image's middle."""
+        outline = self.image.outline_px(OUTLINE_PER_SIDE)
+        ground, status = intersect_surface(self.image.rpc, outline, self.surface)
+        unknown = status != Status.FOUND
+        ground[unknown] = self.image.rpc.localize(outline[unknown], float(self.centre[0, 2])).ground
+        return polygon_of(ground)
 
     def geometry(self) -> ViewGeometry:
         """Return the view's figures.
@@ -143,32 +143,17 @@ class ViewDirection:
         SolveError
             The image's middle has no position on the terrain.
         """
-        ground, status = intersect_surface(self.image.rpc, self.image.centre_px[None], self._surface)
-        if status[0] != Status.FOUND:
-            reason = Status(status[0]).label
-            raise SolveError(
-                f"image {self.image.id}: its middle has no position on the terrain ({reason}): "
-                "check the RPC, or use a DEM that covers the image, or --height"
-            )
-        _, by_ground = self.image.rpc.project_with_metric_jacobian(ground)
+        _, by_ground = self.image.rpc.project_with_metric_jacobian(self.centre)
         steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
-        east, north, up = rays_up(self.image.rpc, ground)[0]
+        east, north, up = rays_up(self.image.rpc, self.centre)[0]
         return ViewGeometry(
-            centre=ground[0],
+            centre=self.centre[0],
             gsd_sample_m=float(np.hypot(*steps[:, 0])),
             gsd_line_m=float(np.hypot(*steps[:, 1])),
             incidence_deg=float(np.degrees(np.arctan2(np.hypot(east, north), up))),
             azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0),
-            footprint=self._footprint(float(ground[0, 2])),
+            footprint=ring_of(self.footprint),
         )
-
-    def _footprint(self, centre_height_m: float) -> np.ndarray:
-        """Return the outline as lon, lat; where the terrain is not known, at the height of the image's middle."""
-        outline = self.image.outline_px(OUTLINE_PER_SIDE)
-        ground, status = intersect_surface(self.image.rpc, outline, self._surface)
-        unknown = status != Status.FOUND
-        ground[unknown] = self.image.rpc.localize(outline[unknown], centre_height_m).ground
-        return ground[np.isfinite(ground).all(axis=1), :2]
 
 
 def rays_up(rpc: RPC, ground: np.ndarray) -> np.ndarray:
@@ -182,24 +167,21 @@ def rays_up(rpc: RPC, ground: np.ndarray) -> np.ndarray:
 
 def pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGeometry:
     """Return how two views share the ground."""
-    shared = second.contains(first.cells)
-    overlap = _share(shared), _share(first.contains(second.cells))
-    if not shared.any():
+    common = shared_ground(first.footprint, second.footprint)
+    overlap = overlap_shares(first.footprint, second.footprint)
+    if not common.area > 0.0:
         return PairGeometry(first.image.id, second.image.id, overlap, None, None)
-    common = first.cells[shared]
-    middle = common[np.argmin(np.sum(ground_difference_m(common, np.median(common, axis=0)[None]) ** 2, axis=1))]
-    rays = [rays_up(view.image.rpc, middle[None])[0] for view in (first, second)]
+    lonlat = np.array([[common.centroid.x, common.centroid.y]])
+    height = surface_heights(first.surface, lonlat)
+    middle = np.column_stack([lonlat, np.where(np.isfinite(height), height, first.centre[0, 2])])
+    rays = [rays_up(view.image.rpc, middle)[0] for view in (first, second)]
     base = rays[0] / rays[0][2] - rays[1] / rays[1][2]
     angle = np.arctan2(np.linalg.norm(np.cross(*rays)), np.dot(*rays))
     return PairGeometry(first.image.id, second.image.id, overlap, float(np.degrees(angle)), float(np.linalg.norm(base)))
 
 
-def _share(mask: np.ndarray) -> float:
-    return float(np.mean(mask)) if mask.size else 0.0
-
-
 def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
-    """Return the geometry of every pair of images.
+    """Return the geometry of every pair of images; only of those that touch anything is computed.
 
     Parameters
     ----------
@@ -211,7 +193,13 @@ def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     list of PairGeometry
         One for each two images, in their order.
     """
-    return [pair_geometry(first, second) for first, second in combinations(views, 2)]
+    touching = set(touching_pairs([view.footprint for view in views]))
+    return [
+        pair_geometry(views[i], views[j])
+        if (i, j) in touching
+        else PairGeometry(views[i].image.id, views[j].image.id, (0.0, 0.0), None, None)
+        for i, j in combinations(range(len(views)), 2)
+    ]
 
 
 # ---- sanity ----------------------------------------------------------------------------------------------------

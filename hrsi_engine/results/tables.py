@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.block import Block, Image, Role
+from ..block.block import Block, Role
+from ..block.footprints import footprint, ring_of
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
@@ -28,13 +29,6 @@ class Table:
     columns: dict[str, np.ndarray]
 
 
-def footprint(image: Image, height_m: float) -> np.ndarray:
-    """Return the outline of an image on the ground at one height, ``(k, 2)`` lon, lat, closed."""
-    ring = image.rpc.localize(image.outline_px(8), height_m).ground[:, :2]
-    ring = ring[np.isfinite(ring).all(axis=1)]
-    return np.vstack([ring, ring[:1]])
-
-
 def images_table(result: Adjustment, height_m: float) -> Table:
     """Return footprints at a height, with id, path, size and the image's number of measurements."""
     images = result.block.images
@@ -48,7 +42,7 @@ def images_table(result: Adjustment, height_m: float) -> Table:
         "observations": count,
         "footprint_height_m": np.full(len(images), height_m),
     }
-    return Table([footprint(image, height_m) for image in images], columns)
+    return Table([ring_of(footprint(image, height_m)) for image in images], columns)
 
 
 def positions(result: Adjustment) -> np.ndarray:

@@ -141,9 +141,9 @@ def test_missing_package_says_what_to_run(run_tiny) -> None:
 
 
 def test_provider_loads_without_heavy_packages() -> None:
-    """OpenCV, SciPy and PROJ's bindings may be missing: the algorithms are listed all the same."""
+    """OpenCV, SciPy, Shapely and PROJ's bindings may be missing: the algorithms are listed all the same."""
     script = (
-        "import sys; sys.modules |= dict.fromkeys(('cv2', 'scipy', 'pyproj', 'matplotlib'));"
+        "import sys; sys.modules |= dict.fromkeys(('cv2', 'scipy', 'pyproj', 'shapely'));"
         "from hrsi.plugin.provider import HrsiProvider; provider = HrsiProvider(); provider.refreshAlgorithms();"
         "print(len(provider.algorithms()))"
     )

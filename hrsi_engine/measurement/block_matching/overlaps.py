@@ -1,8 +1,8 @@
 """Which images of a block overlap, at the true height of the ground, without looking at every pair.
 
-Footprints between the lowest and highest ground that an image may see are boxes; boxes that touch are found through
-a grid of cells as wide as footprints are, and only those pairs are looked at through their RPCs. Where no DEM tells
-how high the ground is, a pair counts at the height where it overlaps most: matching finds the true one.
+Polygons hold what an image may see between its lowest and highest ground; those that touch are found through a tree,
+and only of those pairs the footprints are intersected. Where no DEM tells how high the ground is, a pair counts at the
+height where it overlaps most: matching finds the true one.
 """
 
 from __future__ import annotations
@@ -13,13 +13,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
+from shapely.geometry import Polygon
 
 from ...block.block import Image
+from ...block.footprints import (
+    OUTLINE_PER_SIDE,
+    footprint,
+    footprint_between,
+    footprints_at,
+    overlap_shares,
+    touching_pairs,
+)
 from ...foundation.errors import InputError
-from ...ground.geodesy import wrap_degrees
 from ...surface.dem import HeightSurface, surface_heights
 
-OVERLAP_GRID = 8  # points along each side of an image by which overlaps are measured
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)
 
 
@@ -67,54 +74,19 @@ def _ground_range(image: Image, surface: HeightSurface | None, margin_m: float) 
 
 
 def candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
-    """Return index pairs of images whose footprints, anywhere between their heights, have touching boxes."""
-    boxes = np.array([_box(image, heights) for image, heights in zip(images, ranges, strict=True)]).reshape(-1, 4)
-    known = np.flatnonzero(np.isfinite(boxes).all(axis=1))
-    if not len(known):
-        return []
-    boxes[known, :2] = boxes[known[0], 0] + wrap_degrees(boxes[known, :2] - boxes[known[0], 0])
-    pairs = _sharing_a_cell(boxes[known])
-    first, second = boxes[known[pairs[:, 0]]], boxes[known[pairs[:, 1]]]
-    touch = np.ones(len(pairs), dtype=bool)
-    for low, high in ((0, 1), (2, 3)):
-        touch &= (first[:, low] <= second[:, high]) & (second[:, low] <= first[:, high])
-    return [(int(known[a]), int(known[b])) for a, b in pairs[touch]]
-
-
-def _box(image: Image, heights: GroundRange) -> tuple[float, float, float, float]:
-    """Return the smallest and largest longitude and latitude of an image's outline at both ends of the range."""
-    outline = image.outline_px(3)
-    ground = np.concatenate([image.rpc.localize(outline, height).ground for height in heights])
-    ground = ground[np.isfinite(ground).all(axis=1)]
-    if not len(ground):
-        return (np.nan,) * 4
-    lon = ground[0, 0] + wrap_degrees(ground[:, 0] - ground[0, 0])
-    return lon.min(), lon.max(), ground[:, 1].min(), ground[:, 1].max()
-
-
-def _sharing_a_cell(boxes: np.ndarray) -> np.ndarray:
-    """Return pairs of boxes ``(k, 2)``, first < second, that lie in a common cell of a grid as wide as boxes are."""
-    size = np.array([np.median(boxes[:, 1] - boxes[:, 0]), np.median(boxes[:, 3] - boxes[:, 2])]) + 1e-9
-    members: dict[tuple[int, int], list[int]] = {}
-    low = np.floor(boxes[:, [0, 2]] / size).astype(np.int64)
-    high = np.floor(boxes[:, [1, 3]] / size).astype(np.int64)
-    for index in range(len(boxes)):
-        for column in range(low[index, 0], high[index, 0] + 1):
-            for row in range(low[index, 1], high[index, 1] + 1):
-                members.setdefault((column, row), []).append(index)
-    parts = [np.array(cell)[np.column_stack(np.triu_indices(len(cell), 1))] for cell in members.values()]
-    return np.unique(np.concatenate(parts), axis=0) if parts else np.empty((0, 2), dtype=np.int64)
+    """Return index pairs of images whose footprints touch, anywhere between their heights."""
+    return touching_pairs([footprint_between(image, *heights) for image, heights in zip(images, ranges, strict=True)])
 
 
 def overlap_share(first: Image, second: Image, heights: GroundRange, surface: HeightSurface | None = None) -> float:
-    """Return the larger share that one image sees of the other; without surface at the height where it is largest.
-
-    The shares come from a grid of points, so that an overlap below about one in a hundred may count as none.
-    """
+    """Return the larger share that one image sees of the other; without surface at the height where it is largest."""
     if surface is not None:
-        return max(_share_on(first, second, surface, heights), _share_on(second, first, surface, heights))
+        return max(overlap_shares(*(_footprint_on(image, surface, heights) for image in (first, second))))
     levels = _heights_to_try(first, second, heights)
-    return max(_largest_share(first, second, levels), _largest_share(second, first, levels))
+    return max(
+        max(overlap_shares(*both))
+        for both in zip(*(footprints_at(image, levels) for image in (first, second)), strict=True)
+    )
 
 
 def _heights_to_try(first: Image, second: Image, heights: GroundRange) -> np.ndarray:
@@ -126,34 +98,14 @@ def _heights_to_try(first: Image, second: Image, heights: GroundRange) -> np.nda
     return np.linspace(*heights, steps + 1)
 
 
-def _largest_share(first: Image, second: Image, heights_m: np.ndarray) -> float:
-    """Return the share of the first image that the second shows, at the height where it is largest."""
-    cells = _cells(first)
-    ground = first.rpc.localize(np.tile(cells, (len(heights_m), 1)), np.repeat(heights_m, len(cells))).ground
-    return float(_seen(second, ground).reshape(len(heights_m), -1).mean(axis=1).max())
-
-
-def _share_on(first: Image, second: Image, surface: HeightSurface, heights: GroundRange) -> float:
-    """Return the share on a surface: each point's height is looked up where it lies at that height."""
-    cells = _cells(first)
-    height = np.full(len(cells), 0.5 * (heights.low_m + heights.high_m))
+def _footprint_on(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:
+    """Return the footprint on a surface: each point's height is looked up where it lies at that height."""
+    outline = image.outline_px(OUTLINE_PER_SIDE)
+    height = np.full(len(outline), 0.5 * (heights.low_m + heights.high_m))
     for _ in range(3):
-        ground = first.rpc.localize(cells, height).ground
-        terrain = surface_heights(surface, ground[:, :2])
+        terrain = surface_heights(surface, image.rpc.localize(outline, height).ground[:, :2])
         height = np.where(np.isfinite(terrain), terrain, height)
-    return float(_seen(second, first.rpc.localize(cells, height).ground).mean())
-
-
-def _seen(image: Image, ground: np.ndarray) -> np.ndarray:
-    """Tell which ground points an image shows; those that are not finite it does not."""
-    first_sample, last_sample, first_line, last_line = image.domain_px
-    sample, line = image.rpc.project(np.nan_to_num(ground)).T
-    seen = (sample >= first_sample) & (sample <= last_sample) & (line >= first_line) & (line <= last_line)
-    return np.asarray(seen & np.isfinite(ground).all(axis=1))
-
-
-def _cells(image: Image) -> np.ndarray:
-    return image.grid_px(OVERLAP_GRID, OVERLAP_GRID, margin=-1.0 / OVERLAP_GRID)
+    return footprint(image, height)
 
 
 def find_overlaps(

@@ -1,0 +1,111 @@
+"""Outlines of images on the ground as polygons: what they share, and which pairs touch.
+
+Polygons are in degrees of longitude and latitude. Longitudes go on beyond 180 where an image lies across it, so that
+two polygons may be a whole turn apart; the functions of this module bring them together.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from shapely.affinity import translate
+from shapely.errors import ShapelyDeprecationWarning
+from shapely.geometry import MultiPoint, Polygon
+from shapely.strtree import STRtree
+
+from ..ground.geodesy import wrap_degrees
+from .block import Image
+
+OUTLINE_PER_SIDE = 8
+
+
+def footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLINE_PER_SIDE) -> Polygon:
+    """Return the outline of an image on the ground; empty where fewer than three of its points have a position.
+
+    Parameters
+    ----------
+    height_m : of the ground (ellipsoidal), one for all or one for each point of ``image.outline_px(per_side)``
+    """
+    return polygon_of(image.rpc.localize(image.outline_px(per_side), height_m).ground)
+
+
+def footprints_at(image: Image, heights_m: np.ndarray) -> list[Polygon]:
+    """Return the footprints of an image at several heights."""
+    return [polygon_of(ring) for ring in _outlines(image, heights_m, OUTLINE_PER_SIDE)]
+
+
+def footprint_between(image: Image, low_m: float, high_m: float) -> Polygon:
+    """Return a polygon that holds the footprints of an image at all heights between two."""
+    hull = MultiPoint(_joined(_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
+    return hull if hull.geom_type == "Polygon" else Polygon()
+
+
+def _outlines(image: Image, heights_m: np.ndarray, per_side: int) -> np.ndarray:
+    """Return an image's outline on the ground at several heights, ``(heights, 4 * per_side, 3)``."""
+    outline = image.outline_px(per_side)
+    ground = image.rpc.localize(np.tile(outline, (len(heights_m), 1)), np.repeat(heights_m, len(outline))).ground
+    return ground.reshape(len(heights_m), -1, 3)
+
+
+def polygon_of(ground: np.ndarray) -> Polygon:
+    """Return the polygon through ground points ``(k, 2)`` or ``(k, 3)``, those without a position left out.
+
+    An outline that crosses itself, as that of a broken RPC may, is replaced by its convex hull.
+    """
+    ring = _joined(ground)
+    if len(ring) < 3:
+        return Polygon()
+    polygon = Polygon(ring)
+    return polygon if polygon.is_valid else polygon.convex_hull
+
+
+def _joined(ground: np.ndarray) -> np.ndarray:
+    """Return finite lon, lat ``(k, 2)``, the longitudes within half a turn of the first."""
+    lonlat = ground[np.isfinite(ground).all(axis=1), :2]
+    if len(lonlat):
+        lonlat[:, 0] = lonlat[0, 0] + wrap_degrees(lonlat[:, 0] - lonlat[0, 0])
+    return lonlat
+
+
+def ring_of(polygon: Polygon) -> np.ndarray:
+    """Return the corners ``(k, 2)`` lon, lat of a polygon, the first one again at the end."""
+    return np.asarray(polygon.exterior.coords, dtype=np.float64).reshape(-1, 2)
+
+
+def shared_ground(first: Polygon, second: Polygon) -> Polygon:
+    """Return the intersection of two footprints, empty where they do not meet."""
+    return first.intersection(_near(second, first)) if not (first.is_empty or second.is_empty) else Polygon()
+
+
+def overlap_shares(first: Polygon, second: Polygon) -> tuple[float, float]:
+    """Return which share (0 to 1) of the first and of the second footprint both have in common."""
+    common = shared_ground(first, second).area
+    return (common / first.area, common / second.area) if common > 0.0 else (0.0, 0.0)
+
+
+def touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
+    """Return the pairs of indices, first < second, of polygons that touch or overlap, in order."""
+    known = [number for number, polygon in enumerate(polygons) if not polygon.is_empty]
+    if not known:
+        return []
+    together = [_near(polygons[number], polygons[known[0]]) for number in known]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ShapelyDeprecationWarning)  # 1.8 announces what 2 does otherwise: see below
+        tree = STRtree(together)
+    place = {id(polygon): number for number, polygon in enumerate(together)}
+    pairs = []
+    for number, polygon in enumerate(together):
+        for found in tree.query(polygon):
+            # Shapely 1.8 answers with the polygons themselves, 2 with their places.
+            other = int(found) if isinstance(found, np.integer) else place[id(found)]
+            if other > number and polygon.intersects(together[other]):
+                pairs.append((known[number], known[other]))
+    return sorted(pairs)
+
+
+def _near(polygon: Polygon, other: Polygon) -> Polygon:
+    """Return a polygon moved by whole turns to where another one is."""
+    turns = round((other.bounds[0] - polygon.bounds[0]) / 360.0)
+    return translate(polygon, 360.0 * turns) if turns else polygon
