@@ -16,13 +16,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..foundation.errors import InputError
 from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from .rpc_inverse import Solver
 from .rpc_terms import DERIVATIVES, Workspace, for_parts, monomials, slopes_of_ratios
+
+if TYPE_CHECKING:
+    import rasterio.rpc
 
 
 class Localization(NamedTuple):
@@ -98,6 +102,58 @@ class RPC:
 
     def __hash__(self) -> int:
         return hash((self.line_off, self.samp_off, self.line_num.tobytes(), self.samp_num.tobytes()))
+
+    # ---- rasterio ----------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_rasterio(cls, source: Any) -> RPC:
+        """Return the RPC of a rasterio dataset, or of its ``rpcs``.
+
+        The numbers are the same: rasterio's RPCs, too, count pixels from the centre of the first one (its transformers
+        count from the corner).
+
+        Parameters
+        ----------
+        source : rasterio.DatasetReader or rasterio.rpc.RPC
+            An open dataset, or its RPC.
+
+        Returns
+        -------
+        RPC
+            With an ``err_bias`` and ``err_rand`` below 0, which mean that they are not known, as None.
+
+        Raises
+        ------
+        InputError
+            The dataset has no RPC.
+        """
+        rpcs = getattr(source, "rpcs", source)
+        if rpcs is None:
+            raise InputError(f"{source.name}: the dataset has no RPC: read the RPC's file with read_rpc")
+        values = {name: getattr(rpcs, theirs) for name, theirs in RASTERIO_NAMES.items()}
+        for name in ("err_bias", "err_rand"):
+            values[name] = None if values[name] is None or values[name] < 0.0 else values[name]
+        return cls(**values)
+
+    def to_rasterio(self) -> rasterio.rpc.RPC:
+        """Return the RPC for rasterio: for ``dataset.rpcs = …``, or its ``RPCTransformer``.
+
+        Returns
+        -------
+        rasterio.rpc.RPC
+            With the same numbers.
+
+        Raises
+        ------
+        ImportError
+            rasterio is not installed; nothing else of HRSI needs it.
+        """
+        import rasterio.rpc
+
+        values = {theirs: getattr(self, name) for name, theirs in RASTERIO_NAMES.items()}
+        return rasterio.rpc.RPC(
+            **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+        )
 
     # ---- derived constants -------------------------------------------------------------------------------------
 
@@ -358,3 +414,9 @@ def _as_points(points: np.ndarray, columns: int, name: str) -> np.ndarray:
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"{name} points have shape {array.shape}, (n, {columns}) is needed")
     return array
+
+
+#: Field of `RPC` -> its name in rasterio's.
+RASTERIO_NAMES = {
+    field.name: f"{field.name}_coeff" if field.name.endswith(("_num", "_den")) else field.name for field in fields(RPC)
+}

@@ -6,7 +6,9 @@ import atexit
 import os
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from osgeo import gdal
@@ -23,19 +25,37 @@ STRIP_PIXELS = 4_000_000  # read at a time when an image is read at a lower reso
 _open_datasets = threading.local()
 
 
+class NamedRaster(Protocol):
+    """What a rasterio dataset has."""
+
+    name: str
+
+
+class EncodedRaster(Protocol):
+    """What an object of xarray has."""
+
+    encoding: dict[Any, Any]
+
+
+#: What stands for an image's file.
+ImageSource = str | os.PathLike[str] | NamedRaster | EncodedRaster
+
+
 def image_id(path: str) -> str:
     """Return an image's id: the file's stem without a trailing ``_RPC``."""
     stem = Path(path).stem
     return stem[: -len(RPC_SUFFIX)] if stem.lower().endswith(RPC_SUFFIX) and len(stem) > len(RPC_SUFFIX) else stem
 
 
-def open_image(path: str) -> Image:
+def open_image(source: ImageSource) -> Image:
     """Open an image with its RPC, or an RPC file alone (then without pixels).
 
     Parameters
     ----------
-    path : str
-        Anything that GDAL opens and that has an RPC, or an RPC file.
+    source : path, rasterio dataset, or xarray object
+        Anything that GDAL opens and that has an RPC, or an RPC file; or what stands for such a file: an open rasterio
+        dataset, a DataArray or Dataset of xarray or rioxarray. Of these the file is opened, whole and as it was saved:
+        changes in memory and selections do not count.
 
     Returns
     -------
@@ -45,9 +65,36 @@ def open_image(path: str) -> Image:
     Raises
     ------
     InputError
-        The file is missing, is neither an image nor an RPC file, or has no RPC.
+        The file is missing, is neither an image nor an RPC file, or has no RPC; or ``source`` stands for no file.
     """
-    return open_image_and_source(path)[0]
+    return open_image_and_source(path_of(source))[0]
+
+
+def path_of(source: ImageSource) -> str:
+    """Return the path of the file that a path, a rasterio dataset or an xarray object stands for.
+
+    Parameters
+    ----------
+    source : path, rasterio dataset, or xarray object
+        xarray keeps the path in ``encoding["source"]``, rasterio in ``name``.
+
+    Returns
+    -------
+    str
+        The path.
+
+    Raises
+    ------
+    InputError
+        It stands for no file, as an array that was computed does.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return os.fspath(source)
+    encoding = getattr(source, "encoding", None)
+    path = encoding.get("source") if isinstance(encoding, Mapping) else getattr(source, "name", None)
+    if not isinstance(path, str) or not path:
+        raise InputError(f"an image given as {type(source).__name__} stands for no file: save it and give its path")
+    return path
 
 
 def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
