@@ -9,7 +9,7 @@
 | problem             | a block made ready: priors, parts, weak geometry                            |
 | intersection        | points from fixed cameras                                                   |
 | weights             | robust weight functions                                                     |
-| snooping            | blunders among measurements and GCPs                                        |
+| blunders            | blunders among measurements and GCPs, a folder                              |
 | variance_components | sigmas of groups of observations                                            |
 | drift_prior         | … and of the drifts of the images' corrections                              |
 | precision           | cofactors, error ellipses, reliability                                      |

@@ -30,9 +30,11 @@ class Decision(IntEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """A GCP that disagrees with the rest: its ``what`` is ``ground`` or the id of an image.
+    """A GCP that disagrees with the rest: its ``what`` is ``ground``, ``height`` or the id of an image.
 
-    ``statistic`` is its test value in standard deviations; ``left_out`` tells whether it was taken out.
+    statistic : its error in standard deviations; size : its error in ``unit``, ``m`` or ``px``
+    left_out : whether it was taken out: what it says of the ground, its height alone, or that measurement
+    group, rivals : ids of two groups of GCPs that disagree where nobody can tell which is wrong; ``id`` is of the first
     """
 
     id: str
@@ -40,6 +42,10 @@ class Finding:
     statistic: float
     left_out: bool
     message: str
+    size: float = float("nan")
+    unit: str = "m"
+    group: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

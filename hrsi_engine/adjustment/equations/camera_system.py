@@ -32,7 +32,7 @@ class CameraSystem(Protocol):
         """Take the upper ``blocks (blocks, p, p)`` and ``prior_weight (cameras, p)``, infinite where fixed."""
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Return the solution ``(cameras, p)``."""
+        """Return the solution for a right-hand side ``(cameras, p)`` or several ``(cameras, p, k)``."""
 
     def braked(self, step: np.ndarray) -> float:
         """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
@@ -89,7 +89,9 @@ class Factored(_Scaled):
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """See `CameraSystem`."""
-        return self.scale * self._factor.solve((self.scale * right).ravel()).reshape(right.shape)
+        scale = self.scale.reshape(self.scale.shape + (1,) * (right.ndim - 2))
+        flat = (scale * right).reshape(self.scale.size, *right.shape[2:])
+        return scale * self._factor.solve(flat).reshape(right.shape)
 
     def cofactors(self) -> np.ndarray:
         """See `CameraSystem`."""
@@ -120,6 +122,8 @@ class Iterative(_Scaled):
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """See `CameraSystem`; raises `SolveError` where the iteration does not converge."""
+        if right.ndim == 3:
+            return np.stack([self.solve(right[:, :, k]) for k in range(right.shape[2])], axis=2)
         b = (self.scale * right).ravel()
         preconditioner = LinearOperator(self._matrix.shape, matvec=self._precondition)
         x, failed = cg(self._matrix, b, maxiter=CG_ITERATIONS, M=preconditioner, **{CG_RELATIVE: CG_TOLERANCE})

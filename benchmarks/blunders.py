@@ -1,0 +1,300 @@
+"""How many blunders are found, what they cost, and who is accused without reason: `blunders.py [PART …] [--docs]`.
+
+Parts: ``ties`` (5 to 40 % wrong tie measurements), ``control`` (wrong GCPs), ``clean`` (nothing wrong). Simulated
+blocks with known truth, the command line's defaults (`--reject 4`). Seeds from 1000 on were never looked at while
+thresholds were chosen; ``--seeds 0 20`` takes others. ``--docs`` writes docs/accuracy_blunders.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from hrsi.benchmarks.adjust_speed import visible_sigmas
+from hrsi.benchmarks.thesis_tables import render
+from hrsi.hrsi_engine import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment import Adjustment, Decision
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_blunders.md"
+TESTED = AdjustOptions(reject_sigma=4.0)  # as the command line does
+SHOWN = 10.0  # sigmas in its own residual from which a blunder must be found
+Section = tuple[str, str, Sequence[str], list[list[str]]]
+
+
+@cache
+def simulated(sensor: str, images: int, gcps: int, checks: int, ties: int, seed: int) -> tuple[Block, np.ndarray]:
+    """Return a clean block and its true ground points."""
+    views = along_track_views(SENSORS[sensor], images, (12000, 12000))
+    made = simulate_block(SceneSpec(seed=seed), views, PointCounts(gcps, checks, ties), Noise())
+    return made.block, made.truth.ground
+
+
+def check_squares(result: Adjustment, truth: np.ndarray) -> np.ndarray:
+    """Return the mean squared errors of the check points, east, north, height (m²)."""
+    check = result.block.points.role == Role.CHECK
+    return np.nanmean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0)
+
+
+# ---- ties ----------------------------------------------------------------------------------------------------------
+
+
+def with_wrong_ties(block: Block, share: float, size_px: float, seed: int) -> tuple[Block, np.ndarray, np.ndarray]:
+    """Return the block with a share of its tie measurements moved in any direction, their rows and errors."""
+    rng = np.random.default_rng([seed, 77])
+    ties = np.flatnonzero(block.points.role[block.measurements.point] == Role.TIE)
+    rows = np.sort(rng.choice(ties, round(share * len(ties)), replace=False))
+    angle = rng.uniform(0.0, 2.0 * np.pi, len(rows))
+    error = size_px * np.column_stack([np.cos(angle), np.sin(angle)])
+    xy = block.measurements.xy.copy()
+    xy[rows] += error
+    return replace(block, measurements=replace(block.measurements, xy=xy)), rows, error
+
+
+@dataclass
+class TieScore:
+    """Counts over blocks: wrong measurements that show, those left out, good ones of points without any, alarms."""
+
+    shown: int = 0
+    found: int = 0
+    right: int = 0
+    alarms: int = 0
+    named: int = 0
+
+    def add(self, block: Block, clean: Adjustment, result: Adjustment, rows: np.ndarray, error: np.ndarray) -> None:
+        """Count one block."""
+        shown = visible_sigmas(block, clean, rows, error) > SHOWN
+        out = result.decision != Decision.KEPT
+        wrong = np.zeros(len(out), dtype=bool)
+        wrong[rows] = True
+        touched = np.zeros(len(block.points), dtype=bool)
+        touched[block.measurements.point[rows]] = True
+        role = block.points.role[block.measurements.point]
+        untouched = ~touched[block.measurements.point] & (role == Role.TIE)
+        self.shown += int(shown.sum())
+        self.found += int(out[rows][shown].sum())
+        self.right += int(untouched.sum())
+        self.alarms += int((out & untouched).sum())
+        self.named += int(((result.decision == Decision.BLUNDER) & ~wrong).sum())
+
+
+def wrong_ties(seeds: Sequence[int]) -> Section:
+    """Return what becomes of wrong tie measurements."""
+    rows = []
+    for rays in (2, 3, 5):
+        blocks = [simulated("ikonos", rays, 10, 60, 400, seed) for seed in seeds]
+        cleans = [adjust(block, TESTED) for block, _ in blocks]
+        base = np.mean([check_squares(clean, truth) for clean, (_, truth) in zip(cleans, blocks, strict=True)], axis=0)
+        for size in (10.0, 30.0):
+            for share in (0.05, 0.1, 0.2, 0.3, 0.4):
+                score, squares, findings = TieScore(), [], 0
+                for seed, (block, truth), clean in zip(seeds, blocks, cleans, strict=True):
+                    bad, wrong, error = with_wrong_ties(block, share, size, seed)
+                    result = adjust(bad, TESTED)
+                    score.add(bad, clean, result, wrong, error)
+                    squares.append(check_squares(result, truth))
+                    findings += len(result.findings)
+                change = 100.0 * (np.sqrt(np.mean(squares, axis=0) / base) - 1.0)
+                rows.append([
+                    str(rays), f"{size:g}", f"{share:.0%}", f"{score.found / max(score.shown, 1):.2%}",
+                    " ".join(f"{value:+.1f}" for value in change), f"{score.alarms / max(score.right, 1):.3%}",
+                    str(score.named), str(findings),
+                ])  # fmt: skip
+    text = (
+        f"{len(seeds)} blocks a row: IKONOS, 10 GCPs, 60 check points, 400 tie points, 0.3 px. Left out: of the wrong "
+        f"measurements more than {SHOWN:g} sigma of which show in their own residuals, were all others right. Check "
+        "RMSE E, N, H against the same blocks without blunders. False alarms: good measurements of points without any "
+        "wrong one that are left out; named: good ones called blunders, of all. GCPs accused: none was wrong."
+    )
+    head = ("rays", "px", "wrong", "left out", "check RMSE, %", "false alarms", "named", "GCPs accused")
+    return "Wrong tie measurements", text, head, rows
+
+
+# ---- control -------------------------------------------------------------------------------------------------------
+
+
+def wrong_heights(block: Block, rows: np.ndarray, rng: np.random.Generator) -> Block:
+    """Return the block with heights of GCPs wrong by 25 m, all in one direction."""
+    return _moved(block, rows, np.tile([0.0, 0.0, 25.0 * rng.choice([-1.0, 1.0])], (len(rows), 1)))
+
+
+def mixed_heights(block: Block, rows: np.ndarray, rng: np.random.Generator) -> Block:
+    """Return the block with heights of GCPs wrong by 10 to 30 m, up or down."""
+    height = rng.uniform(10.0, 30.0, len(rows)) * rng.choice([-1.0, 1.0], len(rows))
+    return _moved(block, rows, np.column_stack([np.zeros((len(rows), 2)), height]))
+
+
+def wrong_plan(block: Block, rows: np.ndarray, rng: np.random.Generator) -> Block:
+    """Return the block with GCPs 20 m away in any direction."""
+    angle = rng.uniform(0.0, 2.0 * np.pi, len(rows))
+    return _moved(block, rows, 20.0 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(rows))]))
+
+
+def wrong_measurement(block: Block, rows: np.ndarray, rng: np.random.Generator) -> Block:
+    """Return the block with one measurement of each of some GCPs 30 px away in any direction."""
+    xy = block.measurements.xy.copy()
+    for row in rows:
+        one = rng.choice(np.flatnonzero(block.measurements.point == row))
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        xy[one] += 30.0 * np.array([np.cos(angle), np.sin(angle)])
+    return replace(block, measurements=replace(block.measurements, xy=xy))
+
+
+def _moved(block: Block, rows: np.ndarray, metres: np.ndarray) -> Block:
+    ground = block.points.ground.copy()
+    ground[rows] = moved_ground(ground[rows], metres)
+    return replace(block, points=replace(block.points, ground=ground))
+
+
+MISTAKES: dict[str, Callable[[Block, np.ndarray, np.random.Generator], Block]] = {
+    "heights, 25 m alike": wrong_heights,
+    "heights, 10 to 30 m": mixed_heights,
+    "plan, 20 m": wrong_plan,
+    "a measurement, 30 px": wrong_measurement,
+}
+
+
+def wrong_control(seeds: Sequence[int]) -> Section:
+    """Return how many of the wrong GCPs are named, and how many others."""
+    rows = []
+    for sensor, images in (("ikonos", 3), ("pleiades", 2), ("quickbird", 3)):
+        for gcps, wrong in ((6, 1), (6, 2), (10, 2), (10, 3)):
+            for what, spoil in MISTAKES.items():
+                named, right_kind, falsely, undecided = 0, 0, 0, 0
+                for seed in seeds:
+                    block, _ = simulated(sensor, images, gcps, 20, 200, seed)
+                    rng = np.random.default_rng([seed, 78])
+                    control = np.flatnonzero(block.points.role == Role.GCP)
+                    chosen = np.sort(rng.choice(control, wrong, replace=False))
+                    result = adjust(spoil(block, chosen, rng), TESTED)
+                    ids = set(block.points.ids[chosen].tolist())
+                    found = {finding.id: finding for finding in result.findings if finding.left_out}
+                    named += len(ids & set(found))
+                    falsely += bool(set(found) - ids)
+                    undecided += bool([finding for finding in result.findings if not finding.left_out])
+                    right_kind += sum(_right_kind(what, found[name].what) for name in ids & set(found))
+                rows.append([
+                    f"{sensor}, {images}", f"{wrong} of {gcps}", what, f"{named / (wrong * len(seeds)):.1%}",
+                    f"{right_kind / max(named, 1):.0%}", str(falsely), str(undecided),
+                ])  # fmt: skip
+    text = (
+        f"{len(seeds)} blocks a row, 200 tie points. Named: of the wrong GCPs. What: of those named, it is said "
+        "rightly that it is the height, the ground position or a measurement. Blocks with a right GCP named, and "
+        "with groups of which one is said to be wrong."
+    )
+    head = ("sensor, images", "wrong GCPs", "mistake", "named", "what", "false names", "undecided")
+    return "Wrong GCPs", text, head, rows
+
+
+def _right_kind(mistake: str, what: str) -> bool:
+    kind = what if what in ("height", "ground") else "measurement"
+    return kind == {"h": "height", "p": "ground", "a": "measurement"}[mistake[0]]
+
+
+# ---- clean blocks --------------------------------------------------------------------------------------------------
+
+
+def height_control(block: Block) -> Block:
+    """Return the block whose GCPs are height control: 1000 m in plan."""
+    return _with_sigmas(block, 1000.0, 0.3)
+
+
+def unequal_control(block: Block) -> Block:
+    """Return the block with GCPs of 0.2 m and of 20 m in turn, their errors as large."""
+    control = np.flatnonzero(block.points.role == Role.GCP)[1::2]
+    rng = np.random.default_rng(int(1e4 * abs(block.points.ground[control[0], 0])))
+    far = _moved(block, control, rng.normal(0.0, 20.0, (len(control), 3)))
+    sigma = far.points.sigma_m.copy()
+    sigma[control] = 20.0
+    return replace(far, points=replace(far.points, sigma_m=sigma))
+
+
+def flattered_control(block: Block) -> Block:
+    """Return the block whose GCPs' sigmas are stated five times too small."""
+    return _with_sigmas(block, 0.02, 0.03)
+
+
+def _with_sigmas(block: Block, plan_m: float, height_m: float) -> Block:
+    sigma = block.points.sigma_m.copy()
+    sigma[block.points.role == Role.GCP] = plan_m, height_m
+    return replace(block, points=replace(block.points, sigma_m=sigma))
+
+
+AS_STATED: dict[str, Callable[[Block], Block]] = {
+    "as simulated": lambda block: block,
+    "1000 m in plan": height_control,
+    "0.2 and 20 m": unequal_control,
+    "stated 5 x too small": flattered_control,
+}
+
+
+def clean_blocks(seeds: Sequence[int]) -> Section:
+    """Return who is accused in blocks where nothing is wrong."""
+    rows = []
+    for sensor, images in (("ikonos", 3), ("pleiades", 3), ("quickbird", 3), ("worldview-2", 2), ("spot5", 2)):
+        for gcps in (6, 10):
+            for what, stated in AS_STATED.items():
+                accused, tied = 0, 0
+                for seed in seeds:
+                    block, _ = simulated(sensor, images, gcps, 20, 200, seed)
+                    result = adjust(stated(block), TESTED)
+                    accused += bool(result.findings)
+                    tied += bool((result.decision != Decision.KEPT).any())
+                rows.append([f"{sensor}, {images}", str(gcps), what, str(accused), str(tied)])
+    total = [sum(int(row[column]) for row in rows) for column in (3, 4)]
+    rows.append(["all", "", f"{len(rows) * len(seeds)} blocks", str(total[0]), str(total[1])])
+    text = f"{len(seeds)} blocks a row, 200 tie points: how many have a GCP accused, how many any measurement left out."
+    return "Clean blocks", text, ("sensor, images", "GCPs", "their sigmas", "GCP accused", "measurement out"), rows
+
+
+# ---- output --------------------------------------------------------------------------------------------------------
+
+#: Parts, and how many seeds judge each.
+PARTS: dict[str, tuple[Callable[[Sequence[int]], Section], int]] = {
+    "ties": (wrong_ties, 20),
+    "control": (wrong_control, 50),
+    "clean": (clean_blocks, 100),
+}
+FIRST_SEED = 1000
+INTRODUCTION = """# Accuracy: blunders
+
+Made by `python benchmarks/blunders.py --docs`. How blunders are found: [adjustment](adjustment.md).
+"""
+
+
+def sections(names: Sequence[str], seeds: tuple[int, int] | None) -> Iterator[Section]:
+    """Yield the tables of the named parts, or of all."""
+    for name in names or PARTS:
+        make, count = PARTS[name]
+        yield make(range(*seeds) if seeds else range(FIRST_SEED, FIRST_SEED + count))
+
+
+def main() -> None:
+    """Print the tables; ``--docs`` writes the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*PARTS, []], metavar="PART", help="parts; default: all")
+    parser.add_argument(
+        "--seeds", nargs=2, type=int, metavar=("FIRST", "END"), help="other seeds than the judging ones"
+    )
+    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
+    options = parser.parse_args()
+    if options.docs and (options.names or options.seeds):
+        parser.error("--docs writes all tables with the judging seeds: leave parts and seeds out")
+    parts = [INTRODUCTION]
+    for title, text, head, rows in sections(options.names, options.seeds):
+        table = render(head, rows)
+        print(f"\n{title}\n{text}\n\n{table}", flush=True)
+        parts.append(f"## {title}\n\n{text}\n\n{table}\n")
+    if options.docs:
+        PAGE.write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""A start that wrong ties do not pull: the measurements of two images agree about their epipolar lines.
+
+Two rays leave one condition, whatever the ground point. With the derivatives B by the ground of both image points and
+the vector n that is normal to all of them, n' (B_1; B_2) = 0, it is the *parallax* across the epipolar line
+
+    y = n' (v_1; v_2)        v = observed - computed, at any point near both rays
+
+Errors of the cameras make it a constant for a pair of images, and a plane where they drift; a wrong measurement makes
+it anything. The plane that most parallaxes of a pair are near is found by the least quantile of squares (Rousseeuw and
+Leroy 1987): planes through three points and level ones through one are tried, the best is settled by concentration
+(Rousseeuw and Van Driessen 1999). With a share e of wrong measurements (1 - e)² of the parallaxes are right: 36 % at
+e = 40 %, hence the quantile. No point's share of wrong rays matters here, and no camera was estimated before.
+
+The scale of the parallaxes is that of a normal distribution on a uniform background, by expectation and maximisation.
+A measurement takes part in the start where it agrees with half of the others of its point that it was compared with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..equations import NormalEquations, State
+from ..observations import Observations
+
+POINTS_AT_ONCE = 50_000
+NEIGHBOURS = 4  # rays of a long track that each is compared with
+QUANTILE = 0.3  # of the parallaxes of an image pair that are right for sure
+SAMPLE = 96  # parallaxes of an image pair that choose its plane
+PLANES = 120  # tried; three right points are hit with 99.6 % where 36 % are right
+LEAST_FOR_PLANE = 20  # parallaxes; fewer only carry a constant
+LEAST_FOR_SCALE = 12
+CONCENTRATIONS = 6
+FLAT = 1e-3  # relative weight that keeps the slopes of badly spread parallaxes at zero
+AGREEING = 3.0  # sigmas of the parallaxes
+CYCLES = 60
+PAIRS_AT_ONCE = 200
+
+
+class Parallaxes(NamedTuple):
+    """What pairs of measurements of one point say: their rows, the parallax y (px) and its sigma (px)."""
+
+    first: np.ndarray
+    second: np.ndarray
+    y: np.ndarray
+    sigma: np.ndarray
+
+
+def consensus(equations: NormalEquations, observations: Observations, state: State, used: np.ndarray) -> np.ndarray:
+    """Return which measurements agree with the others of their points, ``(n,)``.
+
+    Parameters
+    ----------
+    state : cameras and points where the adjustment starts, tens of pixels off perhaps
+    used : (m,) mask of the points to compare; the measurements of all others count as agreeing
+    """
+    agreeing = np.ones(observations.count, dtype=bool)
+    found = [_parallaxes(equations, observations, state, points) for points in _portions(observations, used)]
+    if not found:
+        return agreeing
+    pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
+    departure, judged = _departures(observations, pairs)
+    if judged.sum() < LEAST_FOR_SCALE:
+        return agreeing
+    near = ~judged | (np.abs(departure) <= AGREEING * _scale(departure[judged]))
+    compared, agreed = np.zeros(observations.count), np.zeros(observations.count)
+    for rows in (pairs.first, pairs.second):
+        compared += np.bincount(rows, minlength=len(compared))
+        agreed += np.bincount(rows, weights=near, minlength=len(compared))
+    return np.asarray(2.0 * agreed >= compared)
+
+
+def _portions(observations: Observations, used: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield points with equal numbers of measurements, two or more."""
+    for length, points in observations.by_length.items():
+        chosen = points[used[points]]
+        if length >= 2 and len(chosen):
+            yield from np.array_split(chosen, 1 + len(chosen) * length // (2 * POINTS_AT_ONCE))
+
+
+def _parallaxes(equations: NormalEquations, observations: Observations, state: State, points: np.ndarray) -> Parallaxes:
+    """Return the parallaxes between the measurements of points with k image points each."""
+    length = int(observations.first[points[0] + 1] - observations.first[points[0]])
+    local = equations.point_jacobians(state, points)
+    rows = local.rows.reshape(-1, length)
+    residual, by_ground = local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3)
+    ray = np.cross(by_ground[:, :, 0], by_ground[:, :, 1])
+    sigma = observations.sigma_px[rows]
+    columns: list[tuple[np.ndarray, ...]] = []
+    for one, other in pairs_of(length):
+        # n: the 3 x 3 minors of (B_1; B_2), a row left out each
+        on_one = np.einsum("mci,mi->mc", by_ground[:, one, ::-1], ray[:, other]) * [1.0, -1.0]
+        on_other = np.einsum("mci,mi->mc", by_ground[:, other, ::-1], ray[:, one]) * [1.0, -1.0]
+        squares_one, squares_other = (on_one**2).sum(axis=1), (on_other**2).sum(axis=1)
+        length_of_n = np.sqrt(squares_one + squares_other)
+        y = (on_one * residual[:, one]).sum(axis=1) + (on_other * residual[:, other]).sum(axis=1)
+        spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, other] ** 2)
+        columns.append((rows[:, one], rows[:, other], y / length_of_n, spread / length_of_n))
+    return Parallaxes(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def pairs_of(length: int) -> list[tuple[int, int]]:
+    """Return the pairs of the rays of a point that are compared: all, or neighbours of a long track."""
+    reach = length - 1 if length <= 2 * NEIGHBOURS else NEIGHBOURS
+    every = {tuple(sorted((i, (i + step) % length))) for i in range(length) for step in range(1, reach + 1)}
+    return sorted((i, j) for i, j in every if i != j)
+
+
+# ---- planes --------------------------------------------------------------------------------------------------------
+
+
+def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far each parallax is from its image pair's plane, in stated sigmas, and whether that judges it.
+
+    An image pair with few parallaxes has a constant instead; with less than three nothing to compare.
+    """
+    images, one, other = len(observations.images), observations.image[pairs.first], observations.image[pairs.second]
+    swapped = one > other
+    low, high = np.where(swapped, other, one), np.where(swapped, one, other)
+    order = np.argsort(low.astype(np.int64) * images + high, kind="stable")
+    key = (low.astype(np.int64) * images + high)[order]
+    bounds = np.r_[np.flatnonzero(np.r_[True, key[1:] != key[:-1]]), len(key)]
+    middle = np.array([image.centre_px for image in observations.images])
+    half = np.array([image.half_size_px for image in observations.images])
+    rows = np.where(swapped, pairs.second, pairs.first)[order]
+    terms = np.column_stack([np.ones(len(rows)), (observations.xy[rows] - middle[low[order]]) / half[low[order]]])
+    y, sigma = pairs.y[order], pairs.sigma[order]
+    departure, judged = np.zeros(len(y)), np.zeros(len(y), dtype=bool)
+    count = np.diff(bounds)
+    rng = np.random.default_rng(1)  # the same planes every time
+    large = np.flatnonzero(count >= 3)
+    for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE):
+        begin, size = bounds[part], count[part]
+        # evenly over the parallaxes of each image pair; those of a small one more than once
+        step = np.maximum(size / SAMPLE, 1.0)[:, None] * np.arange(SAMPLE)
+        picked = begin[:, None] + step.astype(np.int64) % size[:, None]
+        planes = _planes(terms[picked], y[picked], sigma[picked], size, rng)
+        for plane, start, some in zip(planes, begin.tolist(), size.tolist(), strict=True):
+            here = slice(start, start + some)
+            departure[here] = (y[here] - terms[here] @ plane) / sigma[here]
+            judged[here] = some >= LEAST_FOR_SCALE
+    back = np.empty(len(order), dtype=np.int64)
+    back[order] = np.arange(len(order))
+    return departure[back], judged[back]
+
+
+def _planes(
+    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, size: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
+
+    ``terms (p, s, 3)`` are 1 and the position in the image; ``size (p,)`` is how many different parallaxes there are.
+    """
+    pairs, sample = y.shape
+    kept = (sample * np.clip(3.0 / size, QUANTILE, 1.0)).astype(np.int64) - 1
+    level = np.zeros((pairs, sample, 3))
+    level[:, :, 0] = y
+    three = rng.integers(0, sample, (pairs, PLANES, 3))
+    pair = np.arange(pairs)[:, None, None]
+    tilted = np.linalg.solve(terms[pair, three] + 1e-9 * np.eye(3), y[pair, three][..., None])[..., 0]
+    tilted[size < LEAST_FOR_PLANE] = 0.0
+    tried = np.concatenate([level, tilted], axis=1)
+    apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
+    apart.partition(np.unique(kept), axis=2)
+    reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]
+    plane = tried[np.arange(pairs), reach.argmin(axis=1)]
+    flat = np.where((size < LEAST_FOR_PLANE)[:, None], 1e9, FLAT) * np.array([0.0, 1.0, 1.0])
+    for _ in range(CONCENTRATIONS):
+        apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
+        limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
+        weight = np.where(apart <= limit, 1.0 / sigma**2, 0.0)
+        normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
+        normal[:, range(3), range(3)] += flat * weight.sum(axis=1)[:, None]
+        plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
+    return plane
+
+
+def _scale(departure: np.ndarray) -> float:
+    """Return the standard deviation of the right ones among the departures, by a normal on a uniform background."""
+    step = 1 + len(departure) // 200_000
+    size = np.abs(departure[::step])
+    reach = max(float(np.quantile(size, 0.99)), 1e-12)
+    size = size[size <= reach]
+    sigma = max(float(np.quantile(size, 0.5 * QUANTILE)) / 0.3, 1e-6 * reach)
+    right = 0.5
+    for _ in range(CYCLES):
+        normal = right * np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * (size / sigma) ** 2)
+        share = normal / (normal + (1.0 - right) / reach)
+        right = float(np.clip(share.mean(), 0.05, 0.999))
+        sigma = max(float(np.sqrt((share @ size**2) / share.sum())), 1e-6 * reach)
+    return sigma

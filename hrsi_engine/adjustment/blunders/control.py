@@ -1,0 +1,273 @@
+"""Which GCPs are wrong, and what of them: groups, not one at a time, so that two mistakes do not hide each other.
+
+**Which.** Of the m GCPs at most half may be wrong. First the half is found that agrees best: all subsets are tried
+where they are few, else sets that begin at the worst GCPs and at random ones and are concentrated (Rousseeuw and Van
+Driessen 1999), each tested with the cofactors of the adjustment (`discrepancies`), without solving it again. Then GCPs
+return one by one, the least suspicious first, until the next one is significantly wrong (forward search, Atkinson and
+Riani 2000; Rosner 1983): the rest is out. Each is tested for its best explanation, with the error probability of the
+whole block shared by all GCPs and explanations.
+
+**What.** Its height, its ground position, or its measurement on one image: the one that explains most for its number of
+unknowns. Where a survey and a measurement explain it equally well, or neither does, both go.
+
+**How large an error is usual** follows from the control itself: stated sigmas of GCPs are guesses, and what the model
+does not follow comes on top. The variance factor is that of the control without the group under test; plan, heights and
+measurements count apart where one kind is significantly worse, so that surveys with overstated sigmas (1000 m in plan,
+because a point serves for its height only) lend the others no credit. It is never below one, and stated sigmas count as
+much as `EXPERIENCE` observations. A coordinate without weight has no test.
+
+**Where nobody can tell**: another group of the same size that explains nearly as much makes those GCPs that are not in
+both undecided: both groups are named, and kept. So are two halves of a block that disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy import special
+
+from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
+
+EXPERIENCE = 2.0  # observations that the stated sigmas are worth
+WORSE = 0.1  # significance at which a kind of observations has a variance factor of its own
+ALL_SUBSETS = 1000  # tried one by one; more GCPs are searched
+STARTS = 12
+CONCENTRATIONS = 8
+UNEXPLAINED = 15.0  # squares in units of the variance factor that an equally good explanation may leave
+LIKE = 0.01  # … or share of what the best one explains: equations are only nearly linear
+SIMPLICITY = 4.0  # squares that another unknown must explain
+UNDECIDED = 6.0  # by which one explanation of a GCP must be better than another
+MOST_LOG = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What may be wrong with a GCP: ``height``, ``ground``, ``image`` (a measurement), or ``all`` of it.
+
+    out : indices of the observations that are left out for it
+    """
+
+    what: str
+    out: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """A GCP that is wrong, or may be.
+
+    gcp : number into the points tested; what, row : see `Explanation`, and the measurement (-1: none)
+    statistic : its error in standard deviations; error : (1, 2 or 3,) of the observations (m east, north, up; px)
+    group, rivals : GCPs of two groups of which one is wrong and nobody can tell which; empty where it is clear
+    """
+
+    gcp: int
+    what: str
+    row: int
+    statistic: float
+    error: np.ndarray
+    group: tuple[int, ...] = ()
+    rivals: tuple[int, ...] = ()
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is this one for sure."""
+        return not self.rivals
+
+
+@dataclass(frozen=True)
+class VarianceFactor:
+    """Of control without a group under test, with the number of observations behind it; of all, and of each kind."""
+
+    pooled: float
+    freedom: float
+    worse: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
+        """Return it for what is left, and its squares and their degrees of freedom."""
+        pooled = max((max(squares, 0.0) + EXPERIENCE) / (freedom + EXPERIENCE), 1.0)
+        worse = []
+        for kind in (PLAN, HEIGHT, IMAGE):
+            own = rest.kind == kind
+            shares, total = rest.s.diagonal()[own].sum(), float(np.sum(rest.u[own] ** 2))
+            if shares < 0.5:
+                continue
+            ratio = (total + EXPERIENCE) / (shares + EXPERIENCE)
+            if special.fdtrc(shares + EXPERIENCE, freedom + EXPERIENCE, ratio / pooled) < WORSE:
+                worse.append((ratio, shares + EXPERIENCE))
+        return cls(pooled, freedom + EXPERIENCE, tuple(worse))
+
+    def surprise(self, test: float, dimensions: int) -> float:
+        """Return -log of the probability of a test value by chance."""
+        if dimensions == 0:
+            return 0.0
+        chances = [
+            special.fdtrc(dimensions, freedom, test / dimensions / variance)
+            for variance, freedom in ((self.pooled, self.freedom), *self.worse)
+        ]
+        return min(-float(np.log(max(*chances, 1e-300))), MOST_LOG)
+
+    @property
+    def largest(self) -> float:
+        """The largest of the factors."""
+        return max(self.pooled, *(variance for variance, _ in self.worse), 1.0)
+
+
+def suspects(control: Discrepancies, sigmas: float, tests: int | None = None) -> list[Suspect]:
+    """Return the GCPs that are wrong, or undecided, with an error probability of ``sigmas`` for the whole block.
+
+    ``tests`` is the number of GCPs of the block where ``control`` has only some of them.
+    """
+    gcps = len(control.points)
+    if gcps < 2:
+        return []
+    search = _Search(control, sigmas, gcps if tests is None else tests)
+    if search.consistent():
+        return []
+    group = search.wrong(search.core(gcps // 2))
+    return search.decided(group) if group else []
+
+
+class _Search:
+    """The search for wrong GCPs in one block."""
+
+    def __init__(self, control: Discrepancies, sigmas: float, tests: int) -> None:
+        self.control, self.gcps = control, len(control.points)
+        self.squares, self.freedom = control.test(np.arange(len(control.u)))
+        explanations = sum(len(_explanations(control, gcp)) for gcp in range(self.gcps)) / max(self.gcps, 1)
+        self.limit = 0.5 * sigmas**2 + np.log(tests * explanations)  # -log probability
+        self._sigmas = sigmas
+
+    def consistent(self) -> bool:
+        """Return whether the control as a whole, and each observation, agrees with its stated sigma."""
+        whole = special.chdtrc(max(self.freedom, 1), self.squares) > 0.01
+        factor = VarianceFactor(1.0, 1e9, ())
+        return bool(whole) and all(
+            factor.surprise(*self.control.test(one.out)) < self.limit
+            for gcp in range(self.gcps)
+            for one in _explanations(self.control, gcp)
+        )
+
+    def explained(self, group: tuple[int, ...]) -> tuple[float, int]:
+        """Return the squares and dimensions that go with a group of GCPs."""
+        return self.control.test(self.control.measurements_of(group))
+
+    def factor(self, group: tuple[int, ...], rest: Discrepancies) -> VarianceFactor:
+        """Return the variance factor of the control without a group, ``rest``."""
+        squares, dimensions = self.explained(group)
+        return VarianceFactor.of(rest, self.squares - squares, self.freedom - dimensions)
+
+    # ---- which -----------------------------------------------------------------------------------------------------
+
+    def core(self, size: int) -> tuple[int, ...]:
+        """Return the group of ``size`` GCPs without which the others agree best."""
+        if special.binom(self.gcps, size) <= ALL_SUBSETS:
+            return max(combinations(range(self.gcps), size), key=lambda group: self.explained(group)[0])
+        rng = np.random.default_rng(1)  # the same starts every time
+        alone = np.array([self.explained((gcp,))[0] for gcp in range(self.gcps)])
+        starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(STARTS))]
+        return max((self._concentrated(start) for start in starts), key=lambda group: self.explained(group)[0])
+
+    def _concentrated(self, start: np.ndarray) -> tuple[int, ...]:
+        """Return a group whose members are those that disagree most with the rest, beginning at ``start``."""
+        group = tuple(sorted(start.tolist()))
+        for _ in range(CONCENTRATIONS):
+            rest = self.control.without(self.control.measurements_of(group))
+            own = [self._against_the_rest(group, gcp) if gcp in group else rest.test(rest.measurements_of((gcp,)))[0]
+                   for gcp in range(self.gcps)]  # fmt: skip
+            following = tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
+            if following == group:
+                break
+            group = following
+        return group
+
+    def _against_the_rest(self, group: tuple[int, ...], gcp: int) -> float:
+        others = tuple(one for one in group if one != gcp)
+        return self.explained(group)[0] - self.explained(others)[0]
+
+    def wrong(self, group: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
+        while group:
+            everything = self.control.without(self.control.measurements_of(group))
+            factor = self.factor(group, everything)
+            surprise = [self._surprise(group, gcp, factor) for gcp in group]
+            least = int(np.argmin(surprise))
+            if surprise[least] > self.limit:
+                break
+            group = (*group[:least], *group[least + 1 :])
+        return group
+
+    def _surprise(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> float:
+        """Return the largest -log probability of what may be wrong with a GCP, the rest of the group left out."""
+        rest = self._without_others(group, gcp)
+        return max(factor.surprise(*rest.test(one.out)) for one in _explanations(rest, gcp))
+
+    def _without_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
+        others = tuple(one for one in group if one != gcp)
+        return self.control.without(self.control.measurements_of(others)) if others else self.control
+
+    # ---- what, and whether it is clear -----------------------------------------------------------------------------
+
+    def decided(self, group: tuple[int, ...]) -> list[Suspect]:
+        """Return the GCPs of a group with what is wrong with each, and those that others may be wrong instead of."""
+        factor = self.factor(group, self.control.without(self.control.measurements_of(group)))
+        alternatives = list(self._alternatives(group, factor))
+        if 2 * len(group) == self.gcps:  # two halves: whichever agrees better, it has no majority
+            alternatives = [tuple(sorted(set(range(self.gcps)) - set(group)))]
+        certain = set(group).intersection(*alternatives) if alternatives else set(group)
+        found = [self._explained(group, gcp, factor) for gcp in sorted(certain)]
+        undecided = tuple(sorted(set(group) - certain))
+        if undecided:
+            rivals = tuple(sorted(set().union(*alternatives) - set(group)))
+            worst = max((self._explained(group, gcp, factor) for gcp in undecided), key=lambda one: one.statistic)
+            found.append(Suspect(worst.gcp, worst.what, worst.row, worst.statistic, worst.error, undecided, rivals))
+        return found
+
+    def _alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
+        """Yield other groups of the same size that explain nearly as much."""
+        best, _ = self.explained(group)
+        needed = best - max(UNEXPLAINED * factor.largest, LIKE * best)
+        others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
+        if special.binom(self.gcps, len(group)) > ALL_SUBSETS:  # one exchanged for another
+            outside = sorted(set(range(self.gcps)) - set(group))
+            others = (tuple(sorted((set(group) - {one}) | {other})) for one in group for other in outside)
+        for other in others:
+            if other != group and self.explained(other)[0] >= needed:
+                yield other
+
+    def _explained(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> Suspect:
+        """Return what is wrong with a GCP, the rest of its group left out: all of it where that cannot be told."""
+        rest = self._without_others(group, gcp)
+        most, _ = rest.test(rest.measurements_of((gcp,)))
+        tests = {one: rest.test(one.out) for one in _explanations(rest, gcp)}
+        score = {one: test / factor.largest - SIMPLICITY * rank for one, (test, rank) in tests.items()}
+        best = max(score, key=lambda one: score[one])
+        alike = score[best] - max(UNDECIDED, LIKE * score[best])
+        # height and ground position differ in size only; a measurement is something else than either
+        others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
+        unexplained = most - tests[best][0] > max(UNEXPLAINED * factor.largest, LIKE * most)
+        shown = best.out
+        if others or unexplained:
+            best = Explanation("all", rest.of((gcp,)))
+            shown = np.flatnonzero((rest.point == gcp) & (rest.kind != IMAGE))
+        row = int(rest.row[shown[0]]) if best.what == "image" else -1
+        error = np.zeros(2 if row >= 0 else 3)
+        error[rest.axis[shown]] = rest.errors(shown)
+        test = most if best.what == "all" else tests[best][0]
+        return Suspect(gcp, best.what, row, float(np.sqrt(test / factor.pooled)), error)
+
+
+def _explanations(control: Discrepancies, gcp: int) -> list[Explanation]:
+    """Return what may be wrong with a GCP; its height alone only where it has a surveyed position as well."""
+    own = control.point == gcp
+    survey = np.flatnonzero(own & (control.kind != IMAGE))
+    height = np.flatnonzero(own & (control.kind == HEIGHT))
+    found = [Explanation("ground", survey)] if len(survey) else []
+    if len(height) and len(survey) > len(height):
+        found.append(Explanation("height", height))
+    rows = control.row[own & (control.kind == IMAGE)]
+    found += [Explanation("image", np.flatnonzero(own & (control.row == row))) for row in np.unique(rows)]
+    return found

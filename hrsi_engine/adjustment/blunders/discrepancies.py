@@ -1,0 +1,157 @@
+"""What the control says against the rest of the block, and how that changes with what is left out.
+
+For the observations of the GCPs (surveyed coordinates and image points) with residuals v, weights P and cofactors Qv of
+the residuals in the whole adjustment, let u = P v and S = P Qv P. Leaving the observations E out::
+
+    T = u_E' S_EE^-1 u_E        fall of the weighted sum of squares
+    d = S_EE^-1 u_E             their errors, as the rest of the block sees them
+    u - S_E S_EE^-1 u_E,  S - S_E S_EE^-1 S_E'        u and S of all others without them
+
+so that every group of observations is tested, and every consequence seen, without another adjustment (Baarda 1968;
+Cook and Weisberg 1982 for groups). With all ties, Qv comes from the factors of the adjustment: a GCP's position depends
+on the cameras by dx = V^-1 (m - W' da), so that an observation with derivatives A by the cameras and B by the position
+depends on them by R = A - B V^-1 W', and
+
+    S = P - P (R Qa R' + B V^-1 B') P        the second part only within a point
+
+All are in units of the observations' own standard deviations here (sqrt(P) on the diagonal is one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..gauss_newton import GaussNewton, Solution
+from ..problem import Problem
+
+LEAST_SHARE = 1e-3  # of an error that shows; less is not tested
+PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, whose sigmas may be wrong each in its own way
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancies:
+    """The observations of some GCPs, in units of their standard deviations.
+
+    points : (g,) indices of the GCPs
+    point : (k,) which of them an observation belongs to
+    kind : (k,) `PLAN`, `HEIGHT` or `IMAGE`
+    row : (k,) its measurement, -1 for a survey; axis : (k,) its coordinate
+    u, s : (k,) and (k, k), see the module's docstring
+    sigma : (k,) standard deviations, m or px
+    """
+
+    points: np.ndarray
+    point: np.ndarray
+    kind: np.ndarray
+    row: np.ndarray
+    axis: np.ndarray
+    u: np.ndarray
+    s: np.ndarray
+    sigma: np.ndarray
+
+    def test(self, chosen: np.ndarray) -> tuple[float, int]:
+        """Return by how much the squares fall without some observations (indices), and how many dimensions that has."""
+        values, vectors = np.linalg.eigh(self.s[np.ix_(chosen, chosen)])
+        seen = values > LEAST_SHARE
+        along = vectors[:, seen].T @ self.u[chosen]
+        return float(np.sum(along**2 / values[seen])), int(seen.sum())
+
+    def errors(self, chosen: np.ndarray) -> np.ndarray:
+        """Return the errors (m, px) of some observations, observed - true, as the rest sees them."""
+        inverse = np.linalg.pinv(self.s[np.ix_(chosen, chosen)], rcond=LEAST_SHARE, hermitian=True)
+        return np.asarray(self.sigma[chosen] * (inverse @ self.u[chosen]))
+
+    def without(self, out: np.ndarray) -> Discrepancies:
+        """Return the discrepancies of all others when some observations (indices) are left out."""
+        rest = np.setdiff1d(np.arange(len(self.u)), out)
+        inverse = np.linalg.pinv(self.s[np.ix_(out, out)], rcond=LEAST_SHARE, hermitian=True)
+        gain = self.s[np.ix_(rest, out)] @ inverse
+        return Discrepancies(
+            self.points, self.point[rest], self.kind[rest], self.row[rest], self.axis[rest],
+            self.u[rest] - gain @ self.u[out], self.s[np.ix_(rest, rest)] - gain @ self.s[np.ix_(out, rest)],
+            self.sigma[rest],
+        )  # fmt: skip
+
+    def of(self, gcps: Sequence[int]) -> np.ndarray:
+        """Return the indices of all observations of some GCPs (numbers into ``points``)."""
+        return np.flatnonzero(np.isin(self.point, gcps))
+
+    def measurements_of(self, gcps: Sequence[int]) -> np.ndarray:
+        """Return the indices of the image observations; without them a GCP has no say at all."""
+        return np.flatnonzero(np.isin(self.point, gcps) & (self.kind == IMAGE))
+
+
+def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
+    """Return the discrepancies of some GCPs ``(g,)`` at a solution; observations without weight are no part of them."""
+    observations, priors = problem.observations, solution.weighting.points
+    size = loop.prior_weight.shape
+    loop.system.factorise(solution.normals.blocks, loop.prior_weight)
+    derivatives = _derivatives(problem, solution, points)
+    surveys, miss = priors.matrices(points, observed=True), priors.miss_m(solution.state.ground[points], points)
+    columns: list[list[np.ndarray]] = [[] for _ in range(6)]
+    own, by_cameras = [], []
+    for number, point in enumerate(points.tolist()):
+        rows = np.arange(observations.first[point], observations.first[point + 1])
+        rows = rows[solution.weight[rows] > 0.0]
+        by_values, by_ground = derivatives[point]
+        k = len(rows)
+        weight = np.zeros((3 + 2 * k, 3 + 2 * k))
+        weight[:3, :3] = surveys[number]
+        weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(solution.weight[rows], 2)
+        position = np.concatenate([np.eye(3), by_ground.reshape(-1, 3)])  # B
+        inverse = solution.normals.inverse[point]
+        # A, and the point's answer to the cameras: -V^-1 W'
+        cameras = np.zeros((3 + 2 * k, *size))
+        answer = np.zeros((3, *size))
+        for place, row in enumerate(rows.tolist()):
+            camera = observations.camera[row]
+            cameras[3 + 2 * place : 5 + 2 * place, camera] = by_values[place]
+            answer[:, camera] -= solution.weight[row] * (inverse @ by_ground[place].T @ by_values[place])
+        depending = cameras + np.tensordot(position, answer, axes=1)
+        used = np.flatnonzero(weight.diagonal() > 0.0)
+        unit = 1.0 / np.sqrt(weight.diagonal()[used])
+        weight = weight[np.ix_(used, used)]
+        weighted = unit[:, None] * weight
+        residual = np.concatenate([miss[number], solution.normals.residual[rows].ravel()])[used]
+        position = position[used]
+        own.append((weight - weight @ position @ inverse @ position.T @ weight) * unit * unit[:, None])
+        by_cameras.append(np.tensordot(weighted, depending[used], axes=1))
+        for column, values in zip(
+            columns,
+            (
+                np.full(len(used), number), np.r_[[PLAN, PLAN, HEIGHT], np.full(2 * k, IMAGE)][used],
+                np.r_[[-1, -1, -1], np.repeat(rows, 2)][used], np.r_[[0, 1, 2], np.tile([0, 1], k)][used],
+                weighted @ residual, unit,
+            ),
+            strict=True,
+        ):  # fmt: skip
+            column.append(values)
+    point, kind, row, axis, u, sigma = (np.concatenate(column) for column in columns)
+    right = np.concatenate(by_cameras)
+    spread = loop.system.solve(np.moveaxis(right, 0, -1))
+    s = -right.reshape(len(right), -1) @ spread.reshape(-1, len(right))
+    begin = 0
+    for block in own:
+        s[begin : begin + len(block), begin : begin + len(block)] += block
+        begin += len(block)
+    return Discrepancies(points, point, kind, row, axis, u, 0.5 * (s + s.T), sigma)
+
+
+def _derivatives(problem: Problem, solution: Solution, points: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return the derivatives by the camera's values (k, 2, p) and by the position (k, 2, 3) of each point's rows."""
+    observations = problem.observations
+    rows, _ = observations.rows_of(points)
+    rows = rows[solution.weight[rows] > 0.0]
+    by_values = np.empty((len(rows), 2, problem.prior_weight.shape[1]))
+    by_ground = np.empty((len(rows), 2, 3))
+    for index in np.unique(observations.image[rows]).tolist():
+        here = np.flatnonzero(observations.image[rows] == index)
+        linearise = problem.camera.equations(observations.images[index], observations.xy[rows[here]])
+        values = solution.state.values[observations.camera_of_image[index]]
+        at = linearise(values, solution.state.ground[observations.point[rows[here]]])
+        by_values[here], by_ground[here] = at.by_values, at.by_ground
+    of_point = observations.point[rows]
+    return {int(point): (by_values[of_point == point], by_ground[of_point == point]) for point in points}

@@ -1,0 +1,158 @@
+"""The rounds in which blunders are found and left out, each a run of the loop from where the last one ended.
+
+1. A start without measurements that disagree with the others of their points (`consensus`), GCPs among them. Surveys
+   hold the block leniently here, so that a wrong one does not bend what the ties say of each other.
+2. Cameras and decisions on measurements (`ties`) alternate until they settle; then the surveys get their own weights.
+3. GCPs are tested in groups (`control`) with the cofactors of that solution. One more solution without what is wrong;
+   in it the measurements are judged again, since wrong control may have bent the cameras after all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...foundation.progress import Progress, stage
+from ..equations import PointPriors
+from ..equations.camera_system import Factored
+from ..gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
+from ..outcome import Found
+from ..precision import precision
+from ..problem import Problem
+from ..result import Decision, Finding
+from .consensus import consensus
+from .control import suspects
+from .discrepancies import discrepancies
+from .findings import finding, leave_out
+from .ties import point_squares, survey_or_ray_tests, tie_decisions, tie_variance
+
+TIE_ROUNDS, CONTROL_ROUNDS = 6, 3
+RARE = 2e-4  # share of the measurements whose change of decision is not worth another round
+LENIENT = 1e-3  # factor of the surveys' weights while measurements are judged: sigmas thirty times as large
+MOST_GCPS = 60  # tested together; of more, the most suspicious half of these and others all over the block
+
+
+class Snooping:
+    """What is left out of an adjustment, and the solutions without it.
+
+    image_weight, survey_weight : (n,) and (m, 3) of all observations; 0 for surveys that are left out
+    ties : (m,) mask of the points that are judged by their rays
+    found : decisions on the measurements, findings on GCPs
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.loop: GaussNewton = problem.loop()
+        observations = problem.observations
+        self.image_weight = problem.weighting.image
+        self.survey_weight = observations.survey_weight.copy()
+        self.ties = observations.contributing_points & ~observations.surveyed
+        self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
+        self._undecided: list[Finding] = []
+
+    def weighting(self, survey_weight: np.ndarray | None = None) -> Weighting:
+        """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own."""
+        image = np.where(self.found.decision == int(Decision.KEPT), self.image_weight, 0.0)
+        return self.problem.survey_weighting(image, self.survey_weight if survey_weight is None else survey_weight)
+
+    def solve(self, last: Solution | None, progress: Progress) -> Solution:
+        """Run the loop from the last solution, or from the start."""
+        options = self.problem.options
+        state = self.problem.start if last is None else last.state
+        return self.loop.run(state, self.weighting(), options.robust, options.tolerance, progress)
+
+    # ---- measurements ----------------------------------------------------------------------------------------------
+
+    def without_wrong_ties(self, progress: Progress) -> Solution:
+        """Return the solution without the measurements that do not fit their points."""
+        problem, observations = self.problem, self.problem.observations
+        if not self.ties.any():
+            return self.solve(None, progress)
+        robust = "huber" if problem.options.robust == "none" else problem.options.robust
+        lenient, everything = self.survey_weight * LENIENT, observations.contributing_points
+        agreeing = consensus(problem.equations, observations, problem.start, everything)
+        start = problem.survey_weighting(np.where(agreeing, self.image_weight, 0.0), lenient)
+        solution = self.loop.run(problem.start, start, robust, LOOSE_TOLERANCE, progress)
+        for number in range(TIE_ROUNDS):
+            if not self._judged(solution, solution.weighting, everything) and number:
+                break
+            present = self.weighting(lenient)
+            solution = self.loop.run(solution.state, present, problem.options.robust, LOOSE_TOLERANCE, progress)
+        of_control = observations.surveyed[observations.point]
+        self.found.decision[of_control] = int(Decision.KEPT)
+        return self._settled(self.solve(solution, progress), progress)
+
+    def _settled(self, solution: Solution, progress: Progress) -> Solution:
+        """Judge the ties by a solution with all surveys, and repeat it if that changes anything."""
+        if self.ties.any() and self._judged(solution, solution.weighting, self.ties):
+            return self.solve(solution, progress)
+        return solution
+
+    def _judged(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
+        """Decide on the measurements of some ``points (m,)``; return whether more than rare decisions changed."""
+        problem, observations = self.problem, self.problem.observations
+        if problem.dem_heights is not None:  # rays are judged by rays, not by a DEM that may be wrong here
+            free = PointPriors.of(observations, solution.state.ground, self.survey_weight)
+            present = replace(present, points=free)
+        squares = point_squares(problem.equations, solution, present, observations)
+        rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
+        self.found.tie_variance, freedom = tie_variance(observations, squares, rays, self.ties)
+        everything = replace(present, image=self.image_weight)
+        decision, failed = tie_decisions(
+            problem.equations, observations, solution, everything, points, problem.options.reject_sigma,
+            self.found.tie_variance, freedom,
+        )  # fmt: skip
+        judged = points[observations.point]
+        before = self.found.failed if self.found.failed is not None else np.full_like(failed, np.nan)
+        decision = np.where(judged, decision, self.found.decision)
+        changed = int((decision != self.found.decision).sum())
+        self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
+        return changed > RARE * len(decision)
+
+    # ---- control ---------------------------------------------------------------------------------------------------
+
+    def without_wrong_control(self, solution: Solution, progress: Progress) -> Solution:
+        """Return the solution without the GCPs, or what of them, that disagree with the rest of the block."""
+        if not isinstance(self.loop.system, Factored):  # a block too large for its cofactors
+            return solution
+        self._undecided = []
+        for number in range(CONTROL_ROUNDS):
+            gcps = self._gcps(solution)
+            if len(gcps) < 2:
+                break
+            control = discrepancies(self.problem, self.loop, solution, self._most_suspicious(solution, gcps))
+            found = suspects(control, self.problem.options.reject_sigma, len(gcps))
+            said = [finding(self.problem, control, one) for one in found]
+            self._undecided = [one for one in said if not one.left_out]
+            self.found.findings += [one for one in said if one.left_out]
+            for one in found:
+                if one.clear:
+                    leave_out(self.problem, control, one, self.survey_weight, self.found)
+            if not any(one.clear for one in found):
+                break
+            part = stage(progress, number / CONTROL_ROUNDS, (number + 1) / CONTROL_ROUNDS)
+            solution = self._settled(self.solve(solution, part), part)
+        return solution
+
+    def say(self) -> None:
+        """Enter the findings on control that nobody can decide, and the warnings of all."""
+        self.found.findings += self._undecided
+        self.found.warnings += [one.message for one in self.found.findings]
+
+    def _gcps(self, solution: Solution) -> np.ndarray:
+        """Return the GCPs that have a survey and a measurement with a say."""
+        weighting, observations = solution.weighting, self.problem.observations
+        measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
+        held = weighting.contributes & weighting.points.held & observations.surveyed
+        return np.flatnonzero(held & measured & (self.survey_weight > 0.0).any(axis=1))
+
+    def _most_suspicious(self, solution: Solution, gcps: np.ndarray) -> np.ndarray:
+        """Return the GCPs to test together: all, or those that fail tests of their own most, and some all over."""
+        if len(gcps) <= MOST_GCPS:
+            return gcps
+        precise = precision(self.problem.equations, self.loop, solution)
+        order = gcps[np.argsort(-survey_or_ray_tests(self.problem.observations, solution, precise, gcps))]
+        worst, others = order[: MOST_GCPS // 2], np.sort(order[MOST_GCPS // 2 :])
+        spread = others[np.linspace(0, len(others) - 1, MOST_GCPS // 2).astype(int)]
+        return np.sort(np.concatenate([worst, spread]))

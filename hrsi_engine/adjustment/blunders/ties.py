@@ -1,0 +1,273 @@
+"""Data snooping of tie points: which of their measurements are blunders (Baarda 1968; Pope 1976).
+
+Tie points are judged one by one with the cameras as they are: thousands of them determine the cameras, so one more or
+less does not matter, and each point is a small adjustment of its own. The test value of a measurement is by how much
+the weighted sum of squares falls when it is left out, divided by the variance factor. The worst measurement goes until
+the rest agree; where one does not explain it, and there are four rays or more, two blunders may hide each other: then
+it begins with the largest set of rays that agree with the point that two of them make. Where several measurements could
+be the wrong one the point cannot tell; all of those are *doubtful* and left out, none is called a blunder. Two rays
+that are left after a gross error agree by chance too often where many measurements are wrong: then they are doubtful as
+well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from ..equations import NormalEquations, PointPriors
+from ..gauss_newton import Solution, Weighting
+from ..observations import Observations
+from ..precision import Precision, deletion_tests, survey_tests
+from ..result import Decision
+from .consensus import pairs_of
+from .limits import critical_value, error_probability, shared_sigmas
+
+MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
+MANY_WRONG = 0.07  # share of wrong measurements above which two rays that agree prove nothing
+
+GROSS = 1.5  # times the user's limit: beyond it a point has a blunder, and not just bad luck
+
+
+def tie_variance(
+    observations: Observations, squares: np.ndarray, rays: np.ndarray, ties: np.ndarray
+) -> tuple[float, float]:
+    """Return the variance factor of the tie points, and the degrees of freedom with which it is known; 1 without any.
+
+    It is the median of their sums of squares ``(m,)`` over what they would be, of points on two ``rays (m,)`` or more.
+    """
+    chosen = ties & (rays >= 2)
+    if not chosen.any():
+        return 1.0, 0.0
+    freedom = 2 * rays[chosen] - 3
+    expected = special.chdtri(np.arange(1, freedom.max() + 1), 0.5)[freedom - 1]
+    return float(np.median(squares[chosen] / expected)), float(MEDIAN_EFFICIENCY * freedom.sum())
+
+
+def point_squares(
+    equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
+) -> np.ndarray:
+    """Return each point's smallest weighted sum of squares for the cameras as they are, ``(m,)``."""
+    nobody = np.zeros(len(observations.points), dtype=bool)
+    normals = equations.normals(solution.state, weighting.image, weighting.points, nobody)
+    lengths = np.einsum("nc,nc->n", normals.residual, normals.residual) * weighting.image
+    gain = np.einsum("mi,mij,mj->m", normals.point_right, normals.inverse, normals.point_right)
+    return np.add.reduceat(lengths, observations.first[:-1]) - gain
+
+
+def tie_decisions(
+    equations: NormalEquations,
+    observations: Observations,
+    solution: Solution,
+    all_in: Weighting,
+    ties: np.ndarray,
+    sigmas: float,
+    variance: float,
+    freedom: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
+
+    Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out when the
+    cameras were worse may come back. ``ties (m,)`` are the points to judge; ``variance`` is known with a ``freedom``.
+    """
+    decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
+    failed = np.full(observations.count, np.nan, dtype=np.float32)
+    squares = point_squares(equations, solution, all_in, observations)
+    suspicious = np.flatnonzero(ties & (squares > critical_value(sigmas, 1) * variance))
+    rays = np.diff(observations.first)[suspicious]
+    groups = []
+    for length in np.unique(rays):
+        points = suspicious[rays == length]
+        local = equations.point_jacobians(solution.state, points)
+        rows = local.rows.reshape(-1, length)
+        groups.append((rows, Rays(
+            local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3),
+            all_in.image[rows] / variance, all_in.points, points,
+        )))  # fmt: skip
+    if not groups:
+        return decision, failed
+    probability = np.concatenate([group.probability(freedom) for _, group in groups])
+    limit = shared_sigmas(probability, int(ties.sum()), sigmas)
+    touched = float((probability < error_probability(limit)).sum()) / ties.sum()
+    wrong = 1.0 - (1.0 - touched) ** (1.0 / np.diff(observations.first)[ties].mean())
+    for rows, group in groups:
+        decision[rows], failed[rows] = group.judge(sigmas, limit, freedom, wrong > MANY_WRONG)
+    return decision, failed
+
+
+class Rays:
+    """Points with k measurements each, adjusted side by side with fixed cameras.
+
+    Parameters
+    ----------
+    residual, by_ground : (m, k, 2) and (m, k, 2, 3) residuals and derivatives, px and px per metre
+    weight : (m, k) of the measurements, variance factor included, 1/px²
+    priors, points : those of all points, and which of them these are
+    """
+
+    def __init__(
+        self, residual: np.ndarray, by_ground: np.ndarray, weight: np.ndarray, priors: PointPriors, points: np.ndarray
+    ) -> None:
+        self.residual, self.by_ground, self.weight = residual, by_ground, weight.copy()
+        self.own = priors.weight[points]
+        self.decision = np.full(weight.shape, int(Decision.KEPT), dtype=np.int8)
+        self.failed = np.full(weight.shape, np.nan)
+
+    def probability(self, freedom: float) -> np.ndarray:
+        """Return the probability that a point's worst measurement is right, ``(m,)``; its rays share the tests.
+
+        That of Fisher's F distribution, for the variance factor is known with a ``freedom`` only. Two rays have one
+        condition, and one test together.
+        """
+        tests, _ = self._tests(np.arange(len(self.weight)))
+        worst, rays = tests.max(axis=1), (self.weight > 0.0).sum(axis=1)
+        freedom = max(freedom, 1.0)
+        of_two = special.fdtrc(1.0, freedom, worst)
+        return np.minimum(np.where(rays == 2, of_two, rays * special.fdtrc(2.0, freedom, 0.5 * worst)), 1.0)
+
+    def judge(self, sigmas: float, limit: float, freedom: float, many_wrong: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Leave out the worst measurement of each point until the rest agree; return decisions and tests ``(m, k)``.
+
+        A point whose worst measurement stays below ``limit`` (sigmas) has none that is wrong; in the others ``sigmas``
+        decide. ``many_wrong``: two rays that are left are doubtful.
+        """
+        limits = np.array([critical_value(sigmas, 2, max(k, 1)) for k in range(self.weight.shape[1] + 1)])
+        limits[2] = critical_value(sigmas, 1)
+        pending = np.flatnonzero(self.probability(freedom) < error_probability(limit))
+        if not len(pending):
+            return self.decision, self.failed
+        gross = self._tests(pending)[0].max(axis=1) > critical_value(GROSS * sigmas, 2)
+        touched = pending[gross]
+        if self.weight.shape[1] >= 4:
+            tests, squares = self._tests(pending)
+            rest = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5
+            several = squares - tests.max(axis=1) > special.chdtri(np.maximum(rest, 1), error_probability(sigmas))
+            self._begin_with_consensus(pending[several], sigmas)
+        while len(pending):
+            tests, squares = self._tests(pending)
+            rays = (self.weight[pending] > 0.0).sum(axis=1)
+            bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
+            pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
+            self._leave_out(pending, tests, squares, rays, sigmas)
+        if many_wrong:
+            alone = touched[(self.weight[touched] > 0.0).sum(axis=1) <= 2]
+            self._doubt(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
+        return self.decision, self.failed
+
+    def _doubt(self, points: np.ndarray, out: np.ndarray, failed: np.ndarray) -> None:
+        """Take measurements ``out (l, k)`` out as doubtful, and with them what they had judged."""
+        guessed = out | (self.decision[points] == int(Decision.BLUNDER))
+        self.decision[points] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[points])
+        self.failed[points] = np.where(out, failed[:, None], self.failed[points])
+        self.weight[points] = np.where(out, 0.0, self.weight[points])
+
+    def _begin_with_consensus(self, points: np.ndarray, sigmas: float) -> None:
+        """Take out what does not agree with the largest set of rays that agree with a point of two of them.
+
+        Where sets of equal size differ, what they do not have in common is doubtful.
+        """
+        count, length = len(points), self.weight.shape[1]
+        residual, by_ground = self.residual[points], self.by_ground[points]
+        with np.errstate(divide="ignore"):
+            prior = np.where(self.weight[points] > 0.0, 1.0 / self.weight[points], np.inf)
+        pair_limit, ray_limit = critical_value(sigmas, 1), critical_value(sigmas, 2)
+        best = np.zeros(count, dtype=np.int64)
+        every, common = np.zeros((count, length), dtype=bool), np.ones((count, length), dtype=bool)
+        worst = np.zeros((count, length))
+        for pair in pairs_of(length):
+            chosen = list(pair)
+            at = by_ground[:, chosen].reshape(count, 4, 3)
+            weight = np.repeat(1.0 / prior[:, chosen], 2, axis=1)
+            normal = (at * weight[..., None]).swapaxes(1, 2) @ at
+            normal[:, range(3), range(3)] += self.own[points]
+            inverse = np.linalg.inv(normal)
+            right = (at * weight[..., None]).swapaxes(1, 2) @ residual[:, chosen].reshape(count, 4, 1)
+            left = residual - (by_ground @ (inverse @ right)[:, None])[..., 0]
+            own = (left[:, chosen] ** 2).sum(axis=2)
+            squares = (own / prior[:, chosen]).sum(axis=1)
+            cofactor = by_ground @ inverse[:, None] @ by_ground.swapaxes(-1, -2)
+            cofactor[..., [0, 1], [0, 1]] += np.minimum(prior, 1e12)[..., None]
+            tests = (left * np.linalg.solve(cofactor, left[..., None])[..., 0]).sum(axis=2)
+            agree = tests <= ray_limit
+            agree[:, chosen] = True
+            support = np.where(squares <= pair_limit, agree.sum(axis=1), 0)
+            better, equal = support > best, (support == best) & (support > 0)
+            every = np.where(better[:, None], agree, every | (agree & equal[:, None]))
+            common = np.where(better[:, None], agree, common & (agree | ~equal[:, None]))
+            worst = np.where(better[:, None], tests, worst)
+            best = np.maximum(best, support)
+        found = best >= 2
+        unclear = every & ~common & found[:, None]
+        lonely = common.sum(axis=1) < 2
+        statistic = np.sqrt(np.maximum(worst, 0.0))
+        wrong = found[:, None] & ~every
+        self.decision[points] = np.where(wrong, int(Decision.BLUNDER), self.decision[points])
+        self.failed[points] = np.where(wrong, statistic, self.failed[points])
+        self.weight[points] = np.where(wrong, 0.0, self.weight[points])
+        doubtful = unclear.any(axis=1)
+        out = np.where((lonely & doubtful)[:, None], every, unclear)[doubtful]
+        largest = statistic[doubtful].max(axis=1, initial=0.0)
+        blunders = self.decision[points[doubtful]].copy()
+        self._doubt(points[doubtful], out, largest)
+        # what no set of rays supports stays a blunder where the common rays suffice to say so
+        sure = (common[doubtful].sum(axis=1) >= 3)[:, None] & (blunders == int(Decision.BLUNDER))
+        self.decision[points[doubtful]] = np.where(sure, int(Decision.BLUNDER), self.decision[points[doubtful]])
+
+    def _leave_out(
+        self, points: np.ndarray, tests: np.ndarray, squares: np.ndarray, rays: np.ndarray, sigmas: float
+    ) -> None:
+        """Take the worst measurement out, or all of those that could be it."""
+        rest = np.maximum(2 * rays - 5, 1)
+        acceptable = np.array([critical_value(sigmas, d) for d in range(1, int(rest.max(initial=1)) + 1)])[rest - 1]
+        alive = self.weight[points] > 0.0
+        could_be = alive & (squares[:, None] - tests <= acceptable[:, None])
+        unclear = (could_be.sum(axis=1) > 1) | (rays == 2)
+        could_be[rays == 2] = alive[rays == 2]
+        worst = np.zeros_like(could_be)
+        worst[np.arange(len(points)), tests.argmax(axis=1)] = True
+        out = np.where(unclear[:, None], could_be, worst)
+        # Fewer than two left: whatever remains cannot be checked.
+        lonely = unclear & ((alive & ~out).sum(axis=1) < 2)
+        out[lonely] = alive[lonely]
+        kind = np.where(unclear, int(Decision.DOUBTFUL), int(Decision.BLUNDER)).astype(np.int8)
+        self.decision[points] = np.where(out, kind[:, None], self.decision[points])
+        self.failed[points] = np.where(out, np.sqrt(tests.max(axis=1))[:, None], self.failed[points])
+        self.weight[points] = np.where(out, 0.0, self.weight[points])
+        # Whatever was called a blunder before was judged by measurements that agree with none.
+        collapsed = points[lonely]
+        guessed = self.decision[collapsed] == int(Decision.BLUNDER)
+        self.decision[collapsed] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[collapsed])
+
+    def _tests(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the test values ``(m, k)`` and sums of squares ``(m,)`` of least-squares points."""
+        jacobian, weight, residual = self.by_ground[points], self.weight[points], self.residual[points]
+        count, length = weight.shape
+        weighted = jacobian * weight[:, :, None, None]
+        flat, flat_weighted = jacobian.reshape(count, -1, 3), weighted.reshape(count, -1, 3)
+        normal = flat_weighted.swapaxes(1, 2) @ flat
+        normal[:, range(3), range(3)] += self.own[points]
+        inverse = np.linalg.inv(normal)
+        step = inverse @ (flat_weighted.swapaxes(1, 2) @ residual.reshape(count, -1, 1))
+        left = residual - (flat @ step).reshape(count, length, 2)
+        seen = jacobian @ inverse[:, None] @ jacobian.swapaxes(-1, -2)
+        with np.errstate(divide="ignore"):
+            prior = np.where(weight > 0.0, 1.0 / weight, 0.0)
+        cofactor = prior[:, :, None, None] * np.eye(2) - seen
+        tests = deletion_tests(left.reshape(-1, 2), cofactor.reshape(-1, 2, 2), weight.ravel())
+        return tests.reshape(count, length), np.einsum("akc,akc,ak->a", left, left, weight)
+
+
+def survey_or_ray_tests(
+    observations: Observations, solution: Solution, precise: Precision, gcps: np.ndarray
+) -> np.ndarray:
+    """Return the largest test value of each GCP's position and measurements, ``(g,)``, one at a time."""
+    priors = solution.weighting.points
+    survey_weight = priors.matrices(gcps, observed=True)
+    miss = priors.miss_m(solution.state.ground[gcps], gcps)
+    of_miss = np.linalg.inv(priors.matrices(gcps)) - precise.points[gcps]
+    rows, first = observations.rows_of(gcps)
+    of_rows = np.where(
+        solution.weight[rows] > 0.0,
+        deletion_tests(solution.normals.residual[rows], precise.residuals[rows], solution.weight[rows]), 0.0,
+    )  # fmt: skip
+    return np.maximum(survey_tests(miss, of_miss, survey_weight), np.maximum.reduceat(of_rows, first))
