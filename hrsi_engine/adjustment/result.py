@@ -47,6 +47,11 @@ class Finding:
     group: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
 
+    @property
+    def concerned(self) -> tuple[str, ...]:
+        """Ids of all GCPs that this says something of."""
+        return (*self.group, *self.rivals) or (self.id,)
+
 
 @dataclass(frozen=True)
 class VarianceComponent:

@@ -90,7 +90,7 @@ def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[
 
 def _suspicious_points(result: Adjustment, suspects: list[dict[str, Any]]) -> dict[str, str]:
     """Return the GCPs that disagree with the others, by data snooping and by the choice of the model."""
-    found = {str(finding.id): finding.message for finding in result.findings}
+    found = {name: finding.message for finding in result.findings for name in finding.concerned}
     for suspect in suspects:
         found.setdefault(
             str(suspect["id"]), f"{suspect['image']}: {suspect['deviation_px']:.1f} px from where the others put it"

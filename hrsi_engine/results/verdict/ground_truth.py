@@ -88,13 +88,14 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
         )
     if kept:
         worst = max(finding.statistic for finding in kept)
+        concerned = tuple(dict.fromkeys(name for finding in kept for name in finding.concerned))
         yield Reason(
             "control-ambiguous",
             Level.UNUSABLE if worst > AMBIGUOUS_SIGMAS else Level.DOUBTFUL,
-            f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {list_ids(f.id for f in kept)}; "
+            f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {list_ids(concerned)}; "
             "all are kept",
             "compare these points with their source, or measure more GCPs",
-            points=tuple(dict.fromkeys(finding.id for finding in kept)),
+            points=concerned,
         )
 
 
