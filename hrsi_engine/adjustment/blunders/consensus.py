@@ -29,11 +29,11 @@ POINTS_AT_ONCE = 50_000
 NEIGHBOURS = 4  # rays of a long track that each is compared with
 QUANTILE = 0.3  # of the parallaxes of an image pair that are right for sure
 SAMPLE = 96  # parallaxes of an image pair that choose its plane
-PLANES = 120  # tried; three right points are hit with 99.6 % where 36 % are right
+PLANES_TRIED = 120  # tried; three right points are hit with 99.6 % where 36 % are right
 LEAST_FOR_PLANE = 20  # parallaxes; fewer only carry a constant
 LEAST_FOR_SCALE = 12
-CONCENTRATIONS = 6
-FLAT = 1e-3  # relative weight that keeps the slopes of badly spread parallaxes at zero
+PLANE_STEPS = 6
+LEVELLING = 1e-3  # relative weight that keeps the slopes of badly spread parallaxes at zero
 AGREEING = 3.0  # sigmas of the parallaxes
 CYCLES = 60
 PAIRS_AT_ONCE = 200
@@ -157,7 +157,7 @@ def _planes(
     kept = (sample * np.clip(3.0 / size, QUANTILE, 1.0)).astype(np.int64) - 1
     level = np.zeros((pairs, sample, 3))
     level[:, :, 0] = y
-    three = rng.integers(0, sample, (pairs, PLANES, 3))
+    three = rng.integers(0, sample, (pairs, PLANES_TRIED, 3))
     pair = np.arange(pairs)[:, None, None]
     tilted = np.linalg.solve(terms[pair, three] + 1e-9 * np.eye(3), y[pair, three][..., None])[..., 0]
     tilted[size < LEAST_FOR_PLANE] = 0.0
@@ -166,8 +166,8 @@ def _planes(
     apart.partition(np.unique(kept), axis=2)
     reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]
     plane = tried[np.arange(pairs), reach.argmin(axis=1)]
-    flat = np.where((size < LEAST_FOR_PLANE)[:, None], 1e9, FLAT) * np.array([0.0, 1.0, 1.0])
-    for _ in range(CONCENTRATIONS):
+    flat = np.where((size < LEAST_FOR_PLANE)[:, None], 1e9, LEVELLING) * np.array([0.0, 1.0, 1.0])
+    for _ in range(PLANE_STEPS):
         apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
         limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
         weight = np.where(apart <= limit, 1.0 / sigma**2, 0.0)

@@ -35,7 +35,7 @@ EXPERIENCE = 2.0  # observations that the stated sigmas are worth
 WORSE = 0.1  # significance at which a kind of observations has a variance factor of its own
 ALL_SUBSETS = 1000  # tried one by one; more GCPs are searched
 STARTS = 12
-CONCENTRATIONS = 8
+GROUP_STEPS = 8
 UNEXPLAINED = 15.0  # squares in units of the variance factor that an equally good explanation may leave
 LIKE = 0.02  # … or share of what the best one explains: equations are only nearly linear
 SIMPLICITY = 4.0  # squares that another unknown must explain
@@ -174,7 +174,7 @@ class _Search:
     def _concentrated(self, start: np.ndarray) -> tuple[int, ...]:
         """Return a group whose members are those that disagree most with the rest, beginning at ``start``."""
         group = tuple(sorted(start.tolist()))
-        for _ in range(CONCENTRATIONS):
+        for _ in range(GROUP_STEPS):
             rest = self.control.without(self.control.measurements_of(group))
             own = [self._against_the_rest(group, gcp) if gcp in group else rest.test(rest.measurements_of((gcp,)))[0]
                    for gcp in range(self.gcps)]  # fmt: skip

@@ -24,7 +24,7 @@ from .consensus import pairs_of
 from .limits import critical_value, error_probability, shared_sigmas
 
 MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
-MANY_WRONG = 0.07  # share of wrong measurements above which two rays that agree prove nothing
+WRONG_SHARE = 0.07  # share of wrong measurements above which two rays that agree prove nothing
 
 GROSS = 1.5  # times the user's limit: beyond it a point has a blunder, and not just bad luck
 
@@ -80,7 +80,7 @@ def tie_decisions(
         points = suspicious[rays == length]
         local = equations.point_jacobians(solution.state, points)
         rows = local.rows.reshape(-1, length)
-        groups.append((rows, Rays(
+        groups.append((rows, PointRays(
             local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3),
             all_in.image[rows] / variance, all_in.points, points,
         )))  # fmt: skip
@@ -91,11 +91,11 @@ def tie_decisions(
     touched = float((probability < error_probability(limit)).sum()) / ties.sum()
     wrong = 1.0 - (1.0 - touched) ** (1.0 / np.diff(observations.first)[ties].mean())
     for rows, group in groups:
-        decision[rows], failed[rows] = group.judge(sigmas, limit, freedom, wrong > MANY_WRONG)
+        decision[rows], failed[rows] = group.judge(sigmas, limit, freedom, wrong > WRONG_SHARE)
     return decision, failed
 
 
-class Rays:
+class PointRays:
     """Points with k measurements each, adjusted side by side with fixed cameras.
 
     Parameters
