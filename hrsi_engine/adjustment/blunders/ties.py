@@ -24,7 +24,7 @@ from .consensus import pairs_of
 from .limits import critical_value, error_probability, shared_sigmas
 
 MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
-WRONG_SHARE = 0.07  # share of wrong measurements above which two rays that agree prove nothing
+MOSTLY_CLEAN = 0.07  # share of wrong measurements up to which two rays that agree prove something
 
 GROSS = 1.5  # times the user's limit: beyond it a point has a blunder, and not just bad luck
 
@@ -91,7 +91,7 @@ def tie_decisions(
     touched = float((probability < error_probability(limit)).sum()) / ties.sum()
     wrong = 1.0 - (1.0 - touched) ** (1.0 / np.diff(observations.first)[ties].mean())
     for rows, group in groups:
-        decision[rows], failed[rows] = group.judge(sigmas, limit, freedom, wrong > WRONG_SHARE)
+        decision[rows], failed[rows] = group.judge(sigmas, limit, freedom, wrong > MOSTLY_CLEAN)
     return decision, failed
 
 
