@@ -9,12 +9,14 @@ import numpy as np
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ..residuals import by_image
 from .evidence import Evidence
 
 MANY_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
 LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
 LINK_TIES = 8  # points of a pair from which their share left out says something
 BROKEN_LINK = 0.5
+LARGE_EXTRAPOLATION_PX = 3.0  # standard deviation that an image's corners have beyond that of its points
 
 
 def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
@@ -126,4 +128,34 @@ def parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     )  # fmt: skip
 
 
-ON_CONNECTIONS = (ties_left_out, images_not_held, parts_without_control)
+def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
+    """Images whose corners lie far from their points, with a model that points on one side do not hold there.
+
+    The correction's variance follows from the covariance Q of its parameters as A Q A'; what counts is by how much the
+    worst corner exceeds the middle of the points: the block's own position, known or not, is common to both.
+    """
+    result, block = evidence.result, evidence.result.block
+    used = evidence.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    beyond = np.zeros(len(block.images))
+    for index, rows in by_image(block, used):
+        image = block.images[index]
+        places = np.vstack([block.measurements.xy[rows].mean(axis=0), image.outline_px(1)])
+        ground = image.rpc.localize(places, image.rpc.height_off).ground
+        at = result.cameras.model.equations(image, places)(result.cameras.values[index], ground)
+        variance = at.by_values @ result.cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
+        sigma = np.sqrt(np.maximum(variance.diagonal(axis1=1, axis2=2).max(axis=1), 0.0))
+        beyond[index] = np.sqrt(max(float(sigma[1:].max() ** 2 - sigma[0] ** 2), 0.0))
+    weak = np.flatnonzero(beyond > LARGE_EXTRAPOLATION_PX)
+    if len(weak):
+        ids = tuple(block.images[index].id for index in weak.tolist())
+        worst = block.images[int(np.argmax(np.nan_to_num(beyond)))].id
+        yield Reason(
+            "extrapolation", Level.DOUBTFUL,
+            f"the points of image {list_ids(ids)} do not hold its corners: the model {result.model.name} is known to "
+            f"{np.nanmax(beyond):.2g} px only there ({worst})",
+            "measure GCPs or find ties towards the corners, or choose a model of fewer parameters (shift)",
+            images=ids,
+        )  # fmt: skip
+
+
+ON_CONNECTIONS = (ties_left_out, images_not_held, parts_without_control, corners_extrapolated)
