@@ -21,6 +21,9 @@ from .help_text import short_help
 from .icons import icon_path
 from .parameters import Reading, definition, label_of, option_value
 from .results import collect_results, output_definitions, show_layers
+from .verdict import headline, log_verdict, show_in_message_bar
+
+VERDICT = "verdict"  #: key of reports that have one
 
 
 class DeclaredAlgorithm(QgsProcessingAlgorithm):
@@ -30,6 +33,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         super().__init__()
         self.declaration = declaration
         self._options: dict[str, Any] = {}
+        self._report: Report = {}
 
     def createInstance(self) -> DeclaredAlgorithm:
         return DeclaredAlgorithm(self.declaration)
@@ -85,8 +89,18 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
             feedback.pushInfo("Cancelled; nothing was written")
             return {}
         feedback.pushInfo(self._spelt(self.declaration.summarise(report)))
+        if VERDICT in report:
+            log_verdict(report[VERDICT], self._spelt(headline(report[VERDICT])), feedback)
+        self._report = report
         show_layers(self.declaration, self._options, context)
         return collect_results(self.declaration, self._options, report)
+
+    def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
+        """Show the verdict above the map."""
+        verdict = self._report.get(VERDICT)
+        if verdict is not None:
+            show_in_message_bar(verdict, self.displayName(), self._spelt(headline(verdict)))
+        return {}
 
     def _run(self, feedback: QgsProcessingFeedback) -> Report:
         """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""

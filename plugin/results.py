@@ -13,6 +13,7 @@ from qgis.core import (
     QgsProcessingOutputDefinition,
     QgsProcessingOutputFile,
     QgsProcessingOutputHtml,
+    QgsProcessingOutputString,
     QgsProcessingOutputVectorLayer,
     QgsProcessingUtils,
     QgsVectorLayer,
@@ -21,7 +22,7 @@ from qgis.PyQt import sip
 
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 
-REPORT, REPORT_HTML = "REPORT", "REPORT_HTML"
+REPORT, REPORT_HTML, VERDICT = "REPORT", "REPORT_HTML", "VERDICT"
 
 
 def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
@@ -29,6 +30,8 @@ def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefini
     outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, "Report (JSON)")]
     if _writes_folder(declaration):
         outputs.append(QgsProcessingOutputHtml(REPORT_HTML, "Report (HTML)"))
+    if any(param.key == "force_write" for param in declaration.params):
+        outputs.append(QgsProcessingOutputString(VERDICT, "Verdict: ok, doubtful or unusable"))
     outputs += [QgsProcessingOutputVectorLayer(name.upper(), name) for name in map(layer_name, declaration.layers)]
     return outputs
 
@@ -46,7 +49,10 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
         return {REPORT: str(path)} | ({"OUTPUT_DIR": str(folder)} if folder else {})
     files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
     layers = {layer_name(source).upper(): source for source in _written_layers(declaration, options)}
-    return {"OUTPUT_DIR": str(folder), **layers} | {name: str(path) for name, path in files.items() if path.exists()}
+    verdict = {VERDICT: report["verdict"]["level"]} if "verdict" in report else {}
+    return {"OUTPUT_DIR": str(folder), **layers, **verdict} | {
+        name: str(path) for name, path in files.items() if path.exists()
+    }
 
 
 def layer_name(source: str) -> str:

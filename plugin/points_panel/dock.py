@@ -11,6 +11,7 @@ from qgis.PyQt.QtCore import QModelIndex, pyqtSignal
 from qgis.PyQt.QtWidgets import QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
 from ...hrsi_engine.foundation.errors import HrsiError
+from ...hrsi_engine.foundation.reasons import Level
 from ...processing_algorithms.point_session import PointSession, files
 from ...processing_algorithms.point_session.views import view_of
 from ..dependencies import missing_package_message
@@ -282,11 +283,10 @@ class PointsDock(QDockWidget):
             self.tell(task.failure or "cancelled", is_error=bool(task.failure))
         else:
             self.session.accept(task.adjusted)
-            self.tell("\n".join([task.adjusted.summary, *task.adjusted.warnings]))
             if self.session.path:
                 files.save_adjusted(self.session)
                 self._after_save()
-                self.tell("\n".join([task.adjusted.summary, *task.adjusted.warnings]))
+            self.tell(task.adjusted.told, is_error=task.adjusted.verdict.level is Level.UNUSABLE)
         self.refresh()
         self.adjusted.emit(task.adjusted is not None)
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ...hrsi_engine.adjustment.result import Adjustment
     from ...hrsi_engine.refinement.model import RefinementModel
     from ...hrsi_engine.results.residuals import Residuals
+    from ...hrsi_engine.results.verdict import Verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,7 @@ class Adjusted:
 
     corrections : parameters of the model by image id
     residual_px : by (point, image), observed - computed at the surveyed position; residual_m : by point, survey -
-    computed; image_suspicions, point_suspicions : why, by the same keys; summary : one line; check : figures of the
+    computed; image_suspicions, point_suspicions : why, by the same keys; verdict : on the block; check : figures of the
     check points as in the report
     """
 
@@ -30,8 +31,16 @@ class Adjusted:
     residual_m: Mapping[str, tuple[float, float, float]]
     image_suspicions: Mapping[tuple[str, str], str]
     point_suspicions: Mapping[str, str]
-    summary: str
+    verdict: Verdict
     check: Mapping[str, Any]
     warnings: tuple[str, ...]
     result: Adjustment
     left: Residuals
+
+    @property
+    def told(self) -> str:
+        """What the panel says: the verdict, its reasons with what to do, and warnings."""
+        from ..block_steps.summary import verdict_lines
+
+        *reasons, last = verdict_lines(self.verdict.entry())
+        return "\n".join([last, *reasons, *self.warnings])

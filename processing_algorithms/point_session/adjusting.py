@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ...hrsi_engine.foundation.errors import InputError
@@ -12,6 +12,7 @@ from .adjusted import Adjusted
 if TYPE_CHECKING:
     from ...hrsi_engine.adjustment.result import Adjustment
     from ...hrsi_engine.block.block import Block
+    from ...hrsi_engine.foundation.reasons import Reason
     from ...hrsi_engine.results.residuals import Residuals
     from .session import PointSession
 
@@ -32,22 +33,34 @@ def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjus
     """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
     from ...hrsi_engine.adjustment.options import AdjustOptions
     from ...hrsi_engine.adjustment.solver import adjust
+    from ...hrsi_engine.plausibility import check_block
     from ...hrsi_engine.results.residuals import residuals
     from ..block_steps.model_choice import choose
+    from ..block_steps.plausibility import explained_by
 
-    chosen = choose(block, AdjustOptions(model=model))
-    result = adjust(block, chosen.options, stage(progress, 0.1, 0.9))
+    reasons = check_block(block)
+    with explained_by(reasons):
+        chosen = choose(block, AdjustOptions(model=model))
+        result = adjust(block, chosen.options, stage(progress, 0.1, 0.9))
     suspects = chosen.entries.get("model_choice", {}).get("suspects", [])
-    return shown(result, residuals(result), suspects, tuple(chosen.warnings))
+    return shown(result, residuals(result), suspects, tuple(chosen.warnings), reasons)
 
 
 def shown(
-    result: Adjustment, left: Residuals, suspects: list[dict[str, Any]], warnings: tuple[str, ...] = ()
+    result: Adjustment,
+    left: Residuals,
+    suspects: list[dict[str, Any]],
+    warnings: tuple[str, ...] = (),
+    reasons: Sequence[Reason] = (),
 ) -> Adjusted:
-    """Return an adjustment in the form that the panel shows."""
-    from ...hrsi_engine.results.figures import control_and_check
+    """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
+    from ...hrsi_engine.results.figures import block_report
+    from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, reached
 
-    check = control_and_check(result, left)["check"]
+    images = result.block.images
+    refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
+    figures = block_report(result, left, refined)
+    verdict = Verdict.of(reached(figures), [*reasons, *find_reasons(Evidence(result, left, refined))])
     return Adjusted(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},
@@ -55,8 +68,8 @@ def shown(
         residual_m=_ground_residuals(result, left),
         image_suspicions=_suspicious_measurements(result, left),
         point_suspicions=_suspicious_points(result, suspects),
-        summary=_summary(result, check),
-        check=check,
+        verdict=verdict,
+        check=figures["check"],
         warnings=(*warnings, *result.warnings),
         result=result,
         left=left,
@@ -101,12 +114,3 @@ def _suspicious_points(result: Adjustment, suspects: list[dict[str, Any]]) -> di
 def _key(result: Adjustment, row: int) -> tuple[str, str]:
     rows = result.block.measurements
     return str(result.block.points.ids[rows.point[row]]), result.block.images[rows.image[row]].id
-
-
-def _summary(result: Adjustment, check: Mapping[str, Any]) -> str:
-    state = "converged" if result.converged else "not converged"
-    text = f"model {result.model.name}, sigma0 {result.sigma0:.2f}, {state}"
-    if check["ce90_m"] is None:
-        return f"{text}; no check points"
-    le90 = "" if check["le90_m"] is None else f", LE90 {check['le90_m']:.2f} m"
-    return f"{text}; {check['points']} check points: CE90 {check['ce90_m']:.2f} m{le90}"

@@ -193,6 +193,7 @@ def test_save_adjust_and_reopen(measured, tmp_path: Path) -> None:
     assert adjust(measured)
     rows = measured.points_model.rows
     assert all(abs(part) < 0.5 for row in rows for part in row.residual_m)  # metres, of pixels of 0.7 m
+    assert "Verdict: " in measured.ui.message.text().splitlines()[0]
     check = measured.session.adjusted.check
     print(f"check points after the panel's adjustment: CE90 {check['ce90_m']:.3f} m, LE90 {check['le90_m']:.3f} m")
     assert check["points"] == 3

@@ -13,6 +13,7 @@ from typing import Any
 import processing
 import pytest
 from qgis.core import (
+    Qgis,
     QgsApplication,
     QgsProcessingAlgRunnerTask,
     QgsProcessingContext,
@@ -37,6 +38,8 @@ class Listener(QgsProcessingFeedback):
     def __init__(self) -> None:
         super().__init__(False)
         self.lines: list[str] = []
+        self.errors: list[str] = []
+        self.warnings: list[str] = []
 
     def pushInfo(self, info: str) -> None:
         self.lines.append(info)
@@ -44,8 +47,12 @@ class Listener(QgsProcessingFeedback):
     def setProgressText(self, text: str) -> None:
         self.lines.append(text)
 
+    def pushWarning(self, warning: str) -> None:
+        self.warnings.append(warning)
+
     def reportError(self, error: str, fatalError: bool = False) -> None:
         self.lines.append(error)
+        self.errors.append(error)
 
 
 def test_defaults_reach_the_engine(run_tiny, tmp_path: Path) -> None:
@@ -160,6 +167,43 @@ def test_bug_keeps_its_traceback(run_tiny) -> None:
 def test_images_are_required(run_tiny) -> None:
     with pytest.raises(QgsProcessingException, match="IMAGES"):
         run_tiny(IMAGES=[])
+
+
+class MessageBar:
+    """A desktop that keeps what is shown above its map."""
+
+    def __init__(self) -> None:
+        self.shown: list[tuple[str, str, int, int]] = []
+
+    def messageBar(self) -> MessageBar:
+        return self
+
+    def pushMessage(self, title: str, text: str, level: int, duration: int) -> None:
+        self.shown.append((title, text, level, duration))
+
+
+@pytest.mark.parametrize(
+    ("level", "signal"), [("ok", Qgis.MessageLevel.Success), ("doubtful", Qgis.MessageLevel.Warning),
+                          ("unusable", Qgis.MessageLevel.Critical)],
+)  # fmt: skip
+def test_verdict_is_seen_and_layers_are_loaded(
+    level, signal, tiny_provider, qgis_new_project, tmp_path: Path, monkeypatch
+) -> None:
+    """What cannot be used is red in the log and stays above the map, and its layers can be looked at."""
+    desktop, listener = MessageBar(), Listener()
+    monkeypatch.setattr("hrsi.plugin.verdict.iface", desktop)
+    given = {"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path / "out"), "TEXT": level}
+    result = processing.runAndLoadResults("hrsi:tinytest", given, feedback=listener)
+    assert result["VERDICT"] == level
+    assert [layer.name() for layer in QgsProject.instance().mapLayers().values()] == ["points"]
+    ((_title, text, shown, duration),) = desktop.shown
+    assert shown == signal
+    assert text.startswith(f"Verdict: {level}. ")
+    assert (duration == 0) == (level == "unusable")
+    assert listener.errors == ([text] if level == "unusable" else [])
+    assert listener.warnings == ([text] if level == "doubtful" else [])
+    if level == "unusable":
+        assert text == "Verdict: unusable. all is wrong; look at GCPs"
 
 
 def test_result_layers_are_loaded_with_their_stored_style(tiny_provider, qgis_new_project, tmp_path: Path) -> None:

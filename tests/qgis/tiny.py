@@ -20,6 +20,14 @@ STYLE = """<!DOCTYPE qgis><qgis version="3.22"><renderer-v2 type="RuleRenderer" 
 <layer class="SimpleMarker" enabled="1"/></symbol></symbols></renderer-v2></qgis>"""
 
 
+#: Reasons of the verdicts that the option ``text`` asks for.
+REASONS: dict[str, list[dict[str, str]]] = {
+    "ok": [],
+    "doubtful": [{"level": "doubtful", "message": "few ties", "advice": "find more", "code": "few-ties"}],
+    "unusable": [{"level": "unusable", "message": "all is wrong", "advice": "look at `gcps`", "code": "ties-wrong"}],
+}
+
+
 def _fail_as_asked(text: str) -> None:
     """Raise the error that the option names."""
     if text == "input error":
@@ -64,6 +72,8 @@ def run_tiny(options: Mapping[str, Any], context: Context) -> Report:
         time.sleep(STEP_S)
     context.log("waited")
     report = {"schema": 1, "algorithm": "tiny-test", "options": dict(options)}
+    if options["text"] in REASONS:
+        report["verdict"] = {"level": options["text"], "sentence": "2 images", "reasons": REASONS[options["text"]]}
     if options["output_dir"]:
         folder = Path(options["output_dir"])
         folder.mkdir(parents=True, exist_ok=True)
