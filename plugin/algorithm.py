@@ -23,8 +23,6 @@ from .parameters import Reading, definition, label_of, option_value
 from .results import collect_results, output_definitions, show_layers
 from .verdict import headline, log_verdict, show_in_message_bar
 
-VERDICT = "verdict"  #: key of reports that have one
-
 
 class DeclaredAlgorithm(QgsProcessingAlgorithm):
     """A declared algorithm in the Processing toolbox."""
@@ -89,16 +87,15 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
             feedback.pushInfo("Cancelled; nothing was written")
             return {}
         feedback.pushInfo(self._spelt(self.declaration.summarise(report)))
-        if VERDICT in report:
-            log_verdict(report[VERDICT], self._spelt(headline(report[VERDICT])), feedback)
+        if verdict := report.get("verdict"):
+            log_verdict(verdict, self._spelt(headline(verdict)), feedback)
         self._report = report
         show_layers(self.declaration, self._options, context)
         return collect_results(self.declaration, self._options, report)
 
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
         """Show the verdict above the map."""
-        verdict = self._report.get(VERDICT)
-        if verdict is not None:
+        if verdict := self._report.get("verdict"):
             show_in_message_bar(verdict, self.displayName(), self._spelt(headline(verdict)))
         return {}
 
