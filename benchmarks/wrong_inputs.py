@@ -23,7 +23,7 @@ import numpy as np
 from osgeo import gdal
 
 from hrsi.benchmarks.thesis_tables import render
-from hrsi.hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.ground.geodesy import (
     geoid_heights,
@@ -36,7 +36,19 @@ from hrsi.hrsi_engine.ground.geodesy import (
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.io.simulated_block import write_dem, write_ground_points
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+from hrsi.hrsi_engine.plausibility.accuracy import image_accuracy
+from hrsi.hrsi_engine.plausibility.control import control_of, fit
+from hrsi.hrsi_engine.plausibility.datums import datum_shifts
+from hrsi.hrsi_engine.plausibility.slips import common_lift
+from hrsi.hrsi_engine.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    SimulatedBlock,
+    along_track_views,
+    simulate_block,
+)
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
@@ -48,16 +60,17 @@ FOOT_M = 0.3048
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What a user has: images, ground points, measurements, perhaps a DEM; and the options that go with them.
+    """What a user has: images, ground points, measurements, perhaps a DEM; and options.
 
-    ``dem`` is heights ``(rows, columns)`` and a geotransform. ``crs`` is what the ground points are written in, by
-    default longitude and latitude; ``options`` are those of `adjust`.
+    ``dem`` and the true ``terrain`` are heights ``(rows, columns)`` and a geotransform. ``crs`` is what the ground
+    points are written in, by default longitude and latitude; ``options`` are those of `adjust`.
     """
 
     images: tuple[Image, ...]
     ground: GroundPoints
     measured: ImagePoints
     dem: tuple[np.ndarray, tuple[float, ...]] | None = None
+    terrain: tuple[np.ndarray, tuple[float, ...]] | None = None
     crs: int | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -116,7 +129,8 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
         SENSORS[sensor], images, size, across_deg=float(rng.uniform(-15.0, 15.0)),
         heading_deg=float(rng.choice([190.0, 350.0])),
     )  # fmt: skip
-    block = simulate_block(spec, views, PointCounts(gcps, 6, 200), Noise()).block
+    simulated = simulate_block(spec, views, PointCounts(gcps, 6, 200), Noise())
+    block = simulated.block
     known = block.known
     measured = block.measurements
     return Inputs(
@@ -126,7 +140,25 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
             block.points.ids[measured.point], np.array([i.id for i in block.images])[measured.image], measured.xy,
             measured.sigma_px, measured.kind,
         ),
+        terrain=_grid_of(simulated),
     )  # fmt: skip
+
+
+def _grid_of(simulated: SimulatedBlock, side: int = 150) -> tuple[np.ndarray, tuple[float, ...]]:
+    """Return heights and geotransform of the images' ground."""
+    corners = np.concatenate([
+        image.rpc.localize(image.outline_px(2), height).ground
+        for image in simulated.block.images for height in image.rpc.height_range
+    ])  # fmt: skip
+    low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+    low, high = low - 0.02 * (high - low), high + 0.02 * (high - low)
+    cell = (high - low) / side
+    lon = low[0] + (np.arange(side) + 0.5) * cell[0]
+    lat = high[1] - (np.arange(side) + 0.5) * cell[1]
+    ground = np.stack([*np.meshgrid(lon, lat), np.zeros((side, side))], axis=-1).reshape(-1, 3)
+    heights = simulated.scene.terrain.height_at(ground).reshape(side, side)
+    heights = np.where(np.isfinite(heights), heights, np.nanmedian(heights))
+    return heights, (low[0], cell[0], 0.0, high[1], 0.0, -cell[1])
 
 
 def written(inputs: Inputs, folder: Path) -> dict[str, Any]:
@@ -181,7 +213,11 @@ Spoil = Callable[[Inputs, np.random.Generator], Inputs]
 
 
 class Kind(NamedTuple):
-    """A kind of wrong input: how it is made, by which codes it may be named, whether nothing may be written."""
+    """A kind of wrong input: how it is made, by which codes it may be named, whether nothing may be written.
+
+    ``measure`` tells the size of one that not every block can see, in sigmas: above 20 it counts as gross, above 5 as
+    subtle, below it need not be seen.
+    """
 
     name: str
     spoil: Spoil
@@ -189,7 +225,34 @@ class Kind(NamedTuple):
     gross: bool = True
     images: int = 3
     gcps: int = 8
-    note: str = ""
+    measure: Callable[[Inputs, Inputs], float] | None = None
+
+    def size(self, right: Inputs, wrong: Inputs) -> str:
+        """Return ``gross``, ``subtle`` or ``below``: what a block can tell."""
+        if self.measure is None:
+            return "gross" if self.gross else "subtle"
+        sigmas = self.measure(right, wrong)
+        return "gross" if sigmas > 20.0 else "subtle" if sigmas > 5.0 else "below"
+
+
+def by_heights(right: Inputs, wrong: Inputs) -> float:
+    """How many sigmas the heights are off, as the images' views from different sides tell heights."""
+    block = assemble(right.images, [right.ground], [right.measured])
+    control = control_of(block, [image_accuracy(image) for image in block.images])
+    assert control is not None
+    sigma = common_lift(control, fit(control).shift_m)[1]
+    return float(np.median(np.abs(wrong.ground.ground[:, 2] - right.ground.ground[:, 2])) / sigma)
+
+
+def by_position(right: Inputs, wrong: Inputs) -> float:
+    """How many sigmas of the RPCs' shifts the positions are off."""
+    step = ground_difference_m(wrong.ground.ground, right.ground.ground)
+    return float(np.median(np.hypot(*step[:, :2].T)) / image_accuracy(right.images[0]).sigma_m)
+
+
+def never(right: Inputs, wrong: Inputs) -> float:
+    """A shift of all measurements alike is what the RPCs' own errors are."""
+    return 0.0
 
 
 def _all(inputs: Inputs) -> np.ndarray:
@@ -293,8 +356,6 @@ def degrees_off(inputs: Inputs, rng: np.random.Generator) -> Inputs:
 
 def other_datum(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     """ED50 around Provence and Turkey, AGD66 in Tasmania, and so on: the datum farthest from WGS84 at the place."""
-    from hrsi.hrsi_engine.plausibility.datums import datum_shifts
-
     middle = np.median(inputs.ground.ground, axis=0)
     shifts = datum_shifts(round(float(middle[0]), 1), round(float(middle[1]), 1))
     farthest = max(shifts, key=lambda shift: np.hypot(shift.east_m, shift.north_m))
@@ -388,30 +449,14 @@ def twin(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     return replace(inputs, images=(*inputs.images, copy), measured=joined)
 
 
-def with_dem(shift_share: float = 0.0, heights_m: float = 0.0, geoid_sign: float = 0.0) -> Spoil:
-    """A DEM of the block's extent at the GCPs' heights; moved by a share of its size, lifted, or above the geoid."""
+def with_dem(shift_share: float = 0.0, heights_m: float = 0.0) -> Spoil:
+    """The block's terrain as a DEM; moved by a share of its size, lifted."""
 
     def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
-        corners = np.concatenate([
-            image.rpc.localize(image.outline_px(2), height).ground
-            for image in inputs.images for height in image.rpc.height_range
-        ])  # fmt: skip
-        low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
-        reach = high - low
-        low, high = low - 0.1 * reach + shift_share * reach, high + 0.1 * reach + shift_share * reach
-        side = 60
-        cell = (high - low) / side
-        known = inputs.ground.ground
-        centre = known.mean(axis=0)
-        plane = np.linalg.lstsq(
-            np.column_stack([np.ones(len(known)), known[:, :2] - centre[:2]]), known[:, 2], rcond=None
-        )[0]
-        lon = low[0] + (np.arange(side) + 0.5) * cell[0] - centre[0]
-        lat = high[1] - (np.arange(side) + 0.5) * cell[1] - centre[1]
-        surface = plane[0] + plane[1] * lon[None, :] + plane[2] * lat[:, None] + heights_m
-        if geoid_sign:
-            surface += geoid_sign * float(np.median(geoid_heights(known, "egm96")))
-        return replace(inputs, dem=(surface, (low[0], cell[0], 0.0, high[1], 0.0, -cell[1])))
+        assert inputs.terrain is not None
+        surface, (west, step_east, _, north, _, step_south) = inputs.terrain
+        east = shift_share * step_east * surface.shape[1]
+        return replace(inputs, dem=(surface + heights_m, (west + east, step_east, 0.0, north, 0.0, step_south)))
 
     return spoil
 
@@ -444,10 +489,10 @@ KINDS: tuple[Kind, ...] = (
     Kind("GCP ids off by one", other_ids(lambda count, rng: np.roll(np.arange(count), 1)), ("point-ids-permuted",)),
     Kind("GCP ids shuffled", other_ids(_derangement), ("point-ids-permuted",)),
     Kind("two GCP ids exchanged", other_ids(_two_exchanged), ("point-ids-permuted",)),
-    Kind("heights in feet", heights(1.0 / FOOT_M), ("height-unit",)),
-    Kind("heights + 5000 m", heights(step_m=5000.0), ("height-offset",)),
-    Kind("heights all 0", zero_heights, ("heights-alike", "height-offset")),
-    Kind("GCPs 1.6 km off", moved(1600.0, 0.0), ("control-implausible", "control-far")),
+    Kind("heights in feet", heights(1.0 / FOOT_M), ("height-unit",), measure=by_heights),
+    Kind("heights + 5000 m", heights(step_m=5000.0), ("height-offset",), measure=by_heights),
+    Kind("heights all 0", zero_heights, ("heights-alike", "height-offset"), measure=by_heights),
+    Kind("GCPs 1.6 km off", moved(1600.0, 0.0), ("control-implausible", "control-far"), measure=by_position),
     Kind("GCPs 6 degrees off", degrees_off, ("control-implausible",)),
     Kind("GCPs scatter by 100 px", scattered_gcps(100.0), ("control-implausible",)),
     Kind("half of the GCPs 16 m (25 px) east", some_off(0.5, (16.0, 0.0, 0.0), 25.0, True), ("control-groups",)),
@@ -457,15 +502,16 @@ KINDS: tuple[Kind, ...] = (
     Kind("one GCP with the wrong sign", one_gcp(lambda ground: ground * [-1.0, 1.0, 1.0]), ("lon-sign",), False),
     Kind("30 % of the ties wrong", wrong_ties(0.3), ("ties-wrong",), False),
     Kind("55 % of the ties wrong", wrong_ties(0.55), ("ties-wrong",)),
-    Kind("heights above the geoid, count as ellipsoidal", geoid(-1.0), ("height-datum",), False),
-    Kind("ellipsoidal heights, converted", geoid(1.0), ("height-datum",), False),
-    Kind("another datum", other_datum, ("horizontal-datum",), False),
+    Kind("heights above the geoid, count as ellipsoidal", geoid(-1.0), ("height-datum",), measure=by_heights),
+    Kind("ellipsoidal heights, converted", geoid(1.0), ("height-datum",), measure=by_heights),
+    Kind("heights above the geoid, with a DEM", _dem_then(geoid(-1.0)), ("height-datum",), False),
+    Kind("another datum", other_datum, ("horizontal-datum",), measure=by_position),
     Kind("an image twice under two names", twin, ("duplicate-images",), False),
     Kind("a DEM of another place", with_dem(shift_share=5.0), ("dem-coverage",), False),
     Kind("a DEM that covers half of the block", with_dem(shift_share=0.5), ("dem-coverage",), False),
-    Kind("heights above the geoid, with a DEM", _dem_then(geoid(-1.0)), ("height-datum",), False),
-    Kind("GCP coordinates from the corner (+ 0.5 px)", pixel_origin(0.5), (), False, note="not visible"),
-    Kind("GCP coordinates from 1 (+ 1 px)", pixel_origin(1.0), (), False, note="not visible"),
+    Kind("a DEM 100 m too high", with_dem(heights_m=100.0), ("height-offset",), False),
+    Kind("GCP coordinates from the corner (+ 0.5 px)", pixel_origin(0.5), (), measure=never),
+    Kind("GCP coordinates from 1 (+ 1 px)", pixel_origin(1.0), (), measure=never),
 )  # fmt: skip
 
 
@@ -538,37 +584,46 @@ def run_checks(inputs: Inputs) -> Outcome:
 
 
 Runner = Callable[[Inputs], Outcome]
+SIZES = ("gross", "subtle", "below")
 
 
-class Row(NamedTuple):
-    """Counts of one kind: runs, noticed, named rightly, kept from writing, crashed; and what else was said."""
+@dataclass
+class Row:
+    """What came of the runs of one kind, by size: runs, noticed, named rightly, no refined RPC; crashes; the others."""
 
-    runs: int
-    noticed: int
-    named: int
-    kept: int
-    crashed: int
-    others: dict[str, int]
+    counts: dict[str, np.ndarray] = field(default_factory=lambda: {size: np.zeros(4, dtype=int) for size in SIZES})
+    crashed: int = 0
+    others: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+
+    def cells(self) -> list[str]:
+        """Return the row's figures as text."""
+        gross, subtle, below = (self.counts[size] for size in SIZES)
+        return [
+            f"{gross[2]} of {gross[0]}" if gross[0] else "", f"{gross[3]} of {gross[0]}" if gross[0] else "",
+            f"{subtle[2]} of {subtle[0]}" if subtle[0] else "", f"{below[1]} of {below[0]}" if below[0] else "",
+            str(self.crashed),
+        ]  # fmt: skip
 
 
 def judge(kind: Kind, sensors: Sequence[str], seeds: Sequence[int], runner: Runner, tell: bool = False) -> Row:
     """Return how often a kind of wrong input is noticed and named."""
-    counts, others = np.zeros(5, dtype=int), defaultdict(int)
+    row = Row()
     for sensor, seed in itertools.product(sensors, seeds):
         rng = np.random.default_rng([seed, len(kind.name)])
-        inputs = kind.spoil(clean(sensor, seed, kind.images, kind.gcps), rng)
-        found = runner(inputs)
-        right = found.names(kind.codes)
-        noticed = bool(found.codes or found.error)
-        counts += [1, noticed, right, not found.written, bool(found.crash)]
-        if not right or (kind.gross and found.written) or found.crash:
-            text = (
-                ", ".join(f"{code} {level}" for code, level in found.codes) or found.error or found.crash or "nothing"
-            )
-            others[f"{sensor}: {text if not right else 'written'}"] += 1
+        right = clean(sensor, seed, kind.images, kind.gcps)
+        wrong = kind.spoil(right, rng)
+        size = kind.size(right, wrong)
+        found = runner(wrong)
+        named = found.names(kind.codes)
+        row.counts[size] += [1, bool(found.codes or found.error), named, not found.written]
+        row.crashed += bool(found.crash)
+        if (not named and size != "below") or (size == "gross" and found.written) or found.crash:
+            said = ", ".join(f"{code} {level}" for code, level in found.codes)
+            text = said or found.error or found.crash[-300:] or "nothing"
+            row.others[text if not named else "written"] += 1
             if tell:
-                print("   ", sensor, seed, text[-600:])
-    return Row(*counts.tolist(), dict(others))
+                print("   ", sensor, seed, size, text[-200:].replace("\n", " "), flush=True)
+    return row
 
 
 def clean_blocks(seeds: Sequence[int], sensors: Sequence[str], runner: Runner) -> Iterator[tuple[str, int, Outcome]]:
@@ -578,7 +633,11 @@ def clean_blocks(seeds: Sequence[int], sensors: Sequence[str], runner: Runner) -
             rng = np.random.default_rng([seed, 7])
             gcps, images = int(rng.integers(0, 13)), int(rng.integers(1, 5))
             images = max(images, 2) if gcps == 0 else images
-            yield sensor, seed, runner(clean(sensor, seed, images, gcps))
+            right = clean(sensor, seed, images, gcps)
+            yield sensor, seed, runner(with_dem()(right, rng) if rng.random() < 0.5 else right)
+
+
+HEAD = ["wrong input", "gross: named", "not written", "subtle: named", "below: noticed", "crashed", "else"]
 
 
 def main(words: Sequence[str] = ()) -> None:
@@ -600,20 +659,10 @@ def main(words: Sequence[str] = ()) -> None:
         if options.kinds is not None and not any(kind.name.startswith(name) for name in options.kinds):
             continue
         row = judge(kind, options.sensors, range(first, last), runner, options.tell)
-        cells = [
-            kind.name,
-            "gross" if kind.gross else "subtle",
-            row.runs,
-            row.noticed,
-            row.named,
-            row.kept,
-            row.crashed,
-        ]
-        rows.append(
-            [*map(str, cells), "; ".join(f"{text} ({count})" for text, count in list(row.others.items())[:3])[:90]]
-        )
+        others = "; ".join(f"{text[:70]} ({count})" for text, count in list(row.others.items())[:2])
+        rows.append([kind.name, *row.cells(), others])
         print(rows[-1], flush=True)
-    print(render(["wrong input", "size", "runs", "noticed", "named", "kept back", "crashed", "else"], rows))
+    print(render(HEAD, rows))
     if options.clean:
         bad = total = 0
         for sensor, seed, found in clean_blocks(range(first, first + options.clean), options.sensors, runner):

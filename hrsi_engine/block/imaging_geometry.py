@@ -281,11 +281,20 @@ def _size_warnings(image: Image, ground: np.ndarray) -> list[str]:
             f"the image of {image.size[0]} x {image.size[1]} px reaches {reach:.1f} times as far as the ground "
             "that its RPC is made for: check that they belong together"
         )
-    start = np.array([-rpc.samp_off / rpc.samp_scale, -rpc.line_off / rpc.line_scale])
-    extent = 2.0 * np.array([rpc.samp_scale, rpc.line_scale])
-    if np.abs(start + 1.0).max() < 0.02 and (np.array(image.size) < CROP_SHARE * extent).any():
+    if looks_cropped(image):
+        extent = 2.0 * np.array([rpc.samp_scale, rpc.line_scale])
         warnings.append(
             f"the image has {image.size[0]} x {image.size[1]} px, its RPC about {extent[0]:.0f} x {extent[1]:.0f}: "
             "it looks like a crop whose origin is not known; shift the RPC to the crop"
         )
     return warnings
+
+
+def looks_cropped(image: Image) -> bool:
+    """Return whether an image is much smaller than its RPC's range, which begins at the first pixel."""
+    rpc = image.rpc
+    if image.size is None:
+        return False
+    start = np.array([-rpc.samp_off / rpc.samp_scale, -rpc.line_off / rpc.line_scale])
+    extent = 2.0 * np.abs([rpc.samp_scale, rpc.line_scale])
+    return bool(np.abs(start + 1.0).max() < 0.02 and (np.array(image.size) < CROP_SHARE * extent).any())

@@ -8,7 +8,7 @@ from ..surface.dem import HeightSurface
 from .accuracy import image_accuracy
 from .control import control_of
 from .control_reasons import control_reasons
-from .places import dem_reasons, duplicate_reasons, height_reasons, outside_reasons
+from .places import crop_reasons, dem_reasons, duplicate_reasons, height_reasons, outside_reasons
 from .ties import tie_reasons
 
 #: Slips of image coordinates or heights that explain why points lie outside an image, or heights outside a range.
@@ -37,7 +37,7 @@ def check_block(block: Block, *, surface: HeightSurface | None = None) -> list[R
     reasons += tie_reasons(block, accuracies)
     reasons += height_reasons(block)
     reasons += [] if surface is None else dem_reasons(block, surface)
-    reasons += outside_reasons(block)
+    reasons += outside_reasons(block) + crop_reasons(block)
     reasons += duplicate_reasons(block)
     return sorted(_without_consequences(reasons), key=lambda reason: -reason.level)
 

@@ -6,10 +6,11 @@ The shift of an image is the median over its points. A set of surveys is judged 
 the RPCs' errors are, and by the robust scatter of the misfits against what measuring and surveying explain. Two
 readings of the same numbers are compared by the logarithm of their likelihoods::
 
-    cost = 2 f ln(s) + sum over images of rho(shift / sigma)        f: points beyond those that the shifts take
+    cost = 4 f ln(s) + sum over images of rho(shift / sigma)        f: points beyond those that the shifts take
 
-with the scatter ``s``, never below what is expected, and squares ``rho`` that grow slowly beyond ten sigmas. A
-difference of 20 is what five sigmas of one shift make.
+with the scatter ``s`` of both coordinates, never below what right blocks show, and squares ``rho`` that grow slowly
+beyond ten sigmas. A difference of 25 is what five sigmas of one shift make. Misfits of one image are alike where its
+RPC drifts: more than ten of them are not taken for independent.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from .sights import Sights, sights
 LEAST_NOISE_PX = 0.3  # nobody measures and surveys better
 RPC_DRIFT = 3e-4  # px/px: standard deviation of the drift of a right RPC's error over its image
 BELONG = 0.7  # share of an image's points that must fit for the image to fit
+USUAL_SCATTER = 2.5  # of right blocks, in units of the expected misfit
+MOST_FREEDOM = 10
 MEDIAN_LENGTH = 1.1774  # median length of a normal vector in the plane, in its sigmas
 
 
@@ -150,7 +153,8 @@ class RowFit:
         freedom = len(control) - len(control.images)
         sigmas = np.minimum(self.shift_sigmas[control.images], 1e9)
         by_shift = np.where(sigmas < 10.0, sigmas**2, 100.0 + 20.0 * np.log(np.maximum(sigmas, 10.0) / 10.0))
-        return float(4.0 * freedom * np.log(max(self.scatter, 1.0)) + by_shift.sum())
+        freedom = min(freedom, MOST_FREEDOM)
+        return float(4.0 * freedom * np.log(max(self.scatter, USUAL_SCATTER)) + by_shift.sum())
 
 
 def fit(control: SurveyedRows, ground: np.ndarray | None = None, seen: Sights | None = None) -> RowFit:

@@ -14,7 +14,7 @@ import numpy as np
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from .control import RowFit, SurveyedRows, fit
+from .control import USUAL_SCATTER, RowFit, SurveyedRows, fit
 from .groups import Disagreement, disagreement
 from .identities import permuted_images, permuted_points
 from .sights import sights
@@ -23,10 +23,12 @@ from .slips import PIXEL_SLIPS, Slip, common_lift, ground_readings
 SURE = 50.0  # cost that a slip saves from which on the input is wrong beyond doubt
 WORTH = 22.0  # cost that a slip saves to be named at all: a chance of one in ten thousand among all slips
 CLEARER = 6.0  # than every other slip
-SUSPICIOUS_SIGMAS, SUSPICIOUS_SCATTER = 3.5, 2.5
+SUSPICIOUS_SIGMAS = 3.5
 EXPLAINED_SIGMAS, EXPLAINED_SCATTER = 4.5, 12.0  # what a right block shows at most
 WRONG_SHARE = 0.25  # of the surveyed points, from which on nobody should trust the set
 LIFT_SIGMAS = 6.0
+#: Slips that a few points alone do not tell: other wrong heights look the same.
+UNTOLD_OF_FEW = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ def _suspicious(given: RowFit) -> bool:
     """Whether a slip is worth looking for: a right block hardly ever is."""
     return (
         not given.fits
-        or given.scatter > SUSPICIOUS_SCATTER
+        or given.scatter > USUAL_SCATTER
         or bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
         or abs(_lift_sigmas(given)) > SUSPICIOUS_SIGMAS
     )
@@ -208,7 +210,7 @@ def _slip_of_points(control: SurveyedRows, given: RowFit, apart: Disagreement) -
             )
     for slip, ground in ground_readings(control, shift, False):
         away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
-        if (away < limit).all() and slip.code != "height-offset":
+        if (away < limit).all() and slip.code not in UNTOLD_OF_FEW:
             fitting.setdefault(slip.code, slip)
     for slip, undo in PIXEL_SLIPS:
         read = _read_pixels(control, undo, None)

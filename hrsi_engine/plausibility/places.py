@@ -7,12 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from ..block.block import Block, Image
+from ..block.imaging_geometry import looks_cropped
 from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..ground import height_datum
 from ..surface.dem import HeightSurface, surface_heights
-from .slips import undulations
+from .slips import FEET_M, undulations
 
 FAR_OUTSIDE = 0.5  # of an image's size: a point so far outside was not measured on it
 EDGE_SLACK_PX = 1.5  # an edge, and a count from 1
@@ -21,6 +22,7 @@ RANGE_SHARE, RANGE_SLACK_M = (
     0.1,
     50.0,
 )  # of the RPC's heights, and metres, beyond which a height is no longer in their range
+MOST_HEIGHTS = 0.7  # share of the heights outside their range from which on their unit is asked for
 COVERED = 0.8  # share of the block that a DEM should cover
 COVERAGE_GRID = 5
 DEM_DIFFERENCE_M = 20.0  # trees, houses and a coarse DEM do less
@@ -56,6 +58,21 @@ def outside_reasons(block: Block) -> list[Reason]:
     return reasons
 
 
+def crop_reasons(block: Block) -> list[Reason]:
+    """Return images that are much smaller than the scene of their RPC, which begins at 0: crops of unknown origin."""
+    ids = tuple(image.id for image in block.images if looks_cropped(image))
+    if not ids:
+        return []
+    return [
+        Reason(
+            "crop-origin", Level.DOUBTFUL,
+            f"image {list_ids(ids)} is much smaller than the scene that its RPC was made for, and nothing says which "
+            "part of it: as it stands it is taken for the upper left corner",
+            "name the image with its geotransform, or put the RPC of these pixels into it (write-rpc)", ids,
+        )
+    ]  # fmt: skip
+
+
 def height_reasons(block: Block) -> list[Reason]:
     """Return surveyed heights that no image of the point was made for, and heights that are all the same."""
     measured, points = block.measurements, block.points
@@ -65,21 +82,22 @@ def height_reasons(block: Block) -> list[Reason]:
     ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
     slack = np.maximum(RANGE_SHARE * (ranges[:, 1] - ranges[:, 0]), RANGE_SLACK_M)
     height = points.ground[measured.point[rows], 2]
-    wrong = (height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack)
+    wrong = _outside(height, ranges, slack)
     reasons = []
     if wrong.any():
         which = np.unique(measured.point[rows[wrong]])
         ids = tuple(points.ids[which].tolist())
         low, high = np.median(ranges[wrong], axis=0)
         images = tuple(block.images[index].id for index in np.unique(measured.image[rows[wrong]]))
-        reasons.append(
-            Reason(
-                "heights-out-of-range", Level.DOUBTFUL,
-                f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} "
-                f"m) is outside the {low:.0f} to {high:.0f} m that the RPCs were made for",
-                "check the heights' unit and what they refer to (height_datum)", images, ids,
-            )
-        )  # fmt: skip
+        text = (
+            f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) is "
+            f"outside the {low:.0f} to {high:.0f} m that the RPCs were made for"
+        )
+        code, advice = "heights-out-of-range", "check the heights' unit and what they refer to (height_datum)"
+        if wrong.mean() > MOST_HEIGHTS and not _outside(height * FEET_M, ranges, slack).any():
+            code, advice = "height-unit", "give heights in metres"
+            text += "; taken as feet they lie within"
+        reasons.append(Reason(code, Level.DOUBTFUL, text, advice, images, ids))
     which = np.unique(measured.point[rows])
     heights = points.ground[which, 2]
     if len(which) >= SEVERAL_POINTS and np.ptp(heights) == 0.0:
@@ -92,6 +110,10 @@ def height_reasons(block: Block) -> list[Reason]:
             )
         )  # fmt: skip
     return reasons
+
+
+def _outside(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    return np.asarray((height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack))
 
 
 def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:

@@ -28,12 +28,14 @@ class Slip:
     """A reading of the numbers: a code, what is wrong, and what to do.
 
     burden : cost of a slip that fits itself to the data, so that one without does not lose against it
+    length : of the image coordinates that it makes, over those given: shorter ones fit more easily
     """
 
     code: str
     what: str
     advice: str
     burden: float = 0.0
+    length: float = 1.0
 
 
 # ---- image coordinates ---------------------------------------------------------------------------------------------
@@ -78,7 +80,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
         (
             Slip(
                 "image-scale", f"image coordinates are those of an image with pixels {text}",
-                "measure on the image itself, or multiply the coordinates",
+                "measure on the image itself, or multiply the coordinates", length=factor,
             ),
             partial(_scaled, factor=factor),
         )

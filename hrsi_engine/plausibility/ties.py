@@ -97,8 +97,10 @@ class Joint:
     good: np.ndarray
 
 
-def joint(pairs: SampledPairs, image: np.ndarray | None = None, xy: np.ndarray | None = None) -> Joint:
-    """Return how well the pairs meet, with their own or other images and coordinates."""
+def joint(
+    pairs: SampledPairs, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0
+) -> Joint:
+    """Return how well the pairs meet, with their own or other images and coordinates, stretched by a slip."""
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
     images = pairs.block.images
@@ -114,7 +116,9 @@ def joint(pairs: SampledPairs, image: np.ndarray | None = None, xy: np.ndarray |
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
-    tolerance = gsd * np.maximum(MISS_PX, np.maximum(MISS_SIGMAS * pairs.sigma_px, MISS_DRIFT * reach))
+    tolerance = (
+        min(stretch, 1.0) * gsd * np.maximum(MISS_PX, np.maximum(MISS_SIGMAS * pairs.sigma_px, MISS_DRIFT * reach))
+    )
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK_SLOPE)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
@@ -223,7 +227,7 @@ def _readings(pairs: SampledPairs, suspects: np.ndarray) -> Iterator[tuple[Slip,
     every = np.arange(len(pairs.block.images))
     for images in (every, *(suspects[k : k + 1] for k in range(len(suspects)))):
         for slip, undo in PIXEL_SLIPS:
-            yield slip, images, joint(pairs, xy=_read_pixels(pairs, undo, images)).share
+            yield slip, images, joint(pairs, xy=_read_pixels(pairs, undo, images), stretch=slip.length).share
     for some in (2, 3):
         for group in combinations(suspects.tolist(), some):
             for owners in ((group[1:] + group[:1]),) if some == 2 else (group[1:] + group[:1], group[2:] + group[:2]):

@@ -27,4 +27,4 @@ def explained_by(reasons: Sequence[Reason]) -> Iterator[None]:
         worst = next((reason for reason in reasons if reason.level is Level.UNUSABLE), None)
         if worst is None:
             raise
-        raise InputError(f"{worst.message}: {worst.advice} ({error})") from error
+        raise InputError(f"{worst.message}: {worst.advice} ({worst.code}; {error})") from error
