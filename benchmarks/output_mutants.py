@@ -53,8 +53,8 @@ MUTANTS = (
         "left.ground_sigma_m[here, 2]", TRUTH,
     ),
     Mutant(
-        "CE90 of check points 2.146 RMSE", "results/residuals.py", "CE90_OF_RADIAL_RMSE = 1.5175",
-        "CE90_OF_RADIAL_RMSE = 2.146", TRUTH,
+        "CE90 of check points 2.146 RMSE", "adjustment/precision.py", "CIRCLE_90, LINE_90 = 1.5175, ",
+        "CIRCLE_90, LINE_90 = 2.146, ", TRUTH,
     ),
     Mutant(
         "line RMSE of an image from its samples", "results/figures.py",

@@ -124,7 +124,7 @@ def without() -> None:
         result = adjust(simulated.block, AdjustOptions(reject_sigma=0.0))
         sigma = np.array(result.parts[0].sigma_m)
         error = ground_difference_m(result.ground, simulated.truth.ground).mean(axis=0)
-        circle.append(np.hypot(*error[:2]) <= CIRCLE_90 * np.sqrt(0.5 * (sigma[:2] ** 2).sum()))
+        circle.append(np.hypot(*error[:2]) <= CIRCLE_90 * np.hypot(*sigma[:2]))
         line.append(abs(error[2]) <= LINE_90 * sigma[2])
         scaled.append(error / sigma)
     print(f"\nPleiades triplets without GCPs, {SEEDS} seeds: orbit and attitude errors drawn, ERR_BIAS stated")

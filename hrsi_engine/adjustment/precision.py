@@ -21,7 +21,8 @@ from .gauss_newton import GaussNewton, Solution
 #: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
 NON_CENTRALITY = 4.13
 LEAST_REDUNDANCY = 1e-3  # below, a residual says nothing of its own observation
-CIRCLE_90, LINE_90 = 2.1460, 1.6449  # radius and half-width that hold 90 % of unit normal errors, in sigmas
+#: What holds 90 % of normal errors: a circle, of the radial RMSE (NSSDA), and a band to both sides, of the RMSE.
+CIRCLE_90, LINE_90 = 1.5175, 1.6449
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +142,14 @@ def predicted_accuracy(covariance_m2: np.ndarray, survey_m2: np.ndarray) -> dict
     with np.errstate(invalid="ignore"):
         rmse = np.sqrt(np.where(compared, variance, 0.0).sum(axis=0) / compared.sum(axis=0))
     east, north, height = (float(value) if np.isfinite(value) else None for value in rmse)
+    return {"rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height, **errors_90(east, north, height)}
+
+
+def errors_90(east_m: float | None, north_m: float | None, height_m: float | None) -> dict[str, float | None]:
+    """Return ``ce90_m`` and ``le90_m`` of RMSEs or standard deviations; None without finite ones."""
+    circle = None if east_m is None or north_m is None else CIRCLE_90 * float(np.hypot(east_m, north_m))
+    line = None if height_m is None else LINE_90 * height_m
     return {
-        "rmse_east_m": east,
-        "rmse_north_m": north,
-        "rmse_height_m": height,
-        "ce90_m": None if east is None or north is None else CIRCLE_90 * float(np.sqrt(0.5 * (east**2 + north**2))),
-        "le90_m": None if height is None else LINE_90 * height,
+        "ce90_m": None if circle is None or not np.isfinite(circle) else circle,
+        "le90_m": None if line is None or not np.isfinite(line) else line,
     }

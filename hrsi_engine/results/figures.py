@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.precision import CIRCLE_90, LINE_90, predicted_accuracy
+from ..adjustment.precision import errors_90, predicted_accuracy
 from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..block.block import GroundPoints, Role
 from ..refinement.model import RefinedRPC
 from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
-from .residuals import CE90_OF_RADIAL_RMSE, LE90_OF_RMSE, Residuals, by_image, radial_rmse, rmse
+from .residuals import Residuals, by_image, radial_rmse, rmse
 
 NAMED = 6  # most measurements in a warning
 GROSS_SIGMAS = 10.0  # beyond, an error is worth a warning of its own
@@ -75,8 +75,7 @@ def _part_entry(part: DatumPart) -> dict[str, Any]:
     entry["image_count"] = len(part.images)
     sigma = entry.pop("sigma_m")
     east, north, height = sigma
-    accuracy = {"ce90_m": CIRCLE_90 * float(np.sqrt(0.5 * (east**2 + north**2))), "le90_m": LINE_90 * height}
-    entry |= {name: value if np.isfinite(value) else None for name, value in accuracy.items()}
+    entry |= errors_90(east, north, height)
     return entry | {
         f"sigma_{axis}_m": value if np.isfinite(value) else None
         for axis, value in zip(("east", "north", "height"), sigma, strict=True)
@@ -141,9 +140,7 @@ def survey_sigma_m(points: GroundPoints, rows: np.ndarray) -> np.ndarray:
 def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     entry = _known_entry(result, left, Role.CHECK)
     points = result.block.points.role == Role.CHECK
-    radial, height = radial_rmse(left.ground_m[points, :2]), entry["rmse_height_m"]
-    entry["ce90_m"] = None if radial is None else CE90_OF_RADIAL_RMSE * radial
-    entry["le90_m"] = None if height is None else LE90_OF_RMSE * height
+    entry |= errors_90(entry["rmse_east_m"], entry["rmse_north_m"], entry["rmse_height_m"])
     entry["predicted"] = predicted_accuracy(
         result.ground_covariance_m2[points], result.block.points.survey_covariance_m2(np.flatnonzero(points))
     )

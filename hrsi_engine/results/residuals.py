@@ -25,9 +25,6 @@ from ..block.block import Block, Role
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.models import MODELS
 
-CE90_OF_RADIAL_RMSE = 1.5175  # 90 % of a circular normal distribution (NSSDA)
-LE90_OF_RMSE = 1.6449  # 90 % of a normal distribution
-
 
 @dataclass(frozen=True, eq=False)
 class Residuals:

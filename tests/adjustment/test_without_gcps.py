@@ -26,7 +26,7 @@ def test_stated_ce90_and_le90_hold_at_their_rate_over_100_seeds():
         )
         east, north, height = result.parts[0].sigma_m
         error = ground_difference_m(result.ground, truth).mean(axis=0)
-        inside_circle.append(np.hypot(*error[:2]) <= CIRCLE_90 * np.sqrt(0.5 * (east**2 + north**2)))
+        inside_circle.append(np.hypot(*error[:2]) <= CIRCLE_90 * np.hypot(east, north))
         inside_line.append(abs(error[2]) <= LINE_90 * height)
         scaled.append(error / [east, north, height])
     rates = np.mean(inside_circle), np.mean(inside_line)
