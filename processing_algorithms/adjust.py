@@ -48,7 +48,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
         how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
-    rest = Context(stage(context.progress, 0.6, 1.0), context.log)
+    rest = context.stage(0.6, 1.0)
     return block_outputs.write_results(
         "adjust", options, result, [*warnings, *chosen.warnings], clock, rest, chosen.entries, reasons
     )

@@ -43,7 +43,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         "height_min_m": low, "height_max_m": high,
         "warnings": [*table.warnings, *fit.warnings, *_height_warnings(options, low, high, check is None)],
     }  # fmt: skip
-    with stage_folder(options["output_dir"], [options["points"].partition("|")[0]]) as folder:
+    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
         write_rpc_text(str(folder / name), fit.rpc)
         report["read_back_px"] = read_back_px(str(folder / name), fit.rpc)
         write_report_json(str(folder / "report.json"), report)

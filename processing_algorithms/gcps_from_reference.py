@@ -57,13 +57,12 @@ class GcpsFromReferenceOptions:
 def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
     from ..hrsi_engine.foundation.errors import SolveError
-    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.foundation.version import VERSION
     from .block_steps import reference_control
 
     check_folder(options.folder)
     images = open_images(options.images, context.log)
-    matching = Context(stage(context.progress, 0.0, 0.9), context.log)
+    matching = context.stage(0.0, 0.9)
     found = reference_control.match(
         images, options.reference, options.dem.surface(options.height_datum), options.sigma_dem, matching
     )
@@ -76,7 +75,7 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
         "settings": settings_of(options),
     }  # fmt: skip
     layers = [_layer(LAYER, found, used=True), _layer(REJECTED, found, used=False)]
-    write_folder(options.folder, report, LAYERS_FILE, layers, [image.path for image in images], context)
+    write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
 

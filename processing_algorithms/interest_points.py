@@ -55,7 +55,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         "settings": {key: value for key, value in options.items() if value is not None},
     }  # fmt: skip
     layers = [_layer(images, tables, surface)]
-    write_folder(options, report, LAYERS_FILE, layers, [image.path for image in images], context)
+    write_folder(options, report, LAYERS_FILE, layers, context)
     return report
 
 

@@ -138,7 +138,7 @@ def _write(
     from ..hrsi_engine.io.report import write_report_json
 
     layers = _layers(options, images, found)
-    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
         write_geopackage(str(folder / LAYERS_FILE), layers)
         columns = layers[0].fields
         rows = zip(*(column.tolist() for column in columns.values()), strict=True)

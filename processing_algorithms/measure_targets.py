@@ -183,7 +183,7 @@ def _write(
     from .files.target_chip import chip_of
 
     by_id = {image.id: image for image in images}
-    with stage_folder(options["output_dir"], [image.path for image in images]) as folder:
+    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
         write_geopackage(
             str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
         )

@@ -11,14 +11,13 @@ from .ortho_steps.layer_names import LAYERS, LAYERS_FILE
 
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Match windows of every overlapping pair and write figures, arrows and maps."""
-    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
     from .interface.threads import requested_threads
     from .ortho_steps import pairs as ortho_pairs
 
     check_output_dir(options["output_dir"], options["overwrite"])
     pairs, warnings = ortho_pairs.open_pairs(options)
-    part = Context(stage(context.progress, 0.0, 0.9), context.log)
+    part = context.stage(0.0, 0.9)
     found = ortho_pairs.match_pairs(pairs, ortho_pairs.match_options(options), requested_threads(options), part)
     return ortho_pairs.write_results(found, options, warnings, context)
 

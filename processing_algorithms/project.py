@@ -37,8 +37,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     }  # fmt: skip
     if not options["output_dir"]:
         report["points"] = _rows(columns)
-    inputs = [*(image.path for image in images), options["points"] or ""]
-    write_folder(options, report, LAYERS_FILE, _layers(columns), inputs, context)
+    write_folder(options, report, LAYERS_FILE, _layers(columns), context)
     return report
 
 

@@ -31,7 +31,6 @@ class RefineAlgorithmOptions:
 
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
-    from ..hrsi_engine.foundation.progress import stage
     from ..hrsi_engine.io.output_dir import check_output_dir
     from ..hrsi_engine.results.separate_images import separate_result
     from .block_steps import inputs as block_inputs
@@ -46,14 +45,14 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        refinements = _refine(block, options.refinement, Context(stage(context.progress, 0.1, 0.3), context.log))
+        refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
     result = separate_result(block, refinements)
     clock.lap("refine")
     more = _entries(options.refinement.model, refinements)
     if options.compare:
-        more["models"] = _compared(block, refinements, Context(stage(context.progress, 0.3, 0.6), context.log))
+        more["models"] = _compared(block, refinements, context.stage(0.3, 0.6))
         clock.lap("compare")
-    rest = Context(stage(context.progress, 0.6, 1.0), context.log)
+    rest = context.stage(0.6, 1.0)
     report = block_outputs.write_results("refine-rpc", options, result, warnings, clock, rest, more, reasons)
     return report
 

@@ -134,7 +134,7 @@ def _write(
     from ..hrsi_engine.io.pages import write_page
     from ..hrsi_engine.io.report import write_report_json
 
-    with stage_folder(options["output_dir"], [*(options["images"] or []), options["image_points"]]) as folder:
+    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
         if options["report"]:
             write_page(

@@ -47,8 +47,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         "pairs": [_pair_entry(pair) for pair in pairs],
         "warnings": warnings,
     }
-    inputs = [image.path for image in images]
-    write_folder(options, report, LAYERS_FILE, _layers(report, geometries), inputs, context)
+    write_folder(options, report, LAYERS_FILE, _layers(report, geometries), context)
     return report
 
 

@@ -25,7 +25,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     check_output_dir(folder, options["overwrite"])
     simulated = simulate_block(*simulation_inputs.arguments(options), stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.block_report(simulated, options)
-    with stage_folder(folder, []) as temporary:
+    with stage_folder(folder, context.inputs, options["overwrite"]) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))
         report["outputs"] = [os.path.join(folder, name) for name in names]

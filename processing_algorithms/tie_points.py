@@ -36,7 +36,7 @@ class TiePointsOptions:
 
 def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
-    from ..hrsi_engine.foundation.progress import advance, stage
+    from ..hrsi_engine.foundation.progress import advance
     from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
     from ..hrsi_engine.io.report import write_report_json
     from .block_steps.outputs import Clock
@@ -46,10 +46,10 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     images = open_images(options.images, context.log)
     surface = open_terrain(options.terrain)
     clock.lap("read")
-    searching = Context(stage(context.progress, 0.0, 0.95), context.log)
+    searching = context.stage(0.0, 0.95)
     found, finished = find(images, options.search, surface, options.folder.output_dir, searching)
     clock.lap("tie_points")
-    with stage_folder(options.folder.output_dir, [image.path for image in images]) as folder:
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         outputs = _write_points(folder, found, options)
         report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)

@@ -55,11 +55,11 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
     clock.lap("read")
-    searching = Context(stage(context.progress, 0.0, 0.4), context.log)
+    searching = context.stage(0.0, 0.4)
     found, warnings, finished = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
     file = None if options.tie_points in (NO_TIE_POINTS, AUTOMATIC) else options.tie_points
-    reading = Context(stage(context.progress, 0.4, 0.5), context.log)
+    reading = context.stage(0.4, 0.5)
     sigma_dem_m = options.adjustment.sigma_dem_m
     block, more, entries = reference_control.read_block(
         images, options.points, options.dem, file, found, options.reference, sigma_dem_m, reading
@@ -71,7 +71,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
-    rest = Context(stage(context.progress, 0.7, 1.0), context.log)
+    rest = context.stage(0.7, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, sigma_dem_m)
     warnings += [*more, *chosen.warnings, *offset]
     report = block_outputs.write_results(

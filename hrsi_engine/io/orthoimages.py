@@ -10,7 +10,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ from osgeo import gdal
 from ..foundation.errors import Cancelled, OutputError
 from ..foundation.progress import Progress, advance, stage
 from .datasets import config_option, gdal_messages, metadata_of, open_dataset
+from .leftovers import temporary_folder
 from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
 from .replacing import replacing
 
@@ -220,7 +220,7 @@ def _hidden_folder(path: str) -> Iterator[str]:
     """Give a folder beside a file for what is needed until it is finished."""
     folder = os.path.dirname(os.path.abspath(path))
     try:
-        hidden = tempfile.mkdtemp(prefix=".hrsi-unfinished-", dir=folder)
+        hidden = temporary_folder(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another --output-dir") from None
     try:

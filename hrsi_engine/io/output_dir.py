@@ -5,85 +5,125 @@ A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets t
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
-from .datasets import gdal_messages
+from .datasets import gdal_messages, quiet
 from .layers import remove_old_journal
+from .leftovers import temporary_folder
 from .replacing import COPY_BYTES
+from .rpc_files.sidecars import is_vendor_file, keep_original
+from .transactions import Transaction, finish_interrupted
 
-RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result
+_REPORT = "report.json"
+RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
 VIRTUAL = "/vsi"
 
 
-def check_output_dir(path: str, overwrite: bool) -> None:
-    """Raise `InputError` when the folder cannot be used: it is a file, or holds a result that may not be replaced."""
+def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = ()) -> list[str]:
+    """Make sure, before the work begins, that its results can be written; return notices for the log.
+
+    What an interrupted run left in the folder is finished or removed first.
+
+    Parameters
+    ----------
+    path : the output folder; it need not exist
+    overwrite : whether files that are there may be replaced
+    names : names of the files that will be written, as far as they are known
+    inputs : files that the run reads; neither they nor what belongs to them is ever replaced
+
+    Raises
+    ------
+    InputError
+        the folder is a file, holds a result or other files of these names that may not be replaced, or inputs
+    """
     if path.startswith(VIRTUAL):
         found = [name for name in RESULT_FILES if gdal.VSIStatL(f"{path.rstrip('/')}/{name}") is not None]
+        notices = []
     else:
         folder = Path(path)
         if folder.exists() and not folder.is_dir():
-            raise InputError(f"{path} is a file: give --output-dir a directory")
+            raise InputError(f"{path} is a file: name a directory as `output_dir`")
+        notices = finish_interrupted([path]) if folder.exists() else []
         found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
         raise InputError(
-            f"{path} already holds a result ({', '.join(found)}): add --overwrite or choose another directory"
+            f"{path} already holds a result ({', '.join(found)}): allow `overwrite` or choose another directory"
         )
+    _require_replaceable(path, names, inputs, overwrite)
+    return notices
 
 
-def earlier_rpcs(path: str, protected: list[str]) -> list[Path]:
-    """Return the files with refined RPCs that the report of an earlier run names in its folder, without the inputs.
+def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
+    """Return the files with refined RPCs that an earlier run made in a folder, as its report there tells.
 
-    Beside a new report that withholds its RPCs they would pass for the new ones.
+    Beside a new report that withholds its RPCs they would pass for the new ones. Images that the earlier run wrote in
+    place are no files of its own, and inputs are not among the files either.
     """
-    folder = Path(path)
-    try:
-        images = json.loads((folder / RESULT_FILES[0]).read_text(encoding="utf-8"))["images"].values()
-        names = [Path(image["output"]).name for image in images if image["output"]]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or not ours
-        return []
-    inputs = {os.path.realpath(name) for name in protected if name}
-    found = [folder / name for name in names]
-    return [file for file in found if file.is_file() and os.path.realpath(file) not in inputs]
+    kept = {os.path.realpath(file) for file in inputs}
+    found = []
+    for image in _images_of(read_report(os.path.join(path, _REPORT)) or {}):
+        output, source = image.get("output"), image.get("path")
+        if not isinstance(output, str) or not isinstance(source, str):
+            continue
+        file = os.path.join(path, os.path.basename(output))
+        if os.path.isfile(file) and os.path.realpath(file) not in kept | {os.path.realpath(source)}:
+            found.append(file)
+    return found
 
 
-def remove_files(files: list[Path]) -> None:
-    """Remove files; those that cannot be removed stay."""
-    for file in files:
-        with contextlib.suppress(OSError):
-            file.unlink()
+def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    images = report.get("images")
+    return [image for image in images.values() if isinstance(image, dict)] if isinstance(images, dict) else []
 
 
 @contextmanager
-def stage_folder(path: str, protected: list[str]) -> Iterator[Path]:
-    """Yield a temporary folder whose files move into ``path`` when the block ends without an exception.
+def stage_folder(
+    path: str, inputs: Iterable[str], overwrite: bool = False, transaction: Transaction | None = None
+) -> Iterator[Path]:
+    """Yield a temporary folder whose files move into ``path`` together when the block ends without an exception.
 
-    ``protected`` files (the inputs) are never replaced: `InputError` when a result would take the place of one.
+    Parameters
+    ----------
+    path : the output folder; made where it is missing
+    inputs : files that the run reads; neither they nor what belongs to them is ever replaced
+    overwrite : whether other files that are there may be replaced; a vendor's RPC file is kept as ``.original`` then
+    transaction : other changes, which happen together with these: all or none
+
+    Raises
+    ------
+    InputError
+        a result would take the place of an input, or of a file that may not be replaced
     """
     if path.startswith(VIRTUAL):
         with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:
             yield Path(local)
-            _copy_to_virtual(Path(local), path.rstrip("/"), protected)
+            names = [file.name for file in Path(local).iterdir()]
+            _require_replaceable(path, names, inputs, overwrite)
+            if transaction is not None:
+                transaction.commit()
+            _copy_to_virtual(Path(local), path.rstrip("/"))
         return
     folder = Path(path)
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".hrsi-unfinished-", dir=folder))
+        temporary = Path(temporary_folder(str(folder)))
     except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror}): choose another --output-dir") from error
+        raise InputError(f"{path} cannot be written ({error.strerror}): choose another `output_dir`") from error
     try:
         yield temporary
-        _move_into_place(temporary, folder, protected)
+        with transaction or Transaction(str(folder)) as changes:
+            _move_into_place(temporary, folder, inputs, overwrite, changes)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         if made and not any(folder.iterdir()):
@@ -92,26 +132,83 @@ def stage_folder(path: str, protected: list[str]) -> Iterator[Path]:
     shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _move_into_place(temporary: Path, folder: Path, protected: list[str]) -> None:
-    inputs = {os.path.realpath(name) for name in protected if name}
+def _move_into_place(
+    temporary: Path, folder: Path, inputs: Iterable[str], overwrite: bool, changes: Transaction
+) -> None:
     files = _report_last(temporary)
+    _require_replaceable(str(folder), [file.name for file in files], inputs, overwrite)
     for file in files:
-        if os.path.realpath(folder / file.name) in inputs:
-            raise InputError(f"{folder / file.name} is an input and would be replaced: choose another --output-dir")
-    for file in files:
+        target = folder / file.name
         if file.suffix == ".gpkg":
-            remove_old_journal(str(folder / file.name))
-        os.replace(file, folder / file.name)
+            remove_old_journal(str(target))
+        keep_original(str(target), changes)
+        changes.rename(str(file), str(target))
+    changes.commit()
+
+
+def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str], overwrite: bool) -> None:
+    """Raise `InputError` where a file of these names is there and is an input, or may not be replaced."""
+    exists = _virtual_exists if path.startswith(VIRTUAL) else os.path.exists
+    targets = [target for name in names if exists(target := os.path.join(path, name))]
+    if not targets:
+        return
+    read = {os.path.realpath(file) for file in inputs if file}
+    for target in targets:
+        if os.path.realpath(target) in read:
+            raise InputError(f"{target} is an input and would be replaced: choose another `output_dir`")
+    beside = {os.path.realpath(file) for file in files_with(inputs)}
+    named = set() if overwrite else names_of_last_run(path)
+    for target in targets:
+        if os.path.realpath(target) in beside and not is_vendor_file(target):
+            raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
+        if not overwrite and os.path.basename(target) not in named:
+            raise InputError(f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`")
+
+
+def names_of_last_run(folder: str) -> set[str]:
+    """Return the names of the files in a folder that the report of an earlier run there says are its results."""
+    report = read_report(os.path.join(folder, _REPORT))
+    if report is None:
+        return set()
+    outputs = report.get("outputs", [])
+    told = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
+    told += [image.get("output") for image in _images_of(report)]
+    return {_REPORT, *(os.path.basename(file) for file in told if isinstance(file, str))}
+
+
+def read_report(path: str) -> dict[str, Any] | None:
+    """Return a report that this program wrote; None where there is none."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            report = json.load(file)
+    except (OSError, ValueError):
+        return None
+    return report if isinstance(report, dict) and {"schema", "algorithm"} <= report.keys() else None
+
+
+def _virtual_exists(path: str) -> bool:
+    return gdal.VSIStatL(path) is not None
+
+
+def files_with(inputs: Iterable[str]) -> list[str]:
+    """Return the files of the inputs, with those that GDAL counts to them: side files, parts, sources of a VRT."""
+    files = []
+    for file in inputs:
+        with quiet():
+            gdal.ErrorReset()
+            try:
+                dataset = gdal.OpenEx(file)
+            except (RuntimeError, SystemError, UnicodeDecodeError):
+                dataset = None
+            files += [file, *((dataset.GetFileList() or []) if dataset is not None else [])]
+    return files
 
 
 def _report_last(folder: Path) -> list[Path]:
     return sorted(folder.iterdir(), key=lambda file: file.name == RESULT_FILES[0])
 
 
-def _copy_to_virtual(local: Path, folder: str, protected: list[str]) -> None:
-    for file in _report_last(local):
-        if f"{folder}/{file.name}" in protected:
-            raise InputError(f"{folder}/{file.name} is an input and would be replaced: choose another --output-dir")
+def _copy_to_virtual(local: Path, folder: str) -> None:
     for file in _report_last(local):
         _copy_file(file, f"{folder}/{file.name}")
 
@@ -127,4 +224,4 @@ def _copy_file(file: Path, target: str) -> None:
             written &= gdal.VSIFCloseL(handle) == 0
     if not written:
         reason = messages[-1] if messages else "it takes no new files"
-        raise OutputError(f"{target}: cannot be written ({reason}): choose another --output-dir")
+        raise OutputError(f"{target}: cannot be written ({reason}): choose another `output_dir`")

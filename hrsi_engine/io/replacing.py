@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
+from .leftovers import temporary_name
 
 COPY_BYTES = 64 * 2**20
 
@@ -21,17 +21,15 @@ def replacing(path: str) -> Iterator[str]:
 
     Anything raised inside removes the temporary file and leaves ``path`` as it was; failures of the disk become
     `OutputError`. The temporary name keeps the extension, because GDAL and the readers choose by it, and begins
-    with a dot. A symbolic link is followed: the file it points to is replaced.
+    with a dot; it tells who writes (see `leftovers`). A symbolic link is followed: the file it points to is replaced.
     """
     path = os.path.realpath(path)
-    folder, name = os.path.split(path)
-    stem, extension = os.path.splitext(name)
-    temporary = os.path.join(folder, f".{stem[:100]}.{secrets.token_hex(4)}.tmp{extension}")
+    temporary = temporary_name(path)
     try:
         yield temporary
         flush(temporary)
         os.replace(temporary, path)
-        flush(folder)
+        flush(os.path.dirname(path))
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
     finally:

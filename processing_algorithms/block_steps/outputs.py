@@ -15,8 +15,10 @@ from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.layer_styles import default_styles
 from ...hrsi_engine.io.layers import write_geopackage
-from ...hrsi_engine.io.output_dir import earlier_rpcs, remove_files, stage_folder
+from ...hrsi_engine.io.output_dir import earlier_rpcs, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
+from ...hrsi_engine.io.rpc_files import require_in_place
+from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
@@ -28,7 +30,7 @@ from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
 from ..interface.declare import Context, Report, settings_of
 from .options import BlockOptions, BlockOutput
-from .rpc_outputs import IN_PLACE, NOTHING, clear_the_way, write_into_images, write_new_files
+from .rpc_outputs import IN_PLACE, NOTHING, clear_the_way, images_with_pixels, prepare_images, write_new_files
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
@@ -86,27 +88,34 @@ def write_results(
     verdict = Verdict.of(reached(report), [*reasons, *find_reasons(evidence)])
     report["verdict"] = verdict.entry()
     output = options.output
-    how, stale = output.write, []
+    how = output.write
+    stale: list[str] = []
     if verdict.level is Level.UNUSABLE and how != NOTHING and not output.force_write:
         how = NOTHING
-        stale = earlier_rpcs(output.folder.output_dir, [image.path for image in images])
+        stale = earlier_rpcs(output.folder.output_dir, context.inputs)
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     clock.lap("judge")
-    with stage_folder(output.folder.output_dir, [image.path for image in images]) as folder:
+    target = output.folder
+    changes = Transaction(target.output_dir)
+    with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes) as folder:
         names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
         _name_outputs(report, output, how, images, names)
         advance(context.progress, 0.5, "writing layers")
         layers = block_layers(result, left, output.residual_crs)
         styles = default_styles({layer.name: layer.fields for layer in layers})
         write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
-        report["warnings"] += clear_the_way(output.folder.output_dir, names, images, refined)
+        for file in stale:
+            changes.remove(file)
+        report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
         if how == IN_PLACE:
-            report["warnings"] += write_into_images(images, refined, stage(context.progress, 0.7, 0.95))
+            report["warnings"] += prepare_images(images, refined, changes, stage(context.progress, 0.7, 0.95))
         clock.lap("write")
         report["seconds"] = clock.total()
         _write_reports(folder, report, result, left, page=output.report)
         advance(context.progress, 1.0, "done")
-    remove_files(stale)
+    if how == IN_PLACE:
+        for image, new in images_with_pixels(images, refined):
+            require_in_place(image.path, new.rpc)
     return report
 
 

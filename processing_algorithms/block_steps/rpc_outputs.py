@@ -9,7 +9,8 @@ from pathlib import Path
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
-from ...hrsi_engine.io.rpc_files import free_the_way, write_geotiff_copy, write_in_place, write_rpc_text, write_vrt
+from ...hrsi_engine.io.rpc_files import free_the_way, prepare_in_place, write_geotiff_copy, write_rpc_text, write_vrt
+from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
 
 Writer = Callable[[str, str, RPC, Progress], object]
@@ -55,23 +56,30 @@ def write_new_files(
 
 
 def clear_the_way(
-    folder: str, names: Mapping[str, str], images: Sequence[Image], refined: Sequence[RefinedRPC]
+    folder: str, names: Mapping[str, str], images: Sequence[Image], refined: Sequence[RefinedRPC], changes: Transaction
 ) -> list[str]:
-    """Set aside sidecars of an earlier run in ``folder`` that would win over the RPCs of new copies; return notices."""
+    """Have sidecars in ``folder`` set aside that would win over the RPCs of new copies; return notices."""
     notices: list[str] = []
     for image, new in zip(images, refined, strict=True):
         name = names.get(image.id, "")
         if name.endswith(NEW_FILES["copy"][0]):
-            notices += free_the_way(os.path.join(folder, name), image.path, new.rpc)
+            notices += free_the_way(os.path.join(folder, name), image.path, new.rpc, changes)
     return notices
 
 
-def write_into_images(images: Sequence[Image], refined: Sequence[RefinedRPC], progress: Progress) -> list[str]:
-    """Write the refined RPCs into the images themselves; return notices. Each image is replaced in one step."""
+def prepare_images(
+    images: Sequence[Image], refined: Sequence[RefinedRPC], changes: Transaction, progress: Progress
+) -> list[str]:
+    """Make the images themselves ready to take the refined RPCs, all together or none; return notices."""
     notices: list[str] = []
-    with_pixels = [(image, new) for image, new in zip(images, refined, strict=True) if image.raster is not None]
+    with_pixels = images_with_pixels(images, refined)
     for done, (image, new) in enumerate(with_pixels):
         part = stage(progress, done / len(with_pixels), (done + 1) / len(with_pixels))
         advance(part, 0.0, f"writing {os.path.basename(image.path)}")
-        notices += write_in_place(image.path, new.rpc, part)
+        notices += prepare_in_place(image.path, new.rpc, changes, part)
     return notices
+
+
+def images_with_pixels(images: Sequence[Image], refined: Sequence[RefinedRPC]) -> list[tuple[Image, RefinedRPC]]:
+    """Return the images that are more than an RPC file, with their refined RPCs."""
+    return [(image, new) for image, new in zip(images, refined, strict=True) if image.raster is not None]

@@ -48,7 +48,6 @@ def write_folder(
     report: Report,
     file: str,
     layers: Sequence[Layer],
-    inputs: list[str],
     context: Context,
 ) -> None:
     """Write ``report.json`` and the layers' GeoPackage into the output directory of the options, if there is one."""
@@ -57,9 +56,9 @@ def write_folder(
     from ...hrsi_engine.io.output_dir import stage_folder
     from ...hrsi_engine.io.report import write_report_json
 
-    target = folder_of(options).output_dir
-    if target:
-        with stage_folder(target, inputs) as folder:
+    target = folder_of(options)
+    if target.output_dir:
+        with stage_folder(target.output_dir, context.inputs, target.overwrite) as folder:
             write_geopackage(str(folder / file), layers, progress=stage(context.progress, 0.9, 1.0))
             write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")

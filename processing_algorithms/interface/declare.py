@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any, TypeVar
 
 from ...hrsi_engine.foundation.options import Option, nested_in, option, option_of, threads_option
-from ...hrsi_engine.foundation.progress import Progress
+from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.reasons import Level
 
 Report = dict[str, Any]
@@ -44,6 +44,10 @@ KIND_OF_TYPE = {
     "tuple[str, ...]": Kind.IDS,
     "tuple[tuple[str, ...], ...]": Kind.GROUPS,
 }
+
+
+#: Kinds of parameters that name files to read.
+READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE)
 
 
 @dataclass(frozen=True)
@@ -94,10 +98,22 @@ def unusable_text(report: Report) -> str:
 
 @dataclass(frozen=True)
 class Context:
-    """What an algorithm gets besides its options: where to report progress and messages."""
+    """What an algorithm gets besides its options.
+
+    Parameters
+    ----------
+    progress : where it reports how far it is; False cancels
+    log : where it tells messages, one line each
+    inputs : files that its options name for reading: no result may take their place
+    """
 
     progress: Progress
     log: Log
+    inputs: tuple[str, ...] = ()
+
+    def stage(self, begin: float, end: float) -> Context:
+        """Return the context of a part of the work, between two fractions of the whole."""
+        return replace(self, progress=stage(self.progress, begin, end))
 
 
 def params_of(options: type) -> tuple[Param, ...]:
@@ -196,10 +212,20 @@ class Algorithm:
         """Run with checked options, and close all images afterwards: nothing stays open when the work is done."""
         from ...hrsi_engine.io.rasters import close_images
 
+        context = replace(context, inputs=self.inputs(options))
         try:
             return self.run(options if self.options is None else made_options(self.options, options), context)
         finally:
             close_images()
+
+    def inputs(self, options: Mapping[str, Any]) -> tuple[str, ...]:
+        """Return the files that checked options name for reading, without what stands behind ``|``."""
+        files: list[str] = []
+        for param in self.params:
+            value = options.get(param.key) if param.kind in READ_KINDS else None
+            for text in [value] if isinstance(value, str) else value or ():
+                files += [part.partition("|")[0].strip() for part in (text, *text.split(";"))]
+        return tuple(dict.fromkeys(filter(None, files)))
 
     def defaults(self) -> dict[str, Any]:
         """Return every option at its default, by keyword."""

@@ -189,7 +189,7 @@ def write_report(
     }  # fmt: skip
     for text in warnings:
         context.log(f"warning: {text}")
-    with stage_folder(options["output_dir"], [image.path for image in plan.images]) as folder:
+    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
         if options["report"]:
             from ...hrsi_engine.io.pages import write_page
 

@@ -193,8 +193,7 @@ def write_results(
     }  # fmt: skip
     for text in report["warnings"]:
         context.log(f"warning: {text}")
-    protected = [*options["images"], *([options["reference"]] if options["reference"] else [])]
-    with stage_folder(options["output_dir"], protected) as folder:
+    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
         write_geopackage(str(folder / LAYERS_FILE), _layers(found), progress=stage(context.progress, 0.9, 1.0))
         if options["report"]:
             write_page(str(folder / "report.html"), "misregistration.html.j2", report, maps=_maps(found))

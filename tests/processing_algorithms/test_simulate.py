@@ -104,5 +104,5 @@ def test_bad_input(tmp_path: Path, options: dict[str, Any], words: str):
 
 
 def test_an_earlier_result_is_kept(folder: Path):
-    with pytest.raises(InputError, match="--overwrite"):
+    with pytest.raises(InputError, match="overwrite"):
         run("simulate", output_dir=str(folder), **SMALL)

@@ -7,7 +7,7 @@ process leaves the old file or the new one.
 
 from .compare import difference_px, read_back_px
 from .find import RPC_READERS, read_rpc, read_rpc_or_none, rpc_for_image, rpc_in_folder, rpc_of_dataset, rpc_reader_of
-from .in_place import restore, write_in_place, write_sidecar
+from .in_place import prepare_in_place, require_in_place, restore, write_in_place, write_sidecar
 from .reading import FoundRpc, RpcReader, RpcReading
 from .sidecars import free_the_way
 from .write import write_geotiff_copy, write_rpb, write_rpc_text, write_vrt
@@ -19,9 +19,11 @@ __all__ = [
     "RpcReading",
     "difference_px",
     "free_the_way",
+    "prepare_in_place",
     "read_back_px",
     "read_rpc",
     "read_rpc_or_none",
+    "require_in_place",
     "restore",
     "rpc_for_image",
     "rpc_in_folder",

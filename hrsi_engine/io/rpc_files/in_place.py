@@ -1,19 +1,22 @@
 """Writing an RPC into an image itself or beside it, and bringing the original back.
 
-The image is copied beside itself, changed there, flushed and renamed: a killed process leaves the old image or the new
-one. The RPC that it had before the first writing is kept in its metadata (see `tiff_tag`); files beside it that
-would win are set aside (see `sidecars`). The order of the steps is such that at any moment some complete RPC, old or
-new, is what a reader finds.
+The image is copied beside itself and changed there; what is to be renamed or removed is collected in a `Transaction`,
+so that a whole block is written or none of it. The RPC that an image had before the first writing is kept in its
+metadata (see `tiff_tag`); files beside it that would win are set aside (see `sidecars`). The order of the steps is such
+that at any moment some complete RPC, old or new, is what a reader finds.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from ...camera.rpc import RPC
-from ...foundation.errors import InputError
+from ...foundation.errors import InputError, OutputError
 from ...foundation.progress import Progress, silent
 from ..replacing import copy_bytes, replacing
+from ..transactions import Transaction
 from . import tiff_tag
 from .compare import require_same
 from .content import siblings
@@ -35,60 +38,72 @@ _AFTER_RPB = ("rpc-txt", "isd")
 
 
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
-    """Give an image another RPC and keep the original in it.
+    """Give one image another RPC and keep the original in it; return notices for the log: see `prepare_in_place`."""
+    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
+        notices = prepare_in_place(path, rpc, changes, progress)
+        changes.commit()
+    require_in_place(path, rpc)
+    return notices
 
-    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are.
+
+def prepare_in_place(path: str, rpc: RPC, changes: Transaction, progress: Progress = silent) -> tuple[str, ...]:
+    """Make everything ready to give an image another RPC; it has it when the changes are committed.
+
+    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. What has to lie beside the image,
+    or must be out of the way so that the new RPC wins, is part of the changes.
 
     Parameters
     ----------
-    path : str
-        A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``).
-    rpc : RPC
-        The new camera.
-    progress : Progress
-        Callback; False cancels.
+    path : a GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``)
+    rpc : the new RPC
+    changes : collects the changes of this file, and of others that are to happen together with them
+    progress : callback; False cancels
 
     Returns
     -------
     tuple of str
-        Notices for the log.
+        notices for the log
 
     Raises
     ------
     InputError
-        The file is of another kind.
+        the file is of another kind
     OutputError
-        It cannot be written.
+        there is no room, or no permission
     Cancelled
-        When ``progress`` asks to stop.
+        ``progress`` asks to stop
     """
     reader = rpc_reader_of(path)
     if reader is not None:
-        return _write_rpc_file_in_place(path, rpc)
-    notices = _rewrite_tag(path, rpc, progress)
+        return _prepare_rpc_file(path, rpc, changes)
+    notices = _prepare_tag(path, rpc, changes, progress)
     if vendor_xml(path):
-        notices += write_sidecar(os.path.splitext(path)[0] + SIDECARS["rpb"][0], rpc, "rpb")
-    else:
-        notices += tuple(set_aside(file) for file in stale_files(path, rpc))
+        return notices + prepare_sidecar(os.path.splitext(path)[0] + SIDECARS["rpb"][0], rpc, changes, "rpb")
+    return notices + tuple(set_aside(file, changes) for file in stale_files(path, rpc))
+
+
+def require_in_place(path: str, rpc: RPC) -> None:
+    """Raise `OutputError` where a reader does not find the RPC that was written."""
     require_same(path, rpc, read_rpc(path).rpc)
-    return notices
 
 
-def _write_rpc_file_in_place(path: str, rpc: RPC) -> tuple[str, ...]:
+def _prepare_rpc_file(path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
     key = next(key for key, reader in RPC_READERS.items() if reader is rpc_reader_of(path))
     if key not in _RPC_ONLY:
         raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
-    keep_original(path)
-    SIDECARS[key][1](path, rpc)
+    with _disk_errors(path):
+        keep_original(path, changes)
+        SIDECARS[key][1](changes.new_file(path), rpc)
     return ()
 
 
-def _rewrite_tag(path: str, rpc: RPC, progress: Progress) -> tuple[str, ...]:
-    """Replace the image by a copy with the new tag, which keeps the original."""
+def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress) -> tuple[str, ...]:
+    """Make a copy of the image with the new tag, which keeps the original."""
     if not os.path.isfile(path) or read_directory(path) is None:
         raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
     was_cog = open_raster(path).GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") == "COG"
-    with replacing(path) as temporary:
+    temporary = changes.new_file(path)
+    with _disk_errors(path):
         copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
         stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True)
         written = tiff_tag.read(temporary)
@@ -99,20 +114,38 @@ def _rewrite_tag(path: str, rpc: RPC, progress: Progress) -> tuple[str, ...]:
     return ()
 
 
+@contextmanager
+def _disk_errors(path: str) -> Iterator[None]:
+    """Turn what the disk refuses into an `OutputError` that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
+
+
 def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]:
-    """Write an RPC file of a ``kind`` of `SIDECARS`; return notices for the log.
+    """Write an RPC file of a ``kind`` of `SIDECARS`; return notices for the log: see `prepare_sidecar`."""
+    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
+        notices = prepare_sidecar(path, rpc, changes, kind)
+        changes.commit()
+    return notices
+
+
+def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-txt") -> tuple[str, ...]:
+    """Make an RPC file of a ``kind`` of `SIDECARS` ready; it is there when the changes are committed.
 
     A vendor's file of that name, in whatever case, is kept as ``<name>.original``. An ``.RPB`` of the same image, which
-    would win over a new ``_RPC.TXT`` or ISD XML with another RPC, is set aside.
+    would win over a new ``_RPC.TXT`` or ISD XML with another RPC, is set aside. Returns notices for the log.
     """
     suffix, write = SIDECARS[kind]
     path = siblings(path).get(os.path.basename(path).lower(), path)
-    keep_original(path)
-    write(path, rpc)
+    with _disk_errors(path):
+        keep_original(path, changes)
+        write(changes.new_file(path), rpc)
     if kind not in _AFTER_RPB:
         return ()
     image = f"{path[: -len(suffix)]}.tif"
-    stale = [set_aside(file) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
+    stale = [set_aside(file, changes) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
     if kind == "isd":
         return tuple(stale)
     winning = [f"{file}: wins over a _RPC.TXT in GDAL; an .RPB would win over it" for file in side_files(image)["isd"]]

@@ -10,11 +10,12 @@ import os
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
-from ..replacing import copy_bytes, replacing
+from ..replacing import copy_bytes
+from ..transactions import Transaction
 from . import geom, isd, rpb, rpc_txt, rpcm_json
 from .compare import same_numbers
 from .content import read_head, siblings
-from .find import read_rpc, side_files
+from .find import read_rpc, rpc_reader_of, side_files
 
 ORIGINAL = ".original"
 #: Formats that can be set aside; the vendor's XML is left alone, because it holds more than the RPC.
@@ -42,24 +43,28 @@ def vendor_xml(image_path: str) -> list[str]:
     return [file for key in VENDOR_XML for file in beside[key]]
 
 
-def set_aside(path: str) -> str:
-    """Take an RPC file out of the way: remove our own, rename a vendor's; return a notice for the log."""
+def is_vendor_file(path: str) -> bool:
+    """Return whether a file is an RPC file without pixels that was not written by this program."""
     try:
-        if is_ours(path):
-            os.remove(path)
-            return f"{path}: an RPC file of an earlier run would win over the new RPC and was removed"
-        kept = _free_name(path)
-        os.replace(path, kept)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be set aside ({error.strerror}): check the permissions") from None
+        return os.path.isfile(path) and rpc_reader_of(path) is not None and not is_ours(path)
+    except InputError:
+        return False
+
+
+def set_aside(path: str, changes: Transaction) -> str:
+    """Have an RPC file taken out of the way: our own removed, a vendor's renamed; return a notice for the log."""
+    if is_ours(path):
+        changes.remove(path)
+        return f"{path}: an RPC file of an earlier run would win over the new RPC and was removed"
+    kept = _free_name(path)
+    changes.rename(path, kept)
     return f"{path}: would win over the new RPC and was set aside as {os.path.basename(kept)}"
 
 
-def keep_original(path: str) -> None:
-    """Copy a vendor's RPC file to ``<name>.original`` before it is overwritten; nothing for our own or none."""
-    if os.path.exists(path) and not is_ours(path):
-        with replacing(_free_name(path)) as temporary:
-            copy_bytes(path, temporary)
+def keep_original(path: str, changes: Transaction) -> None:
+    """Have a vendor's RPC file copied to ``<name>.original`` before it is overwritten; nothing for our own or none."""
+    if is_vendor_file(path):
+        copy_bytes(path, changes.new_file(_free_name(path)))
 
 
 def _free_name(path: str) -> str:
@@ -103,8 +108,8 @@ def _holds(path: str, rpc: RPC) -> bool:
         return False
 
 
-def free_the_way(target_path: str, source_path: str, rpc: RPC) -> tuple[str, ...]:
-    """Set aside files beside a copy's name that would win over its tag with another RPC; return notices for the log.
+def free_the_way(target_path: str, source_path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
+    """Have files set aside that lie beside a copy's name and would win over its tag with another RPC; return notices.
 
     Raises `InputError` where they may belong to the source (the same folder) or are the vendor's XML.
     """
@@ -115,4 +120,4 @@ def free_the_way(target_path: str, source_path: str, rpc: RPC) -> tuple[str, ...
         raise InputError(
             f"{foreign[0]}: would win over the RPC of {os.path.basename(target_path)}: choose another output directory"
         )
-    return tuple(set_aside(file) for file in stale)
+    return tuple(set_aside(file, changes) for file in stale)

@@ -13,6 +13,7 @@ from ...foundation.errors import Cancelled, InputError, OutputError
 from ...foundation.progress import Progress, silent
 from ..datasets import gdal_messages, metadata_of, open_dataset
 from ..replacing import copy_bytes, replacing
+from ..transactions import Transaction
 from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .compare import require_same
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal
@@ -113,7 +114,9 @@ def write_geotiff_copy(source_path: str, target_path: str, rpc: RPC, progress: P
     _require_other_file(source_path, target_path)
     source = open_raster(source_path)
     is_tiff = source.GetDriver().ShortName == "GTiff" and read_directory(source_path) is not None
-    notices = free_the_way(target_path, source_path, rpc)
+    with Transaction(os.path.dirname(os.path.abspath(target_path))) as changes:
+        notices = free_the_way(target_path, source_path, rpc, changes)
+        changes.commit()
     with replacing(target_path) as temporary:
         if is_tiff:
             _copy_companions(source_path, target_path)

@@ -1,0 +1,162 @@
+"""Changes of several files happen all or not at all, and what dead writers leave goes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hrsi.hrsi_engine.foundation.errors import OutputError
+from hrsi.hrsi_engine.io import leftovers, transactions
+from hrsi.hrsi_engine.io.leftovers import is_dead, sweep, temporary_folder, temporary_name
+from hrsi.hrsi_engine.io.transactions import JOURNAL, SIGNPOST, Transaction, finish_interrupted
+
+COUNT = 6
+
+
+def fill(changes: Transaction, folders: list[Path], text: str) -> None:
+    """Have files of that text made in every folder, over those of an earlier text; the mark of it is removed."""
+    for folder in folders:
+        for number in range(COUNT):
+            Path(changes.new_file(str(folder / f"{number}.txt"))).write_text(text)
+        changes.remove(str(folder / "old.mark"))
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> list[Path]:
+    made = [tmp_path / name for name in ("results", "images", "others")]
+    for folder in made:
+        folder.mkdir()
+        for number in range(COUNT):
+            (folder / f"{number}.txt").write_text("old")
+        (folder / "old.mark").write_text("")
+    return made
+
+
+def state_of(folders: list[Path]) -> set[str]:
+    """Return the texts that are found; fail where anything hidden is left."""
+    assert [path for folder in folders for path in folder.iterdir() if path.name.startswith(".")] == []
+    marks = {(folder / "old.mark").exists() for folder in folders}
+    texts = {(folder / f"{number}.txt").read_text() for folder in folders for number in range(COUNT)}
+    assert len(marks) == 1 and (marks == {True}) == (texts == {"old"})
+    return texts
+
+
+def test_all_changes_happen(folders: list[Path]) -> None:
+    with Transaction(str(folders[0])) as changes:
+        fill(changes, folders, "new")
+        assert {path.read_text() for folder in folders for path in folder.glob("[0-9].txt")} == {"old"}
+        changes.commit()
+    assert state_of(folders) == {"new"}
+
+
+def test_nothing_happens_without_a_commit(folders: list[Path]) -> None:
+    with Transaction(str(folders[0])) as changes:
+        fill(changes, folders, "new")
+    assert state_of(folders) == {"old"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from hrsi.hrsi_engine.io import transactions
+from hrsi.tests.io.test_transactions import fill
+step, folders = int(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
+done = 0
+def counted(function):
+    def call(*words, **more):
+        global done
+        done += 1
+        if done > step:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return function(*words, **more)
+    return call
+transactions.os.replace, transactions.os.remove = counted(os.replace), counted(os.remove)
+with transactions.Transaction(str(folders[0])) as changes:
+    fill(changes, folders, "new")
+    changes.commit()
+"""
+
+
+@pytest.mark.parametrize("step", [0, 1, 4, 5, 6, 9, 16, 23, 26, 28, 40])
+@pytest.mark.parametrize("found_from", [0, 1, 2])
+def test_killed_at_any_step_all_or_none(folders: list[Path], step: int, found_from: int) -> None:
+    """The process is killed before its (step + 1)th rename or removal; the next run comes upon one of the folders."""
+    command = [sys.executable, "-c", KILLED, str(step), *map(str, folders)]
+    status = subprocess.run(command, check=False, env=dict(os.environ)).returncode
+    committed = step > 4  # two signposts and the journal: a renaming each, and a removal that finds nothing
+    assert status == (-signal.SIGKILL if step < 40 else 0)
+    finish_interrupted([str(folders[found_from])])
+    finish_interrupted(map(str, folders))  # the hidden files of the other folders go when somebody comes there
+    assert state_of(folders) == ({"new"} if committed else {"old"})
+
+
+def test_a_journal_from_elsewhere_touches_no_other_folder(folders: list[Path]) -> None:
+    """A folder that came with a journal may not rename files of other folders."""
+    delivered, own = folders[0], folders[1]
+    payload = delivered / ".x.txt"
+    payload.write_text("evil")
+    gone = f"{leftovers._machine()}-{2**22 + 1}-1"
+    steps = [["rename", str(payload), str(own / "0.txt")], ["remove", str(own / "1.txt"), ""]]
+    (delivered / JOURNAL).write_text(json.dumps({"writer": gone, "steps": steps, "signposts": [str(own / "2.txt")]}))
+    finish_interrupted([str(delivered)])
+    assert (own / "0.txt").read_text() == "old" and (own / "1.txt").exists() and (own / "2.txt").exists()
+    assert not (delivered / JOURNAL).exists()
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"writer": 3}', '{"writer": "x", "steps": 5}', "\0" * 100])
+@pytest.mark.parametrize("name", [JOURNAL, SIGNPOST])
+def test_damaged_journals_are_harmless(tmp_path: Path, name: str, content: str) -> None:
+    (tmp_path / name).write_text(content)
+    (tmp_path / "a.txt").write_text("a")
+    finish_interrupted([str(tmp_path)])
+    assert (tmp_path / "a.txt").read_text() == "a"
+
+
+def test_living_writers_are_left_alone(tmp_path: Path) -> None:
+    living = Path(temporary_name(str(tmp_path / "a.tif")))
+    living.write_text("")
+    folder = temporary_folder(str(tmp_path))
+    assert sweep(str(tmp_path)) == [] and living.exists() and Path(folder).is_dir()
+
+
+def test_dead_writers_files_go(tmp_path: Path) -> None:
+    """A number that no process has, and our own number with another beginning."""
+    for pid, began in ((2**22 + 1, 1), (os.getpid(), 1)):
+        words = f"{leftovers._machine()}-{pid}-{began}"
+        (tmp_path / f".a.{words}-0123abcd.tmp.tif").write_text("")
+        (tmp_path / f".hrsi-unfinished-{words}-x").mkdir()
+    (tmp_path / ".mine.tmp.tif").write_text("")
+    elsewhere = tmp_path / ".a.00000000-12-1-0123abcd.tmp.tif"  # of another machine, and fresh
+    elsewhere.write_text("")
+    assert is_dead(str(tmp_path / f".a.{leftovers._machine()}-{2**22 + 1}-1-0123abcd.tmp.tif"))
+    assert len(sweep(str(tmp_path))) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([elsewhere.name, ".mine.tmp.tif"])
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_takes_no_journal_changes_nothing(folders: list[Path]) -> None:
+    folders[2].chmod(0o500)
+    with Transaction(str(folders[0])) as changes:
+        changes.rename(str(folders[2] / "0.txt"), str(folders[2] / "moved.txt"))
+        with pytest.raises(OutputError, match="nothing was changed"):
+            changes.commit()
+    folders[2].chmod(0o700)
+    assert state_of(folders) == {"old"}
+
+
+def test_failing_journal_changes_nothing(folders: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: str, content: object) -> None:
+        raise OSError(28, "No space left on device", path)
+
+    monkeypatch.setattr(transactions, "_write", refuse)
+    with Transaction(str(folders[0])) as changes:
+        fill(changes, folders, "new")
+        with pytest.raises(OutputError, match="nothing was changed"):
+            changes.commit()
+    assert state_of(folders) == {"old"}
