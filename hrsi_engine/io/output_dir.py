@@ -162,7 +162,9 @@ def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str],
         if os.path.realpath(target) in beside and not is_vendor_file(target):
             raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
         if not overwrite and os.path.basename(target) not in named:
-            raise InputError(f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`")
+            raise InputError(
+                f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`"
+            )
 
 
 def names_of_last_run(folder: str) -> set[str]:
