@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Mapping
 from enum import Enum
 from functools import cache
@@ -11,6 +12,7 @@ from typing import Any
 
 import jinja2
 import numpy as np
+from markupsafe import Markup, escape
 
 from ..foundation.errors import OutputError
 from .replacing import replacing
@@ -58,7 +60,24 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters["figure"] = figure
+    environment.filters["coded"] = coded
     return environment
+
+
+def coded(text: str) -> Markup:
+    """Return a message as HTML; the arguments that it names in backticks are code.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+
+    Returns
+    -------
+    Markup
+        The message, escaped.
+    """
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def figure(value: Any, digits: int = 3, unit: str = "") -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..drawing.block_figures import ReportFigures, drawn
 from ..drawing.block_map import BlockMap, block_map_svg
+from .code_pages import explained_codes
 from .pages import json_ready, write_page, write_text
 
 __all__ = ["BlockMap", "ReportFigures", "write_report_html", "write_report_json"]
@@ -53,4 +54,7 @@ def write_report_html(
         The file cannot be written.
     """
     drawing = None if map_data is None else block_map_svg(map_data)
-    write_page(path, "report.html.j2", report, block_map=drawing, **drawn(figures or ReportFigures()))
+    reasons = (report.get("verdict") or {}).get("reasons", [])
+    explained = explained_codes(reason["code"] for reason in reasons)
+    drawings = drawn(figures or ReportFigures())
+    write_page(path, "report.html.j2", report, block_map=drawing, explained=explained, **drawings)

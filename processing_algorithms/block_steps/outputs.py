@@ -85,7 +85,7 @@ def write_results(
         "settings": settings_of(options),
         **(more or {}),
     }  # fmt: skip
-    verdict = Verdict.of(reached(report), [*reasons, *find_reasons(evidence)])
+    verdict = Verdict.of(reached(report), find_reasons(evidence, reasons))
     report["verdict"] = verdict.entry()
     output = options.output
     how = output.write

@@ -60,7 +60,7 @@ def shown(
     images = result.block.images
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     figures = block_report(result, left, refined)
-    verdict = Verdict.of(reached(figures), [*reasons, *find_reasons(Evidence(result, left, refined))])
+    verdict = Verdict.of(reached(figures), find_reasons(Evidence(result, left, refined), reasons))
     return Adjusted(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},

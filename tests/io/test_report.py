@@ -40,6 +40,15 @@ def report() -> dict[str, Any]:
         "check": known | {"ce90_m": 0.812, "le90_m": 1.8},
         "ties": {"points": 3, "observations": 9, "before_rmse_px": 0.58, "rmse_px": 0.18},
         "outliers": [{"id": EVIL, "image": "img_01", "statistic": 7.3}], "warnings": [EVIL],
+        "verdict": {
+            "level": "doubtful", "sentence": "2 images tied to 0.18 px",
+            "reasons": [
+                {"code": "few-ties", "level": "doubtful", "message": EVIL, "advice": "give `gcps`", "images": [EVIL],
+                 "points": [f"P{k}" for k in range(40)]},
+                {"code": "no-such-code", "level": "doubtful", "message": "more", "advice": "look", "images": [],
+                 "points": []},
+            ],
+        },
         "settings": {"gcp_ids": ["A", "B"], "images": EVIL},
     }  # fmt: skip
 
@@ -194,3 +203,16 @@ def test_chip_pixels_are_a_png_that_others_read() -> None:
     grey = np.random.default_rng(3).integers(0, 256, (37, 52)).astype(np.uint8)
     decoded = cv2.imdecode(np.frombuffer(png_bytes(grey), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(decoded, grey)
+
+
+def test_verdict_opens_the_page_and_leads_to_its_explanation(tmp_path: Path) -> None:
+    """Reasons stand before all figures, escaped; a code with a section of docs/verdict.md links to its text below."""
+    write_report_html(str(tmp_path / "report.html"), report())
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.index("2 images tied to 0.18 px") < page.index("Warnings") < page.index("<h2>Adjustment</h2>")
+    assert EVIL not in page
+    assert "give <code>gcps</code>" in page
+    assert "P11 … (40 in all)" in page
+    assert page.index('href="#about-few-ties"') < page.index('id="about-few-ties"')
+    assert "an error in one of them would not show" in page[page.index('id="about-few-ties"') :]
+    assert "#about-no-such-code" not in page

@@ -81,7 +81,8 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-left-out",
             Level.DOUBTFUL,
-            f"{len(out)} of {surveyed} GCPs disagree with the rest and are left out: {list_ids(out)}"
+            f"{len(out)} of {surveyed} GCPs {'disagrees' if len(out) == 1 else 'disagree'} with the rest and "
+            f"{'is' if len(out) == 1 else 'are'} left out: {list_ids(out)}"
             + ("; with so many of them, the others may be the wrong ones" if many else ""),
             "compare these points with their source; correct them, or take them out of the file",
             points=out,

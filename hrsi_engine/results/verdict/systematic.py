@@ -33,7 +33,9 @@ def large_field(evidence: Evidence) -> Iterator[Reason]:
             "systematic-residuals", Level.DOUBTFUL,
             f"the residuals of image {list_ids(field.image for field in fields)} have a systematic field: "
             f"{worst.rms_px:.2g} px of {worst.all_px:.2g} px in {worst.image} follow a polynomial of the position",
-            f"choose the model {worst.model}, which removes it; if it is the model already, look for wrong points",
+            "look for wrong points: the model would follow this field if they let it"
+            if worst.model == evidence.result.model.name
+            else f"choose the model {worst.model}, which removes it; look for wrong points if it does not",
             images=tuple(field.image for field in fields),
         )  # fmt: skip
 

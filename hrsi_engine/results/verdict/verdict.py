@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 from typing import Any
@@ -18,6 +18,13 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *connections.ON_CONNECTIONS,
     *systematic.ON_FIELDS,
 )
+
+#: Codes of reasons that follow from wrong points, whatever is wrong with them.
+OF_RESIDUALS = frozenset({
+    "not-converged", "residuals-too-large", "correction-too-large", "control-misfit", "control-left-out",
+    "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
+    "extrapolation",
+})  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -56,9 +63,28 @@ class Verdict:
         }
 
 
-def find_reasons(evidence: Evidence) -> list[Reason]:
-    """Return everything that speaks against a finished adjustment."""
-    return [reason for check in CHECKS for reason in check(evidence)]
+def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reason]:
+    """Return everything that speaks against a block: what was found before its adjustment, and what is found after it.
+
+    Where the input cannot be used, residuals and corrections only tell that again: they are left out, and what is named
+    is the cause.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        The finished adjustment.
+    before : sequence of Reason
+        What was found before it.
+
+    Returns
+    -------
+    list of Reason
+        Those found before first.
+    """
+    found = [reason for check in CHECKS for reason in check(evidence)]
+    if any(reason.level is Level.UNUSABLE for reason in before):
+        found = [reason for reason in found if reason.code not in OF_RESIDUALS]
+    return [*before, *found]
 
 
 def reached(report: Mapping[str, Any]) -> str:

@@ -1,0 +1,66 @@
+"""What the documentation says of a verdict's codes, for reports: a page that travels alone brings its own explanations.
+
+``docs/verdict.md`` is the one place where that is written; its headings ``### code`` are the codes. Of Markdown,
+paragraphs, lists, code, bold words and the words of links are understood.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from functools import cache
+from html import escape
+from pathlib import Path
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "verdict.md"
+_SECTION = re.compile(r"^### ([a-z0-9-]+)\n(.*?)(?=^#{1,3} |\Z)", re.MULTILINE | re.DOTALL)
+_INLINE = (
+    (re.compile(r"`([^`]+)`"), r"<code>\1</code>"),
+    (re.compile(r"\*\*([^*]+)\*\*"), r"<b>\1</b>"),
+    (re.compile(r"\[([^\]]+)\]\([^)]*\)"), r"\1"),
+)
+
+
+def explained_codes(codes: Iterable[str]) -> dict[str, str]:
+    """Return what is written of codes as HTML, each once and in their order.
+
+    Parameters
+    ----------
+    codes : iterable of str
+        Codes of reasons.
+
+    Returns
+    -------
+    dict
+        HTML by code, of those that have a section; empty where the documentation is not installed.
+    """
+    sections = _sections()
+    return {code: sections[code] for code in dict.fromkeys(codes) if code in sections}
+
+
+@cache
+def _sections() -> dict[str, str]:
+    try:
+        text = PAGE.read_text(encoding="utf-8")
+    except OSError:  # installed without documentation
+        return {}
+    return {code: _html(body) for code, body in _SECTION.findall(text)}
+
+
+def _html(markdown: str) -> str:
+    """Return paragraphs and lists as HTML."""
+    parts = []
+    for block in re.split(r"\n\s*\n", markdown.strip()):
+        items = re.split(r"^[*-] ", block, flags=re.MULTILINE)
+        if len(items) > 1 and not items[0].strip():
+            parts.append("<ul>" + "".join(f"<li>{_inline(item)}</li>" for item in items[1:]) + "</ul>")
+        else:
+            parts.append(f"<p>{_inline(block)}</p>")
+    return "".join(parts)
+
+
+def _inline(text: str) -> str:
+    text = escape(" ".join(text.split()), quote=False)
+    for pattern, replacement in _INLINE:
+        text = pattern.sub(replacement, text)
+    return text
