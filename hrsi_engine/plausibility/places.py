@@ -93,11 +93,15 @@ def height_reasons(block: Block) -> list[Reason]:
             f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) is "
             f"outside the {low:.0f} to {high:.0f} m that the RPCs were made for"
         )
-        code, advice = "heights-out-of-range", "check the heights' unit and what they refer to (height_datum)"
-        if wrong.mean() > MOST_HEIGHTS and not _outside(height * FEET_M, ranges, slack).any():
-            code, advice = "height-unit", "give heights in metres"
-            text += "; taken as feet they lie within"
-        reasons.append(Reason(code, Level.DOUBTFUL, text, advice, images, ids))
+        in_feet = wrong.mean() > MOST_HEIGHTS and not _outside(height * FEET_M, ranges, slack).any()
+        reasons.append(
+            Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they lie within", "give metres", images, ids)
+            if in_feet
+            else Reason(
+                "heights-out-of-range", Level.DOUBTFUL, text,
+                "check the heights' unit and what they refer to (height_datum)", images, ids,
+            )
+        )  # fmt: skip
     which = np.unique(measured.point[rows])
     heights = points.ground[which, 2]
     if len(which) >= SEVERAL_POINTS and np.ptp(heights) == 0.0:
