@@ -41,7 +41,8 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     images = open_images(options.images, context.log)
     block, warnings = block_inputs.read_block(images, options.points, options.dem, options.tie_points)
     clock.lap("read")
-    reasons = plausibility.input_reasons(block, options.points, options.dem)
+    how = options.adjustment
+    reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
         chosen = model_choice.choose(block, options.adjustment)

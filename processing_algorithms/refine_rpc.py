@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from ..hrsi_engine.block.block import Block
     from ..hrsi_engine.refinement.refine import Refinement
 
+#: The generic models are for orientations of any error, 0.1 rad and more: then control may lie anywhere about.
+ANY_ORIENTATION = {"sigma_shift_px": 1e5, "sigma_drift": 0.1}
+
 
 @dataclass(frozen=True, kw_only=True)
 class RefineAlgorithmOptions:
@@ -42,7 +45,8 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     images = open_images(options.images, context.log)
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
-    reasons = plausibility.input_reasons(block, options.points)
+    expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else {}
+    reasons = plausibility.input_reasons(block, options.points, **expected)
     clock.lap("check")
     with plausibility.explained_by(reasons):
         refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))

@@ -64,7 +64,8 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     block, more, entries = reference_control.read_block(
         images, options.points, options.dem, file, found, options.reference, sigma_dem_m, reading
     )
-    reasons = plausibility.input_reasons(block, options.points, options.dem)
+    how = options.adjustment
+    reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
         chosen = model_choice.choose(block, options.adjustment)

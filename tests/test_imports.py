@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.surface": CAMERA,
     "hrsi_engine.block": SURFACE,
     "hrsi_engine.drawing": BLOCK,
-    "hrsi_engine.refinement": BLOCK,
+    "hrsi_engine.refinement": BLOCK | {"hrsi_engine.plausibility"},
     "hrsi_engine.measurement": BLOCK,
     "hrsi_engine.plausibility": BLOCK,
     "hrsi_engine.simulation": BLOCK,

@@ -82,20 +82,3 @@ def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: n
     return HeightDifference(
         middle, spread, len(difference), float(np.median(of_geoid)) if np.isfinite(of_geoid).all() else float("nan")
     )
-
-
-def height_difference_warning(found: HeightDifference, points: str, dem: str) -> str:
-    """Return what to say of points and DEM (named as files) that disagree; nothing where they do not."""
-    if not found.significant:
-        return ""
-    where = "above" if found.median_m > 0.0 else "below"
-    text = f"{points}: heights of {found.points} points lie {abs(found.median_m):.1f} m {where} the DEM {dem} (median)"
-    if not found.sign_of_geoid:
-        return f"{text}: check what the heights of both refer to (--height-datum, --dem-datum)"
-    low, high = (dem, points) if found.sign_of_geoid > 0 else (points, dem)
-    option = "--dem-datum" if found.sign_of_geoid > 0 else "--height-datum"
-    return (
-        f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of {low} are above "
-        f"the geoid but count as ellipsoidal ({option} egm96 or egm2008 says so), or those of {high} are ellipsoidal "
-        "but were converted"
-    )

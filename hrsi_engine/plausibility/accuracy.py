@@ -26,7 +26,7 @@ LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
 LARGE_SIGMAS = 10.0  # a shift worth a look
 IMPOSSIBLE_SIGMAS, IMPOSSIBLE_M = 15.0, 500.0  # a shift that no RPC's error is: beyond both
 MISFIT_PX = 15.0  # of points of one image among each other, beyond the worst measuring and drift
-MOST_DRIFT = 1e-3  # px/px
+USUAL_DRIFT, MOST_DRIFT = 3e-4, 1e-3  # px/px: standard deviation of an RPC's error over its image, and the worst
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ImageAccuracy:
 
     gsd_m : length of a pixel on the ground; sigma_m : standard deviation of each axis of its RPC's shift
     large_m, far_m : shifts that are worth a look, and that no RPC's error is
-    misfit_m : what points of one image may differ from each other
+    misfit_m : what points of one image may differ from each other; drift : standard deviation, px/px
     """
 
     gsd_m: float
@@ -43,19 +43,22 @@ class ImageAccuracy:
     large_m: float
     far_m: float
     misfit_m: float
+    drift: float
 
 
-def image_accuracy(image: Image) -> ImageAccuracy:
-    """Return what can be expected of an image, by its RPC's ERR_BIAS or its resolution."""
+def image_accuracy(image: Image, sigma_shift_px: float = 0.0, sigma_drift: float = 0.0) -> ImageAccuracy:
+    """Return what can be expected of an image, by its RPC's ERR_BIAS or its resolution, or what the user expects."""
     gsd = middle_gsd_m(image)
     stated = image.rpc.err_bias
     if stated and stated > 0.0 and np.isfinite(stated):
         sigma = max(float(stated), LEAST_SIGMA_M, LEAST_SIGMA_PX * gsd)
     else:
         sigma = max(UNKNOWN_SIGMA_M, UNKNOWN_SIGMA_PX * gsd)
+    sigma = max(sigma, sigma_shift_px * gsd)
+    drift = max(MOST_DRIFT, LARGE_SIGMAS * sigma_drift)
     return ImageAccuracy(
         gsd, sigma, LARGE_SIGMAS * sigma, max(IMPOSSIBLE_SIGMAS * sigma, IMPOSSIBLE_M),
-        gsd * max(MISFIT_PX, MOST_DRIFT * float(np.hypot(*image.half_size_px))),
+        gsd * max(MISFIT_PX, drift * float(np.hypot(*image.half_size_px))), max(USUAL_DRIFT, sigma_drift),
     )  # fmt: skip
 
 

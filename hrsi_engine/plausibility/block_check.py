@@ -16,7 +16,9 @@ OF_PIXELS = {"sample-line-swapped", "lines-from-below", "samples-from-right", "i
 OF_HEIGHTS = {"height-unit", "height-offset", "height-datum", "heights-alike"}
 
 
-def check_block(block: Block, *, surface: HeightSurface | None = None) -> list[Reason]:
+def check_block(
+    block: Block, *, surface: HeightSurface | None = None, sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
+) -> list[Reason]:
     """Return what in a block's inputs cannot be what it claims, worst first; nothing where all is plausible.
 
     Parameters
@@ -25,13 +27,15 @@ def check_block(block: Block, *, surface: HeightSurface | None = None) -> list[R
         Images with the RPCs as they came, points and measurements.
     surface : HeightSurface, optional
         The DEM that comes with the block.
+    sigma_shift_px, sigma_drift : float
+        Standard deviations of the RPCs' errors (px, px/px) where the user knows them to be worse than the RPCs state.
 
     Returns
     -------
     list of Reason
         Worst first; empty where all is plausible.
     """
-    accuracies = [image_accuracy(image) for image in block.images]
+    accuracies = [image_accuracy(image, sigma_shift_px, sigma_drift) for image in block.images]
     control = control_of(block, accuracies)
     reasons = [] if control is None else control_reasons(control)
     reasons += tie_reasons(block, accuracies)

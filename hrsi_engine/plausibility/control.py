@@ -26,7 +26,6 @@ from .accuracy import ImageAccuracy
 from .sights import Sights, sights
 
 LEAST_NOISE_PX = 0.3  # nobody measures and surveys better
-RPC_DRIFT = 3e-4  # px/px: standard deviation of the drift of a right RPC's error over its image
 BELONG = 0.7  # share of an image's points that must fit for the image to fit
 USUAL_SCATTER = 2.5  # of right blocks, in units of the expected misfit
 MOST_FREEDOM = 10
@@ -103,7 +102,8 @@ def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> SurveyedRow
         + np.nan_to_num(np.sum(seen.slope**2, axis=1)) * sigma[point, 2] ** 2
     )
     centre = np.array([one.centre_px for one in block.images])[image]
-    expected = np.hypot(noise, RPC_DRIFT * gsd * np.hypot(*(xy - centre).T))
+    drift = np.array([accuracy.drift for accuracy in accuracies])[image]
+    expected = np.hypot(noise, drift * gsd * np.hypot(*(xy - centre).T))
     return SurveyedRows(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
 
 

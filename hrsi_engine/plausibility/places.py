@@ -25,6 +25,7 @@ RANGE_SHARE, RANGE_SLACK_M = (
 MOST_HEIGHTS = 0.7  # share of the heights outside their range from which on their unit is asked for
 COVERED = 0.8  # share of the block that a DEM should cover
 COVERAGE_GRID = 5
+TAKEN_FROM_DEM_M = 1e-3
 DEM_DIFFERENCE_M = 20.0  # trees, houses and a coarse DEM do less
 
 
@@ -136,9 +137,11 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
         )  # fmt: skip
     known = block.known & np.isfinite(block.points.ground).all(axis=1)
     ground = block.points.ground[known]
-    grid = undulations(ground, "egm96")
+    of_dem = surface_heights(surface, ground[:, :2])
+    of_dem[np.abs(ground[:, 2] - of_dem) < TAKEN_FROM_DEM_M] = np.nan  # they tell nothing
+    geoid = undulations(ground)
     found = height_datum.height_difference(
-        ground[:, 2], surface_heights(surface, ground[:, :2]), np.full(len(ground), np.nan) if grid is None else grid
+        ground[:, 2], of_dem, np.full(len(ground), np.nan) if geoid is None else geoid[1]
     )
     if found is None or not found.significant:
         return reasons

@@ -6,6 +6,7 @@ image coordinates may concern some images only, those that do not fit.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -184,18 +185,18 @@ def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[Groun
             Slip("height-unit", f"the heights of the ground points {what}", "give heights in metres"),
             ground * [1.0, 1.0, factor],
         )
-    for name in GEOID_GRIDS:
-        undulation = undulations(ground, name)
-        if undulation is None:
-            continue
+    found = undulations(ground)
+    if found is not None:  # the models of the geoid differ by less than images can tell: any will do
+        name, undulation = found
         middle = float(np.median(undulation))
+        up = np.column_stack([np.zeros((len(ground), 2)), undulation])
         yield (
             Slip(
                 "height-datum",
                 f"the heights of the ground points are above the geoid ({middle:+.1f} m there), not ellipsoidal",
                 f"say what the heights are: height_datum {name}",
             ),
-            ground + np.column_stack([np.zeros((len(ground), 2)), undulation]),
+            ground + up,
         )  # fmt: skip
         yield (
             Slip(
@@ -204,9 +205,8 @@ def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[Groun
                 f"({middle:+.1f} m there)",
                 "say what the heights are: height_datum ellipsoidal",
             ),
-            ground - np.column_stack([np.zeros((len(ground), 2)), undulation]),
+            ground - up,
         )  # fmt: skip
-        break  # the models of the geoid differ by less than images can tell
     lift, _ = common_lift(control, shift_m)
     side = "high" if lift > 0.0 else "low"
     yield (
@@ -242,14 +242,14 @@ def common_lift(control: SurveyedRows, shift_m: np.ndarray) -> tuple[float, floa
     return float(solved[2]), float(np.sqrt(max(inverse[2, 2], 0.0)))
 
 
-def undulations(ground: np.ndarray, name: str) -> np.ndarray | None:
-    """Return the geoid's heights (m) at points; None where its grid is not installed or they are nowhere."""
-    if not (np.abs(ground[:, 1]) <= 90.0).all():
+def undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
+    """Return a model of the geoid whose grid is installed, and its heights (m) at points; None where there is none."""
+    if not len(ground) or not (np.abs(ground[:, 1]) <= 90.0).all():
         return None
-    try:
-        return geoid_heights(ground, name)
-    except InputError:
-        return None
+    for name in GEOID_GRIDS:
+        with contextlib.suppress(InputError):
+            return name, geoid_heights(ground, name)
+    return None
 
 
 def _other_datum(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:

@@ -1,8 +1,8 @@
 """Ground control that cannot be right, or cannot do what is asked of it: errors and warnings that name the points.
 
 An error where nothing sensible can follow (no point, no number, longitude and latitude swapped, another part of the
-world), a warning where the user should look: points outside the image or the RPC's heights, on a line, at one place,
-heights that fit better in feet.
+world), a warning where they cannot do what is asked of them: on a line, at one place. What cannot be what it claims to
+be (heights in feet, points outside the image) `plausibility` finds.
 """
 
 from __future__ import annotations
@@ -19,12 +19,7 @@ from .ground_area import ground_area
 
 FARTHEST_M = 300e3  # ground points farther from an image: no attitude error (0.1 rad from 800 km: 120 km) explains it
 SAME_PLACE_M = 0.05
-OUTSIDE_SHARE = 0.1  # of the height range beyond which a height is worth a warning
-OUTSIDE_M = 50.0
 NARROW = 0.03  # spread across the line over spread along it
-FOOT_M = 0.3048
-BETTER_IN_FEET = 5.0  # times smaller scatter of the residuals
-LARGE_SCATTER_PX = 3.0
 
 
 def check_control(image: Image, control: Control) -> list[str]:
@@ -89,28 +84,6 @@ def _find_swapped(image: Image, ground: np.ndarray) -> np.ndarray:
 # ---- warnings ------------------------------------------------------------------------------------------------------
 
 
-def _outside_image(image: Image, control: Control) -> list[str]:
-    if image.size is None:
-        return []
-    outside = (np.abs(control.xy - image.centre_px) > image.half_size_px + 0.5).any(axis=1)
-    if not outside.any():
-        return []
-    return [f"{image.id}: GCP {list_ids(control.ids[outside])} lies outside the image; it is used all the same"]
-
-
-def _outside_heights(image: Image, control: Control) -> list[str]:
-    low, high = image.rpc.height_range
-    slack = max(OUTSIDE_SHARE * (high - low), OUTSIDE_M)
-    outside = (control.ground[:, 2] < low - slack) | (control.ground[:, 2] > high + slack)
-    if not outside.any():
-        return []
-    worst = control.ground[outside, 2][np.argmax(np.abs(control.ground[outside, 2] - (low + high) / 2.0))]
-    return [
-        f"{image.id}: the height of GCP {list_ids(control.ids[outside])} (up to {worst:.0f} m) is outside the RPC's "
-        f"{low:.0f} to {high:.0f} m: check the height datum and the unit (feet?)"
-    ]
-
-
 def _same_place(image: Image, control: Control) -> list[str]:
     distance = control.ground[:, None] - control.ground[None]
     metres = np.abs(distance) * [1e5, 1e5, 1.0]
@@ -134,30 +107,7 @@ def _on_a_line(image: Image, control: Control) -> list[str]:
     ]
 
 
-def _heights_in_other_unit(image: Image, control: Control) -> list[str]:
-    if len(control) < 3 or np.ptp(control.ground[:, 2]) < 30.0:
-        return []
-    scatter = {factor: _scatter_px(image, control, factor) for factor in (1.0, FOOT_M, 1.0 / FOOT_M)}
-    best = min(scatter, key=lambda factor: scatter[factor])
-    if best == 1.0 or scatter[1.0] < max(LARGE_SCATTER_PX, BETTER_IN_FEET * scatter[best]):
-        return []
-    unit = "feet, not metres" if best == FOOT_M else "metres that were converted from feet by mistake"
-    return [
-        f"{image.id}: the heights of the GCPs look like {unit}: residuals scatter by {scatter[1.0]:.1f} px, and by "
-        f"{scatter[best]:.1f} px with heights times {best:.4g}"
-    ]
-
-
-def _scatter_px(image: Image, control: Control, factor: float) -> float:
-    """Return the RMS of the vendor's residuals about their mean, with the heights times a factor."""
-    residual = control.xy - image.rpc.project(control.ground * [1.0, 1.0, factor])
-    return float(np.sqrt(np.mean(np.sum((residual - residual.mean(axis=0)) ** 2, axis=1))))
-
-
 WARNINGS: tuple[Callable[[Image, Control], list[str]], ...] = (
-    _outside_image,
-    _outside_heights,
     _same_place,
     _on_a_line,
-    _heights_in_other_unit,
 )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ..block.block import Image
+from ..block.block import Image, assemble
 from ..block.default_sigmas import Defaults
+from ..block.points import GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
+from ..plausibility import check_block
 from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate
 from .model import RefinedRPC, RefinementModel
@@ -100,7 +102,17 @@ def refine_rpc(
     """
     if isinstance(image, RPC):
         image = Image("image", image)
-    return refine_image(image, Control.create(ground, xy, ids, sigma_px, sigma_m), RefineOptions(model, leave_out))
+    control = Control.create(ground, xy, ids, sigma_px, sigma_m)
+    found = refine_image(image, control, RefineOptions(model, leave_out))
+    return replace(found, warnings=(*_implausible(image, control), *found.warnings))
+
+
+def _implausible(image: Image, control: Control) -> list[str]:
+    """Return what in the input cannot be what it claims; of a block, its own check says so for all images together."""
+    points = GroundPoints.create(control.ids, control.ground, Role.GCP, control.sigma_m)
+    measured = ImagePoints.create(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
+    reasons = check_block(assemble([image], [points], [measured]))
+    return [f"{image.id}: {reason.message}: {reason.advice}" for reason in reasons]
 
 
 def refine_image(image: Image, control: Control, options: RefineOptions | None = None) -> Refinement:

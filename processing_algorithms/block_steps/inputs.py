@@ -14,7 +14,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import consistent_tracks
 from ...hrsi_engine.surface.dem import surface_heights
-from ..files.terrain import DemOptions, datum_warning
+from ..files.terrain import DemOptions
 from .options import PointFiles
 
 GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
@@ -71,8 +71,6 @@ def read_block(
             (pairs if tables.pairwise else measured).append(table)
         if purpose == GCPS or tables.image is None:  # positions in other layers are not used, nor what is said of them
             warnings += tables.warnings
-    if dem is not None and dem.dem and surface is not None and len(ground) > len(known):
-        warnings += datum_warning(ground[len(known) :], surface, dem.dem)
     if pairs:
         measured.append(joined(pairs))
     if ground and not any(len(table) for table in measured):

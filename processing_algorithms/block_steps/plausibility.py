@@ -13,9 +13,19 @@ from ..files.terrain import DemOptions
 from .options import PointFiles
 
 
-def input_reasons(block: Block, points: PointFiles, dem: DemOptions | None = None) -> list[Reason]:
-    """Return what in a block's inputs a careful operator would have to look into, worst first."""
-    return check_block(block, surface=None if dem is None else dem.surface(points.height_datum))
+def input_reasons(
+    block: Block,
+    points: PointFiles,
+    dem: DemOptions | None = None,
+    sigma_shift_px: float | None = None,
+    sigma_drift: float | None = None,
+) -> list[Reason]:
+    """Return what in a block's inputs a careful operator would have to look into, worst first.
+
+    The sigmas are those of the RPCs' errors where the user states them.
+    """
+    surface = None if dem is None else dem.surface(points.height_datum)
+    return check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +10,6 @@ from ...hrsi_engine.foundation.options import option
 from ..interface.declare import Kind, made_options, params_of
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from ...hrsi_engine.block.points import GroundPoints
     from ...hrsi_engine.surface.dem import HeightSurface
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
@@ -84,40 +81,6 @@ class _GroundCrs:
 def dem_datum(options: Mapping[str, Any]) -> str:
     """Return what the heights of the DEM refer to."""
     return options.get("dem_datum") or options["height_datum"]
-
-
-def datum_warning(tables: Sequence[GroundPoints], surface: HeightSurface, dem: str) -> list[str]:
-    """Return a warning where the heights of surveyed points and DEM seem to have different datums."""
-    import numpy as np
-
-    from ...hrsi_engine.ground import height_datum
-    from ...hrsi_engine.surface.dem import surface_heights
-
-    ground = np.concatenate([table.ground for table in tables])
-    of_dem = surface_heights(surface, ground[:, :2])
-    known = np.isfinite(of_dem) & np.isfinite(ground[:, 2])
-    if not known.any():
-        return []
-    found = height_datum.height_difference(ground[known, 2], of_dem[known], _undulations(ground[known]))
-    if found is None:
-        return []
-    text = height_datum.height_difference_warning(found, tables[0].source or "the GCPs", dem)
-    return [text] if text else []
-
-
-def _undulations(ground: np.ndarray) -> np.ndarray:
-    """Return the geoid's heights by any grid that is installed, NaN without one."""
-    import numpy as np
-
-    from ...hrsi_engine.foundation.errors import InputError
-    from ...hrsi_engine.ground.geodesy import GEOID_GRIDS, geoid_heights
-
-    for name in GEOID_GRIDS:
-        try:
-            return geoid_heights(ground, name)
-        except InputError:
-            continue
-    return np.full(len(ground), np.nan)
 
 
 def open_terrain(options: TerrainOptions | Mapping[str, Any]) -> HeightSurface | None:

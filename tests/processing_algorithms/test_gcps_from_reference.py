@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground.height_datum import height_difference, height_difference_warning
+from hrsi.hrsi_engine.ground.height_datum import height_difference
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
@@ -156,19 +156,6 @@ def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     print(f"N {np.median(undulation):.2f} m, shift {np.median(towards):.2f} m, N tan(incidence) {expected:.2f} m")
     assert abs(np.median(towards)) == pytest.approx(expected, rel=0.05)
     assert expected > 7.0  # more than a pixel of 6.5 m
-
-
-@pytest.mark.parametrize(
-    ("survey", "named"),
-    [(0.0, ""), (45.0, "--dem-datum"), (-45.0, "--height-datum"), (20.0, "what the heights of both refer to")],
-)
-def test_difference_of_heights_names_the_datum(survey, named):
-    rng = np.random.default_rng(1)
-    dem = rng.uniform(200.0, 400.0, 8)
-    found = height_difference(dem + survey + rng.normal(0.0, 2.0, 8), dem, np.full(8, 45.0))
-    assert found is not None
-    assert named in height_difference_warning(found, "points.csv", "dem.tif")
-    assert bool(height_difference_warning(found, "points.csv", "dem.tif")) == bool(named)
 
 
 def test_few_or_scattered_heights_say_nothing():

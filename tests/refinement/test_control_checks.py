@@ -9,10 +9,11 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
-from hrsi.hrsi_engine.refinement.control_checks import FOOT_M
 from hrsi.hrsi_engine.refinement.estimate import Control
 from hrsi.hrsi_engine.refinement.options import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import refine_image, refine_rpc
+
+FOOT_M = 0.3048
 
 
 @pytest.fixture
@@ -28,7 +29,16 @@ def control(image):
 
 
 def warnings(image, control, model="shift"):
-    return " / ".join(refine_image(image, control, RefineOptions(model)).warnings)
+    found = refine_rpc(
+        image,
+        control.ground,
+        control.xy,
+        ids=control.ids,
+        sigma_px=control.sigma_px,
+        sigma_m=control.sigma_m,
+        model=model,
+    )
+    return " / ".join(found.warnings)
 
 
 def test_good_control_has_no_warnings(image, control):
@@ -113,22 +123,20 @@ def test_points_at_one_spot(image, control):
         refine_image(image, spot, RefineOptions("quadratic"))
 
 
-def test_a_point_outside_the_image(image, control):
-    ground = control.ground.copy()
-    ground[3, 0] += 0.05
+def test_points_far_outside_the_image(image, control):
     xy = control.xy.copy()
-    xy[3] = image.rpc.project(ground[[3]])[0] + [5.0, -3.0]
-    assert "GCP 4 lies outside the image" in warnings(image, replace(control, ground=ground, xy=xy))
+    xy[3] = [9000.0, 100.0]
+    assert "1 of 8 points on image image0 lie outside its 4001 x 4001 px" in warnings(image, replace(control, xy=xy))
 
 
 def test_a_height_outside_the_range(image, control):
     ground = control.ground.copy()
     ground[6, 2] = 3000.0
     said = warnings(image, replace(control, ground=ground))
-    assert "the height of GCP 7 (up to 3000 m) is outside the RPC's -300 to 700 m" in said
+    assert "the height of ground point 7 (3000 to 3000 m) is outside the -300 to 700 m" in said
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1.0 / FOOT_M, "feet, not metres"), (FOOT_M, "converted from feet")])
+@pytest.mark.parametrize(("factor", "said"), [(1.0 / FOOT_M, "are in feet"), (FOOT_M, "were converted from feet")])
 def test_heights_in_another_unit(image, control, factor, said):
     ground = control.ground * [1.0, 1.0, factor]
     assert said in warnings(image, replace(control, ground=ground))
