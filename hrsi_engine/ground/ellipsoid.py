@@ -23,7 +23,8 @@ SECOND_ECCENTRICITY_SQUARED = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED
 BOWRING_STEPS = 4  # below a micrometre from the sea floor to the orbits
 
 Number = TypeVar("Number", float, np.ndarray)
-_Vector = tuple[Number, Number, Number]
+Pair = tuple[Number, Number]
+Triple = tuple[Number, Number, Number]
 
 
 def wrapped(difference_deg: Number) -> Number:
@@ -46,7 +47,7 @@ def metres_of_a_degree(lat_deg: Number, height_m: Number) -> tuple[Number, Numbe
     return across, np.radians(meridian + height_m)
 
 
-def geocentric(lon_deg: Number, lat_deg: Number, height_m: Number) -> _Vector[Number]:
+def geocentric(lon_deg: Number, lat_deg: Number, height_m: Number) -> Triple[Number]:
     """Return geocentric x, y, z (EPSG:4978)."""
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     _, prime_vertical = curvature_radii(lat_deg)
@@ -55,7 +56,7 @@ def geocentric(lon_deg: Number, lat_deg: Number, height_m: Number) -> _Vector[Nu
     return across * np.cos(lon), across * np.sin(lon), z
 
 
-def geodetic(x: Number, y: Number, z: Number) -> _Vector[Number]:
+def geodetic(x: Number, y: Number, z: Number) -> Triple[Number]:
     """Return longitude, latitude and height of geocentric x, y, z."""
     across = np.hypot(x, y)
     reduced = np.arctan2(z, across * (1.0 - FLATTENING))
@@ -69,7 +70,7 @@ def geodetic(x: Number, y: Number, z: Number) -> _Vector[Number]:
     return np.degrees(np.arctan2(y, x)), np.degrees(lat), height
 
 
-def axes(lon_deg: Number, lat_deg: Number) -> tuple[_Vector[Number], _Vector[Number], _Vector[Number]]:
+def axes(lon_deg: Number, lat_deg: Number) -> tuple[Triple[Number], Triple[Number], Triple[Number]]:
     """Return the east, north and up unit vectors at a position, each as geocentric x, y, z."""
     lon, lat = np.radians(lon_deg), np.radians(lat_deg)
     sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)

@@ -127,11 +127,11 @@ class LocalFrame:
     height_m: float = 0.0
 
     @cached_property
-    def _origin(self) -> np.ndarray:
+    def origin(self) -> np.ndarray:
         return to_ecef(np.array([[self.lon_deg, self.lat_deg, self.height_m]]))[0]
 
     @cached_property
-    def _rotation(self) -> np.ndarray:
+    def axes(self) -> np.ndarray:
         return east_north_up(np.array([self.lon_deg]), np.array([self.lat_deg]))[0]
 
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
@@ -147,7 +147,7 @@ class LocalFrame:
         (n, 3) ndarray
             East, north, up in metres.
         """
-        return (to_ecef(ground) - self._origin) @ self._rotation.T
+        return (to_ecef(ground) - self.origin) @ self.axes.T
 
     def to_ground(self, local: np.ndarray) -> np.ndarray:
         """Return ``(n, 3)`` lon, lat, height of east, north, up points.
@@ -162,7 +162,7 @@ class LocalFrame:
         (n, 3) ndarray
             Lon, lat in degrees, ellipsoidal height in metres.
         """
-        return from_ecef(local @ self._rotation + self._origin)
+        return from_ecef(local @ self.axes + self.origin)
 
     def rotation_to(self, ground: np.ndarray) -> np.ndarray:
         """Return ``(n, 3, 3)``: this frame's coordinates of each point's own east, north, up unit vectors.
@@ -179,7 +179,7 @@ class LocalFrame:
         (n, 3, 3) ndarray
             Without unit.
         """
-        return self._rotation @ east_north_up(ground[:, 0], ground[:, 1]).transpose(0, 2, 1)
+        return self.axes @ east_north_up(ground[:, 0], ground[:, 1]).transpose(0, 2, 1)
 
 
 def utm_epsg(lon_deg: float, lat_deg: float) -> int:

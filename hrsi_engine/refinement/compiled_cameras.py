@@ -24,14 +24,20 @@ from ..block.block import Image
 from ..camera.compiled_rpc import project, rpc_tables
 from ..foundation.compiled_code import OPTIONS, Arrays, register
 from ..ground import ellipsoid
+from . import corrected_rays
+from .corrected_rays import see_by_rays
 from .image_space import ImagePolynomial, correct_in_image
 from .model import RefinementModel, Structure
+from .object_coordinates import GroundPolynomial, correct_by_ground
+from .object_space import GroundCorrection, move, turn_by_frame
+from .pseudo_rays import pseudo_rays, sensor_frame
+from .pseudo_sensor import PseudoSensor
 
-register(correct_in_image)
+register(correct_in_image, correct_by_ground, move, turn_by_frame, *corrected_rays.FORMULAS, *ellipsoid.FORMULAS)
 
 
 @njit(**OPTIONS)
-def image_polynomials(
+def _image_polynomials(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
@@ -54,6 +60,83 @@ def image_polynomials(
             row += 1
 
 
+@njit(**OPTIONS)
+def _ground_polynomials(
+    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    out: Arrays,
+) -> None:  # fmt: skip
+    """Write the equations of `object_coordinates.GroundPolynomial`."""
+    first, image, xy, _ = observed
+    constants, coefficients, powers = formula
+    residual, by_ground, _, terms = out
+    scratch = np.empty(20)
+    for number in range(len(points)):
+        point = points[number]
+        lon, lat, height = ground[point, 0], ground[point, 1], ground[point, 2]
+        east, north = ellipsoid.metres_of_a_degree(lat, height)
+        row = first[point]
+        for a in range(place[number], place[number + 1]):
+            i = image[row]
+            project(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
+            correct_by_ground(
+                powers, constants, coefficients, i, lon, lat, height, east, north, residual, by_ground, terms, a
+            )
+            residual[a, 0] = xy[row, 0] - residual[a, 0]
+            residual[a, 1] = xy[row, 1] - residual[a, 1]
+            row += 1
+
+
+@njit(**OPTIONS)
+def _ground_corrections(
+    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    out: Arrays,
+) -> None:  # fmt: skip
+    """Write the equations of `object_space.GroundCorrection`."""
+    first, image, xy, _ = observed
+    constants, coefficients, _ = formula
+    residual, by_ground, by_frame, terms = out
+    scratch = np.empty(20)
+    for number in range(len(points)):
+        point = points[number]
+        position = ellipsoid.geocentric(ground[point, 0], ground[point, 1], ground[point, 2])
+        here = ellipsoid.axes(ground[point, 0], ground[point, 1])
+        row = first[point]
+        for a in range(place[number], place[number + 1]):
+            i = image[row]
+            x, y, z = move(constants, coefficients, i, position, terms, a)
+            lon, lat, height = ellipsoid.geodetic(x, y, z)
+            east, north = ellipsoid.metres_of_a_degree(lat, height)
+            project(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
+            turn_by_frame(constants, coefficients, i, ellipsoid.axes(lon, lat), here, by_ground, by_frame, a)
+            residual[a, 0] = xy[row, 0] - residual[a, 0]
+            residual[a, 1] = xy[row, 1] - residual[a, 1]
+            row += 1
+
+
+@njit(**OPTIONS)
+def _pseudo_sensors(
+    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
+    out: Arrays,
+) -> None:  # fmt: skip
+    """Write the equations of `pseudo_sensor.PseudoSensor`; its rays stand for the RPCs."""
+    first, image, xy, rays = observed
+    constants, coefficients, used = formula
+    residual, by_ground, by_quantity, terms = out
+    for number in range(len(points)):
+        point = points[number]
+        position = ellipsoid.geocentric(ground[point, 0], ground[point, 1], ground[point, 2])
+        axes = ellipsoid.axes(ground[point, 0], ground[point, 1])
+        row = first[point]
+        for a in range(place[number], place[number + 1]):
+            see_by_rays(
+                used, constants, coefficients, image[row], rays, xy, row, position, axes,
+                residual, by_ground, by_quantity, terms, a,
+            )  # fmt: skip
+            residual[a, 0] = xy[row, 0] - residual[a, 0]
+            residual[a, 1] = xy[row, 1] - residual[a, 1]
+            row += 1
+
+
 class Family(NamedTuple):
     """How the models of a family are linearised: the loop, the table that tells the models apart, and the rays."""
 
@@ -63,7 +146,14 @@ class Family(NamedTuple):
 
 
 FAMILIES: dict[type, Family] = {
-    ImagePolynomial: Family(image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
+    ImagePolynomial: Family(_image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
+    GroundPolynomial: Family(_ground_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
+    GroundCorrection: Family(_ground_corrections, lambda model: model.entries),
+    PseudoSensor: Family(
+        _pseudo_sensors,
+        lambda model: model.used,
+        lambda image, xy: pseudo_rays(image.rpc, sensor_frame(image), xy).table(),
+    ),
 }
 
 

@@ -59,6 +59,11 @@ class Structure:
     terms: int
     mixing: np.ndarray
 
+    def by_values(self, by_quantity: np.ndarray, terms: np.ndarray) -> np.ndarray:
+        """Return A ``(n, 2, p)`` from G ``(n, 2, q)`` and t ``(n, m)``."""
+        by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
+        return np.asarray(by_coefficient.reshape(len(terms), 2, -1) @ self.mixing)
+
 
 #: One row of arrays (compiled loops), or all of them (NumPy): what formulas that are written once take as an index.
 RowIndex = int | slice

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
-from ..ground.geodesy import metres_per_degree
+from ..ground import ellipsoid
+from ..ground.ellipsoid import Number
 from .ground_area import ground_area
-from .model import Equations, Linearise, Priors, RefinedRPC
+from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
 from .refit import refit
 
 
@@ -41,17 +42,35 @@ class GroundPolynomial:
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""
-        area = ground_area(image)
+        constants = self.constants(image)[None]
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            projected, by_ground = image.rpc.project_with_metric_jacobian(ground)
-            normalised = area.normalised(ground)
-            terms = self._terms(normalised)
+            computed, by_ground = image.rpc.project_with_metric_jacobian(ground)
+            terms, coefficients = np.empty((len(ground), len(self.powers))), self.coefficients(values)[None]
+            lon, lat, height = ground.T
+            east, north = ellipsoid.metres_of_a_degree(lat, height)
+            correct_by_ground(
+                self.powers, constants, coefficients, 0, lon, lat, height, east, north,
+                computed, by_ground, terms, ALL_ROWS,
+            )  # fmt: skip
             by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, -1)
-            slope = self._slopes(normalised, values) / (area.reach * metres_per_degree(ground))[:, None, :]
-            return Equations(projected + terms @ values.reshape(2, -1).T, by_values, by_ground + slope)
+            return Equations(computed, by_values, by_ground)
 
         return linearise
+
+    def constants(self, image: Image) -> np.ndarray:
+        """Return what `correct_by_ground` needs of an image, ``(6,)``: middle and half extents of its ground area."""
+        area = ground_area(image)
+        return np.concatenate([area.middle, area.reach])
+
+    def coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Return the coefficients of the monomials in sample and in line, ``(…, 2, m)``, of values ``(…, p)``."""
+        return values.reshape(*values.shape[:-1], 2, len(self.powers))
+
+    @property
+    def structure(self) -> Structure:
+        """How the derivatives by the parameters are composed."""
+        return Structure(0, len(self.powers), np.eye(len(self.parameters)))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
@@ -68,15 +87,51 @@ class GroundPolynomial:
         """Return the monomials, ``(n, m)``."""
         return np.prod(normalised[:, None, :] ** self.powers, axis=2)
 
-    def _slopes(self, normalised: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the correction by X, Y and Z, ``(n, 2, 3)``."""
-        slopes = np.empty((len(normalised), 2, 3))
-        for axis in range(3):
-            lowered = self.powers.copy()
-            lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
-            factors = self.powers[:, axis] * values.reshape(2, -1)
-            slopes[:, :, axis] = np.prod(normalised[:, None, :] ** lowered, axis=2) @ factors.T
-        return slopes
+
+def correct_by_ground(
+    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int,
+    lon: Number, lat: Number, height: Number, east: Number, north: Number,
+    computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
+) -> None:  # fmt: skip
+    """Add the correction of image i to its projected points; the formula of compiled loops and NumPy alike.
+
+    Parameters
+    ----------
+    powers : (m, 3); constants : (images, 6); coefficients : (images, 2, m)
+    lon, lat, height : degrees, metres; east, north : metres per degree there
+    computed, by_ground : (n, 2) px and (n, 2, 3) px per m, those of the RPC; they become those of the corrected camera
+    terms : (n, m), where the monomials are written
+    a : the point, or all of them
+    """
+    x = ellipsoid.wrapped(lon - constants[i, 0]) / constants[i, 3]
+    y, z = (lat - constants[i, 1]) / constants[i, 4], (height - constants[i, 2]) / constants[i, 5]
+    sample, sample_x, sample_y, sample_z = 0.0, 0.0, 0.0, 0.0
+    line, line_x, line_y, line_z = 0.0, 0.0, 0.0, 0.0
+    for m in range(len(powers)):
+        term, by_x, by_y, by_z = 1.0, 0.0, 0.0, 0.0
+        for _ in range(powers[m, 0]):
+            by_x = by_x * x + term
+            term = term * x
+        for _ in range(powers[m, 1]):
+            by_x, by_y = by_x * y, by_y * y + term
+            term = term * y
+        for _ in range(powers[m, 2]):
+            by_x, by_y, by_z = by_x * z, by_y * z, by_z * z + term
+            term = term * z
+        terms[a, m] = term
+        s, t = coefficients[i, 0, m], coefficients[i, 1, m]
+        sample, line = sample + s * term, line + t * term
+        sample_x, sample_y, sample_z = sample_x + s * by_x, sample_y + s * by_y, sample_z + s * by_z
+        line_x, line_y, line_z = line_x + t * by_x, line_y + t * by_y, line_z + t * by_z
+    computed[a, 0] += sample
+    computed[a, 1] += line
+    x_m, y_m, z_m = constants[i, 3] * east, constants[i, 4] * north, constants[i, 5]
+    by_ground[a, 0, 0] += sample_x / x_m
+    by_ground[a, 0, 1] += sample_y / y_m
+    by_ground[a, 0, 2] += sample_z / z_m
+    by_ground[a, 1, 0] += line_x / x_m
+    by_ground[a, 1, 1] += line_y / y_m
+    by_ground[a, 1, 2] += line_z / z_m
 
 
 def _polynomial(name: str, title: str, degree: int) -> GroundPolynomial:

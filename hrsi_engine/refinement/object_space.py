@@ -12,13 +12,16 @@ the priors share the correction between them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..block.block import Image
+from ..ground import ellipsoid
+from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
 from .ground_area import ground_area, px_per_m
-from .model import Equations, Linearise, Priors, RefinedRPC
+from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
 from .refit import refit
 
 AXES = ("east", "north", "up")
@@ -45,27 +48,51 @@ class GroundCorrection:
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""
-        frame, reach = _frame(image)
+        constants = self.constants(image)[None]
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            matrix = self._matrix(values)
-            terms = self._terms(frame, reach, ground)
-            moved = frame.to_ground(reach * terms[:, 1:] + terms @ matrix.T) if np.any(values) else ground
-            computed, by_moved = image.rpc.project_with_metric_jacobian(moved)
-            by_frame = by_moved @ frame.rotation_to(moved).transpose(0, 2, 1)
+            coefficients, terms = self.coefficients(values)[None], np.empty((len(ground), 4))
+            lon, lat, height = ground.T
+            moved = move(constants, coefficients, 0, ellipsoid.geocentric(lon, lat, height), terms, ALL_ROWS)
+            moved_ground = np.column_stack(ellipsoid.geodetic(*moved)) if np.any(values) else ground
+            computed, by_ground = image.rpc.project_with_metric_jacobian(moved_ground)
+            by_frame = np.empty((len(ground), 2, 3))
+            turn_by_frame(
+                constants, coefficients, 0, ellipsoid.axes(*moved_ground.T[:2]), ellipsoid.axes(lon, lat),
+                by_ground, by_frame, ALL_ROWS,
+            )  # fmt: skip
             by_values = by_frame[:, :, self.entries[:, 0]] * terms[:, self.entries[:, 1]][:, None, :]
-            growth = np.eye(3) + matrix[:, 1:] / reach
-            return Equations(computed, by_values, by_frame @ growth @ frame.rotation_to(ground))
+            return Equations(computed, by_values, by_ground)
 
         return linearise
+
+    def constants(self, image: Image) -> np.ndarray:
+        """Return what `move` needs of an image, ``(13,)``: the frame's axes and origin, and half the extent R in m."""
+        frame, reach = _frame(image)
+        return np.concatenate([frame.axes.ravel(), frame.origin, [reach]])
+
+    def coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Return c and M, ``(…, 3, 4)``, of values ``(…, p)``."""
+        matrix = np.zeros((*values.shape[:-1], 3, 4))
+        matrix[..., self.entries[:, 0], self.entries[:, 1]] = values
+        return matrix
+
+    @property
+    def structure(self) -> Structure:
+        """How the derivatives by the parameters are composed; a shift alone has the term 1 alone."""
+        count, parameters = (4 if self.entries[:, 1].any() else 1), len(self.parameters)
+        mixing = np.zeros((3, count, parameters))
+        mixing[self.entries[:, 0], self.entries[:, 1], np.arange(parameters)] = 1.0
+        return Structure(3, count, mixing.reshape(-1, parameters))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
         if not np.any(values):
             return image.rpc.project(ground)
-        frame, reach = _frame(image)
-        terms = self._terms(frame, reach, ground)
-        return image.rpc.project(frame.to_ground(reach * terms[:, 1:] + terms @ self._matrix(values).T))
+        constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
+        terms = np.empty((len(ground), 4))
+        moved = move(constants, coefficients, 0, ellipsoid.geocentric(*ground.T), terms, ALL_ROWS)
+        return image.rpc.project(np.column_stack(ellipsoid.geodetic(*moved)))
 
     def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
         """Fit a new RPC."""
@@ -73,15 +100,67 @@ class GroundCorrection:
             return RefinedRPC(image.rpc, 0.0)
         return refit(image, lambda ground: self.project(image, values, ground))
 
-    def _terms(self, frame: LocalFrame, reach: float, ground: np.ndarray) -> np.ndarray:
-        """Return 1 and the frame's coordinates over R, ``(n, 4)``."""
-        return np.column_stack([np.ones(len(ground)), frame.from_ground(ground) / reach])
 
-    def _matrix(self, values: np.ndarray) -> np.ndarray:
-        """Return c and M, ``(3, 4)``."""
-        matrix = np.zeros((3, 4))
-        matrix[self.entries[:, 0], self.entries[:, 1]] = values
-        return matrix
+def move(
+    constants: np.ndarray, coefficients: np.ndarray, i: int, position: Triple[Number], terms: np.ndarray, a: RowIndex
+) -> Triple[Number]:
+    """Return geocentric positions, corrected for image i; write the terms 1, E/R, N/R, U/R.
+
+    One formula for compiled loops and NumPy.
+
+    Parameters
+    ----------
+    constants : (images, 13); coefficients : (images, 3, 4) m
+    position : geocentric x, y, z, m
+    terms : (n, 1 or 4), where the terms are written, as many as there are columns; a : in which row, or all of them
+    """
+    c, m, reach = constants, coefficients, constants[i, 12]
+    x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
+    basis = (
+        1.0,
+        (c[i, 0] * x + c[i, 1] * y + c[i, 2] * z) / reach,
+        (c[i, 3] * x + c[i, 4] * y + c[i, 5] * z) / reach,
+        (c[i, 6] * x + c[i, 7] * y + c[i, 8] * z) / reach,
+    )
+    for k in range(terms.shape[1]):
+        terms[a, k] = basis[k]
+    x, y, z = position
+    for k in range(3):
+        by = m[i, k, 0] + m[i, k, 1] * basis[1] + m[i, k, 2] * basis[2] + m[i, k, 3] * basis[3]
+        x, y, z = x + c[i, 3 * k] * by, y + c[i, 3 * k + 1] * by, z + c[i, 3 * k + 2] * by
+    return x, y, z
+
+
+def turn_by_frame(
+    constants: np.ndarray, coefficients: np.ndarray, i: int, there: Any, here: Any,
+    by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
+) -> None:  # fmt: skip
+    """Turn derivatives by the corrected ground into those by the frame's coordinates and by the given ground.
+
+    Parameters
+    ----------
+    constants, coefficients, i : as in `move`
+    there, here : geocentric unit vectors east, north, up at the corrected and at the given position
+    by_ground : (n, 2, 3) px per m at the corrected position; it becomes that at the given one
+    by_frame : (n, 2, 3), where those by the frame's east, north, up are written; a : in which row, or all of them
+    """
+    c, reach = constants, constants[i, 12]
+    for row in range(2):
+        e, n, u = by_ground[a, row, 0], by_ground[a, row, 1], by_ground[a, row, 2]
+        x = e * there[0][0] + n * there[1][0] + u * there[2][0]
+        y = e * there[0][1] + n * there[1][1] + u * there[2][1]
+        z = e * there[0][2] + n * there[1][2] + u * there[2][2]
+        f0 = c[i, 0] * x + c[i, 1] * y + c[i, 2] * z
+        f1 = c[i, 3] * x + c[i, 4] * y + c[i, 5] * z
+        f2 = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
+        by_frame[a, row, 0], by_frame[a, row, 1], by_frame[a, row, 2] = f0, f1, f2
+        for k in range(3):
+            # dE' by E is I + M / R, whose rows are those of the frame
+            m0, m1, m2 = coefficients[i, 0, k + 1], coefficients[i, 1, k + 1], coefficients[i, 2, k + 1]
+            more = (f0 * m0 + f1 * m1 + f2 * m2) / reach
+            x, y, z = x + more * c[i, 3 * k], y + more * c[i, 3 * k + 1], z + more * c[i, 3 * k + 2]
+        for k in range(3):
+            by_ground[a, row, k] = x * here[k][0] + y * here[k][1] + z * here[k][2]
 
 
 def _frame(image: Image) -> tuple[LocalFrame, float]:

@@ -64,6 +64,16 @@ class SensorFrame:
         slope, bend = (last - first) / 2.0, (first + last) / 2.0 - middle
         return middle + slope * v + bend * v**2, (slope + 2.0 * bend * v) / self.lines[1]
 
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """Rows: the X, Y and z axes in geocentric coordinates."""
+        return np.asarray(self._turn @ self.local.axes)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """Geocentric position of the origin."""
+        return self.local.origin
+
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
         """Return X, Y, z in metres, ``(n, 3)``, of lon, lat, height points."""
         return self.local.from_ground(ground) @ self._turn.T
@@ -98,11 +108,15 @@ class PseudoRays:
     height: np.ndarray
     height_by_line: np.ndarray
 
-    def sag_at(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sag at frame heights ``z (n,)``, and its change by a metre upwards, ``(n, 2)`` each."""
-        share = (self.top - z) / self.span
-        sag = (4.0 * share * (1.0 - share))[:, None] * self.sag
-        return sag, (-4.0 * (1.0 - 2.0 * share) / self.span)[:, None] * self.sag
+    def table(self) -> np.ndarray:
+        """Return the rays as ``(n, 18)``, in the order in which the fields are named above."""
+        n = len(self.station)
+        return np.column_stack(
+            [
+                self.station, self.tangent, self.station_by_image.reshape(n, 4), self.tangent_by_image.reshape(n, 4),
+                self.sag, self.top, self.span, self.height, self.height_by_line,
+            ]
+        )  # fmt: skip
 
 
 def sensor_frame(image: Image) -> SensorFrame:

@@ -26,15 +26,18 @@ attitude error the ground lies where the vendor's RPC extrapolates badly.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import FIT_CHECK_GRID, FIT_GRID, best_fit, image_grid
+from ..ground import ellipsoid
+from .corrected_rays import meet_height, see_by_rays
 from .ground_area import ground_area, px_per_m
-from .model import Equations, Linearise, Orientation, Priors, RefinedRPC
-from .pseudo_rays import PseudoRays, pseudo_rays, sensor_frame
+from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefinedRPC, Structure
+from .pseudo_rays import pseudo_rays, sensor_frame
 
 #: The corrected quantities; the first three are metres, the others radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
@@ -45,15 +48,10 @@ HEIGHT_CLOSURE_M = 1e-6
 
 
 class Hit(NamedTuple):
-    """Where corrected rays pass given frame heights, and derivatives.
-
-    xy : (n, 2) m; by_values : (n, 2, p); by_image : (n, 2, 2) m per px; by_height : (n, 2) m per m
-    """
+    """Where corrected rays pass given frame heights, ``xy (n, 2)`` m, and ``by_image (n, 2, 2)`` m per px."""
 
     xy: np.ndarray
-    by_values: np.ndarray
     by_image: np.ndarray
-    by_height: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,29 +81,59 @@ class PseudoSensor:
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; rays are computed here, once."""
-        frame = sensor_frame(image)
-        rays = pseudo_rays(image.rpc, frame, observed_px)
+        constants = self.constants(image)[None]
+        rays = pseudo_rays(image.rpc, sensor_frame(image), observed_px).table()
+        structure, used = self.structure, self.used
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            place, axes = frame.from_ground(ground), frame.rotation_to(ground)
-            hit = self._hit(image, rays, observed_px, values, place[:, 2])
-            by_position = np.linalg.inv(hit.by_image)
-            by_ground = by_position @ (axes[:, :2] - hit.by_height[:, :, None] * axes[:, 2][:, None, :])
-            computed = observed_px + np.einsum("nij,nj->ni", by_position, place[:, :2] - hit.xy)
-            return Equations(computed, -by_position @ hit.by_values, by_ground)
+            count = len(ground)
+            computed, by_ground = np.empty((count, 2)), np.empty((count, 2, 3))
+            by_quantity, terms = np.empty((count, 2, len(used))), np.empty((count, structure.terms))
+            lon, lat, height = ground.T
+            see_by_rays(
+                used, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
+                ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
+                computed, by_ground, by_quantity, terms, ALL_ROWS,
+            )  # fmt: skip
+            return Equations(computed, structure.by_values(by_quantity, terms), by_ground)
 
         return linearise
+
+    def constants(self, image: Image) -> np.ndarray:
+        """Return what `see_by_rays` needs of an image, ``(16,)``: the frame's axes and origin, centre and half size."""
+        frame = sensor_frame(image)
+        return np.concatenate([frame.axes.ravel(), frame.origin, image.centre_px, image.half_size_px])
+
+    def coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Return a0, aS, aL of the corrections, ``(…, 7, 3)``, of values ``(…, p)``."""
+        table = np.zeros((*values.shape[:-1], len(QUANTITIES), 3))
+        table[..., self.terms[:, 0], self.terms[:, 1]] = values
+        return table
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """The quantities that the variant corrects."""
+        return np.unique(self.terms[:, 0])
+
+    @cached_property
+    def structure(self) -> Structure:
+        """How the derivatives by the parameters are composed."""
+        count, parameters = int(self.terms[:, 1].max()) + 1, len(self.parameters)
+        mixing = np.zeros((len(self.used), count, parameters))
+        mixing[np.searchsorted(self.used, self.terms[:, 0]), self.terms[:, 1], np.arange(parameters)] = 1.0
+        return Structure(len(self.used), count, mixing.reshape(-1, parameters))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection; NaN where the iteration finds no ray to the point."""
         if not np.any(values):
             return image.rpc.project(ground)
         frame = sensor_frame(image)
+        constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         place = frame.from_ground(ground)
         position = np.tile(image.centre_px, (len(ground), 1))
         for _ in range(MAX_STEPS):
-            rays = pseudo_rays(image.rpc, frame, position)
-            hit = self._hit(image, rays, position, values, place[:, 2])
+            rays = pseudo_rays(image.rpc, frame, position).table()
+            hit = self._hit(constants, coefficients, rays, position, place[:, 2])
             step = np.linalg.solve(_regular(hit.by_image), (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
             position = position + step
             if not np.nanmax(np.abs(step), initial=0.0) > RAY_CLOSURE_PX:
@@ -128,10 +156,11 @@ class PseudoSensor:
         position = np.tile(layer, (shape[2], 1))
         heights = np.repeat(np.linspace(*image.rpc.height_range, shape[2]), len(layer))
         frame = sensor_frame(image)
-        rays = pseudo_rays(image.rpc, frame, position)
+        constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
+        rays = pseudo_rays(image.rpc, frame, position).table()
         z = heights.copy()
         for _ in range(MAX_STEPS):  # the Earth curves away under the frame: find the frame height of each height
-            xy = self._hit(image, rays, position, values, z).xy
+            xy = self._hit(constants, coefficients, rays, position, z).xy
             ground = frame.to_ground(np.column_stack([xy, z]))
             z = z + heights - ground[:, 2]
             if not np.nanmax(np.abs(heights - ground[:, 2])) > HEIGHT_CLOSURE_M:
@@ -139,93 +168,12 @@ class PseudoSensor:
         known = np.isfinite(ground).all(axis=1)
         return ground[known], position[known]
 
-    def _hit(self, image: Image, rays: PseudoRays, position: np.ndarray, values: np.ndarray, z: np.ndarray) -> Hit:
+    def _hit(
+        self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
+    ) -> Hit:
         """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
-        basis = np.column_stack([np.ones(len(position)), (position - image.centre_px) / image.half_size_px])
-        table = self._coefficients(values)
-        change = basis @ table.T
-        aimed = _turn(rays, change[:, PSI_X : YAW + 1])
-        drop = rays.height + change[:, H] - z
-        flat = rays.station + change[:, X : Y + 1] + drop[:, None] * aimed.tangent
-        turn, turned = _plane_rotations(change[:, PSI_Z])
-        sag, sag_by_height = rays.sag_at(z)
-        by_quantity = np.empty((len(z), 2, len(QUANTITIES)))
-        by_quantity[:, :, X : Y + 1] = turn
-        by_quantity[:, :, H] = _times(turn, aimed.tangent)
-        by_quantity[:, :, PSI_X : YAW + 1] = turn @ (drop[:, None, None] * aimed.by_angle)
-        by_quantity[:, :, PSI_Z] = _times(turned, flat)
-        by_image = rays.station_by_image + drop[:, None, None] * aimed.by_image
-        by_image[:, :, 1] += aimed.tangent * rays.height_by_line[:, None]
-        return Hit(
-            xy=_times(turn, flat) + sag,
-            by_values=by_quantity[:, :, self.terms[:, 0]] * basis[:, self.terms[:, 1]][:, None, :],
-            by_image=turn @ by_image + by_quantity @ (table[:, 1:] / image.half_size_px),
-            by_height=sag_by_height - _times(turn, aimed.tangent),
-        )
-
-    def _coefficients(self, values: np.ndarray) -> np.ndarray:
-        """Return a0, aS, aL of the corrections, ``(7, 3)``."""
-        table = np.zeros((len(QUANTITIES), 3))
-        table[self.terms[:, 0], self.terms[:, 1]] = values
-        return table
-
-
-class Aimed(NamedTuple):
-    """Tangents of tilted rays ``(n, 2)``, and their derivatives by the two angles and by the image point."""
-
-    tangent: np.ndarray
-    by_angle: np.ndarray
-    by_image: np.ndarray
-
-
-def _turn(rays: PseudoRays, angles: np.ndarray) -> Aimed:
-    """Return the rays with their directions turned by dpsi_x, dpsi_y and dyaw ``(n, 3)`` at their stations."""
-    direction = np.column_stack([rays.tangent, np.full(len(angles), -1.0)])
-    (roll, rolled), (pitch, pitched), (yaw, yawed) = (
-        _rotations(angle, *plane) for angle, plane in zip(angles.T, PLANES, strict=True)
-    )
-    turn = yaw @ roll @ pitch
-    along = _times(turn, direction)
-    partial = (yaw @ rolled @ pitch, yaw @ roll @ pitched, yawed @ roll @ pitch)
-    by_angle = np.stack([_times(matrix, direction) for matrix in partial], axis=2)
-    tangent = along[:, :2] / -along[:, 2:]
-
-    def slope(change: np.ndarray) -> np.ndarray:
-        return np.asarray((change[:, :2] + tangent[:, :, None] * change[:, 2:]) / -along[:, 2, None, None])
-
-    return Aimed(tangent, slope(by_angle), slope(turn[:, :, :2] @ rays.tangent_by_image))
-
-
-#: Per angle, the plane of two axes that it turns: first' = cos first + sin second, second' = -sin first + cos second.
-#: With a direction's z = -1, positive dpsi_x and dpsi_y raise tan(psi_x) and tan(psi_y).
-PLANES = ((2, 0), (2, 1), (0, 1))
-
-
-def _rotations(angle: np.ndarray, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation matrices ``(n, 3, 3)`` in a plane of two axes, and their derivatives by the angle."""
-    turn, turned = np.zeros((2, len(angle), 3, 3))
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn[:] = np.eye(3)
-    turn[:, first, first] = turn[:, second, second] = cos
-    turn[:, first, second], turn[:, second, first] = sin, -sin
-    turned[:, first, first] = turned[:, second, second] = -sin
-    turned[:, first, second], turned[:, second, first] = cos, -cos
-    return turn, turned
-
-
-def _plane_rotations(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrices ``(n, 2, 2)`` that turn X, Y by psi_z, and their derivatives by it."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return _matrices([[cos, sin], [-sin, cos]]), _matrices([[-sin, cos], [-cos, -sin]])
-
-
-def _matrices(rows: list[list[np.ndarray]]) -> np.ndarray:
-    """Return ``(n, k, k)`` matrices from their elements ``(n,)``."""
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+        hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z)
+        return Hit(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
 
 
 def _regular(matrices: np.ndarray) -> np.ndarray:

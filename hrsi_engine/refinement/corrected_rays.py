@@ -1,0 +1,185 @@
+"""The formula of the generic method: where a corrected ray passes, and the observation equations that follow.
+
+It is written once, for one image point in compiled loops and for all of an image with NumPy; `pseudo_sensor` has the
+derivation. In its symbols: with (u, v) the image position centred and scaled to [-1, 1] each of the seven corrections
+is ``a0 + aS u + aL v``. The direction ``(tan psi_x, tan psi_y, -1)`` of the ray is turned by pitch, roll and yaw at the
+station, followed down to the height z, and the whole is turned by psi_z about the middle of the image. All derivatives
+are those of these steps, one after the other.
+
+The observation equation in metres, ``(x, y)(image point, values, z) = ground``, becomes one in pixels by the inverse of
+its derivative by the image point.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..ground.ellipsoid import Number, Pair, Triple
+from .model import RowIndex
+
+
+def _rotate(angle: Number, first: Number, second: Number) -> Pair[Number]:
+    """Return ``cos first + sin second`` and ``-sin first + cos second``."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * first + sin * second, cos * second - sin * first
+
+
+def _rotation_slope(angle: Number, first: Number, second: Number) -> Pair[Number]:
+    """Return the derivative of `_rotate` by the angle."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * second - sin * first, -cos * first - sin * second
+
+
+def _slope(change: Triple[Number], x: Number, y: Number, down: Number) -> Pair[Number]:
+    """Return the change of a direction's tangents x, y for a ``change`` of the direction, ``down`` its -z."""
+    return (change[0] + x * change[2]) / down, (change[1] + y * change[2]) / down
+
+
+def _turn(roll: Number, pitch: Number, yaw: Number, x: Number, y: Number, z: Number) -> Triple[Number]:
+    """Return a direction turned by pitch in the plane (z, y), roll in (z, x) and yaw in (x, y), in this order.
+
+    With a direction's z = -1, positive roll and pitch raise its tangents in x and y.
+    """
+    z, y = _rotate(pitch, z, y)
+    z, x = _rotate(roll, z, x)
+    x, y = _rotate(yaw, x, y)
+    return x, y, z
+
+
+def meet_height(
+    constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, row: RowIndex,
+    sample: Number, line: Number, z: Number,
+) -> Any:  # fmt: skip
+    """Return where the corrected ray of an image point meets frame height z, with all derivatives.
+
+    Parameters
+    ----------
+    constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
+    rays : (n, 18) of `pseudo_rays.PseudoRays.table`; row : the image point, or all of them
+    sample, line : px; z : m
+
+    Returns
+    -------
+    (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line; (x, y)
+    by z; and the terms (1, u, v) of the corrections. The sag of a ray is left as it is.
+    """
+    u, v = (sample - constants[i, 12]) / constants[i, 14], (line - constants[i, 13]) / constants[i, 15]
+    a = coefficients
+    dx, dy, dh = (
+        a[i, 0, 0] + a[i, 0, 1] * u + a[i, 0, 2] * v,
+        a[i, 1, 0] + a[i, 1, 1] * u + a[i, 1, 2] * v,
+        a[i, 2, 0] + a[i, 2, 1] * u + a[i, 2, 2] * v,
+    )
+    roll, pitch = a[i, 3, 0] + a[i, 3, 1] * u + a[i, 3, 2] * v, a[i, 4, 0] + a[i, 4, 1] * u + a[i, 4, 2] * v
+    yaw, psi_z = a[i, 5, 0] + a[i, 5, 1] * u + a[i, 5, 2] * v, a[i, 6, 0] + a[i, 6, 1] * u + a[i, 6, 2] * v
+
+    # the direction, turned at its station; ``pitched`` and ``rolled`` are on the way, for the derivatives
+    tx, ty = rays[row, 2], rays[row, 3]
+    pitched_z, pitched_y = _rotate(pitch, -1.0, ty)
+    rolled_z, rolled_x = _rotate(roll, pitched_z, tx)
+    x, y = _rotate(yaw, rolled_x, pitched_y)
+    down = -rolled_z
+    x, y = x / down, y / down
+    roll_z, roll_x = _rotation_slope(roll, pitched_z, tx)
+    roll_x, roll_y = _rotate(yaw, roll_x, 0.0)
+    by_roll = _slope((roll_x, roll_y, roll_z), x, y, down)
+    pitch_z, pitch_y = _rotation_slope(pitch, -1.0, ty)
+    pitch_z, pitch_x = _rotate(roll, pitch_z, 0.0)
+    pitch_x, pitch_y = _rotate(yaw, pitch_x, pitch_y)
+    by_pitch = _slope((pitch_x, pitch_y, pitch_z), x, y, down)
+    yaw_x, yaw_y = _rotation_slope(yaw, rolled_x, pitched_y)
+    by_yaw = yaw_x / down, yaw_y / down
+    by_sample = _slope(_turn(roll, pitch, yaw, rays[row, 8], rays[row, 10], 0.0), x, y, down)
+    by_line = _slope(_turn(roll, pitch, yaw, rays[row, 9], rays[row, 11], 0.0), x, y, down)
+
+    # from the station down to z, then turned about the middle of the image by psi_z
+    drop = rays[row, 16] + dh - z
+    flat_x, flat_y = rays[row, 0] + dx + drop * x, rays[row, 1] + dy + drop * y
+    cos, sin = np.cos(psi_z), np.sin(psi_z)
+    share = (rays[row, 14] - z) / rays[row, 15]
+    bow, bow_by_z = 4.0 * share * (1.0 - share), -4.0 * (1.0 - 2.0 * share) / rays[row, 15]
+    xy = (
+        cos * flat_x + sin * flat_y + bow * rays[row, 12],
+        cos * flat_y - sin * flat_x + bow * rays[row, 13],
+    )
+    along_x, along_y = cos * x + sin * y, cos * y - sin * x
+    x_by = (
+        cos,
+        sin,
+        along_x,
+        drop * (cos * by_roll[0] + sin * by_roll[1]),
+        drop * (cos * by_pitch[0] + sin * by_pitch[1]),
+        drop * (cos * by_yaw[0] + sin * by_yaw[1]),
+        cos * flat_y - sin * flat_x,
+    )
+    y_by = (
+        -sin,
+        cos,
+        along_y,
+        drop * (cos * by_roll[1] - sin * by_roll[0]),
+        drop * (cos * by_pitch[1] - sin * by_pitch[0]),
+        drop * (cos * by_yaw[1] - sin * by_yaw[0]),
+        -cos * flat_x - sin * flat_y,
+    )
+    by_z = bow_by_z * rays[row, 12] - along_x, bow_by_z * rays[row, 13] - along_y
+
+    # by the image point: its own ray, and its terms of the corrections
+    sample_x, sample_y = rays[row, 4] + drop * by_sample[0], rays[row, 6] + drop * by_sample[1]
+    line_x = rays[row, 5] + drop * by_line[0] + x * rays[row, 17]
+    line_y = rays[row, 7] + drop * by_line[1] + y * rays[row, 17]
+    xs, ys = cos * sample_x + sin * sample_y, cos * sample_y - sin * sample_x
+    xl, yl = cos * line_x + sin * line_y, cos * line_y - sin * line_x
+    for k in range(7):
+        along_sample, along_line = a[i, k, 1] / constants[i, 14], a[i, k, 2] / constants[i, 15]
+        xs, xl = xs + x_by[k] * along_sample, xl + x_by[k] * along_line
+        ys, yl = ys + y_by[k] * along_sample, yl + y_by[k] * along_line
+    return xy, x_by, y_by, (xs, xl, ys, yl), by_z, (1.0, u, v)
+
+
+def see_by_rays(
+    used: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, xy: np.ndarray,
+    row: RowIndex, position: Triple[Number], axes: tuple[Triple[Number], Triple[Number], Triple[Number]],
+    computed: np.ndarray, by_ground: np.ndarray, by_quantity: np.ndarray, terms: np.ndarray, a: RowIndex,
+) -> None:  # fmt: skip
+    """Write the observation equations of an image point; the formula of compiled loops and NumPy alike.
+
+    Parameters
+    ----------
+    used : (q,) the quantities that are corrected
+    constants, coefficients, i, rays, row : as in `meet_height`; xy : (n, 2) observed, px
+    position, axes : of the ground point: geocentric, and the unit vectors east, north, up there
+    computed, by_ground, by_quantity, terms : where the equations are written; a : in which row, or all of them
+    """
+    c = constants
+    x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
+    place_x = c[i, 0] * x + c[i, 1] * y + c[i, 2] * z
+    place_y = c[i, 3] * x + c[i, 4] * y + c[i, 5] * z
+    place_z = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
+    meeting, x_by, y_by, by_image, by_z, basis = meet_height(
+        constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z
+    )
+    xs, xl, ys, yl = by_image
+    determinant = xs * yl - xl * ys
+    sample_x, sample_y, line_x, line_y = yl / determinant, -xl / determinant, -ys / determinant, xs / determinant
+    miss_x, miss_y = place_x - meeting[0], place_y - meeting[1]
+    computed[a, 0] = xy[row, 0] + sample_x * miss_x + sample_y * miss_y
+    computed[a, 1] = xy[row, 1] + line_x * miss_x + line_y * miss_y
+    for k in range(3):
+        e = axes[k]
+        up = c[i, 6] * e[0] + c[i, 7] * e[1] + c[i, 8] * e[2]
+        along_x = c[i, 0] * e[0] + c[i, 1] * e[1] + c[i, 2] * e[2] - by_z[0] * up
+        along_y = c[i, 3] * e[0] + c[i, 4] * e[1] + c[i, 5] * e[2] - by_z[1] * up
+        by_ground[a, 0, k] = sample_x * along_x + sample_y * along_y
+        by_ground[a, 1, k] = line_x * along_x + line_y * along_y
+    for k in range(len(used)):
+        x, y = x_by[used[k]], y_by[used[k]]
+        by_quantity[a, 0, k] = -sample_x * x - sample_y * y
+        by_quantity[a, 1, k] = -line_x * x - line_y * y
+    for m in range(terms.shape[1]):
+        terms[a, m] = basis[m]
+
+
+#: What compiled loops call.
+FORMULAS = (_rotate, _rotation_slope, _slope, _turn, meet_height, see_by_rays)
