@@ -118,10 +118,13 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
         raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
     parts = _parts(observations)
     start = _start_values(observations, model, values)
-    observations, ground, lost = _starting_points(block, observations, model, start, options.threads)
+    fixed = fixed_cameras(observations, model, options.threads)
+    observations, ground, lost = _starting_points(block, observations, fixed, start)
     camera = _camera(model, options)
     pattern = find_pattern(observations, len(camera.parameters))
-    equations = NormalEquations(observations, camera, pattern, options.threads)
+    equations = NormalEquations(
+        observations, camera, pattern, options.threads, fixed.cameras if camera is model and not lost else None
+    )
     prior_weight = _prior_weight(observations, model, camera, parts, options)
     _require_solvable(observations, model, prior_weight)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
@@ -205,11 +208,10 @@ def _start_values(observations: Observations, model: RefinementModel, values: np
 
 
 def _starting_points(
-    block: Block, observations: Observations, model: RefinementModel, values: np.ndarray, threads: int
+    block: Block, observations: Observations, equations: NormalEquations, values: np.ndarray
 ) -> tuple[Observations, np.ndarray, list[str]]:
     """Intersect all points with the cameras of the start; points that cannot be computed leave the adjustment."""
     state = State(values, start_positions(observations))
-    equations = fixed_cameras(observations, model, threads)
     ground = equations.intersect(state, 1.0 / observations.sigma_px**2, PointPriors.of(observations, state.ground))
     lost = ~np.isfinite(ground).all(axis=1)
     if not lost.any():

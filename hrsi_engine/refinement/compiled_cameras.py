@@ -24,16 +24,17 @@ from ..block.block import Image
 from ..camera.compiled_rpc import project, rpc_tables
 from ..foundation.compiled_code import OPTIONS, Arrays, register
 from ..ground import ellipsoid
-from . import corrected_rays
+from . import corrected_rays, pseudo_rays
 from .corrected_rays import see_by_rays
 from .image_space import ImagePolynomial, correct_in_image
-from .model import RefinementModel, Structure
+from .model import Structure
 from .object_coordinates import GroundPolynomial, correct_by_ground
 from .object_space import GroundCorrection, move, turn_by_frame
-from .pseudo_rays import pseudo_rays, sensor_frame
+from .pseudo_rays import COLUMNS, draw_ray, ends_of_rays, place_in_frame, sensor_frame
 from .pseudo_sensor import PseudoSensor
 
-register(correct_in_image, correct_by_ground, move, turn_by_frame, *corrected_rays.FORMULAS, *ellipsoid.FORMULAS)
+register(correct_in_image, correct_by_ground, move, turn_by_frame)
+register(*corrected_rays.FORMULAS, *pseudo_rays.FORMULAS)
 
 
 @njit(**OPTIONS)
@@ -137,11 +138,51 @@ def _pseudo_sensors(
             row += 1
 
 
+@njit(**OPTIONS)
+def _draw_rays(
+    rpcs: Arrays, constants: np.ndarray, lower: np.ndarray, middle: np.ndarray, upper: np.ndarray, xy: np.ndarray,
+    rays: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the rays ``(n, 18)`` of the image points of one image from their ground positions at three heights."""
+    scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
+    for a in range(len(xy)):
+        low = _placed(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
+        high = _placed(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
+        position = ellipsoid.geocentric(middle[a, 0], middle[a, 1], middle[a, 2])
+        between, _, _ = place_in_frame(constants, 0, position, ellipsoid.axes(middle[a, 0], middle[a, 1]), by_ground, 0)
+        draw_ray(constants, 0, xy[a, 1], low, between, high, rays, a)
+
+
+@njit(**OPTIONS)
+def _placed(
+    rpcs: Arrays, constants: np.ndarray, lon: float, lat: float, height: float, scratch: np.ndarray,
+    computed: np.ndarray, by_ground: np.ndarray,
+) -> Any:  # fmt: skip
+    """Return one end of a ray in the frame, with derivatives by the image point."""
+    east, north = ellipsoid.metres_of_a_degree(lat, height)
+    project(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)
+    position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
+    return place_in_frame(constants, 0, position, axes, by_ground, 0)
+
+
+def _rays_of(image: Image, xy: np.ndarray) -> np.ndarray:
+    """Return the rays of image points, as `pseudo_rays.pseudo_rays` does."""
+    rays = np.empty((len(xy), COLUMNS))
+    constants = sensor_frame(image).constants[None]
+    _draw_rays(rpc_tables([image.rpc]), constants, *ends_of_rays(image.rpc, xy), xy, rays)
+    return rays
+
+
 class Family(NamedTuple):
-    """How the models of a family are linearised: the loop, the table that tells the models apart, and the rays."""
+    """How the models of a family are linearised.
+
+    loop : over points; table : what tells the models of the family apart
+    columns, rays : what is computed once for the image points (n, 2) of an image, ``(n, columns)``
+    """
 
     loop: Callable[..., None]
     table: Callable[[Any], np.ndarray]
+    columns: int = 0
     rays: Callable[[Image, np.ndarray], np.ndarray] = lambda image, xy: np.empty((len(xy), 0))
 
 
@@ -149,11 +190,7 @@ FAMILIES: dict[type, Family] = {
     ImagePolynomial: Family(_image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
     GroundPolynomial: Family(_ground_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
     GroundCorrection: Family(_ground_corrections, lambda model: model.entries),
-    PseudoSensor: Family(
-        _pseudo_sensors,
-        lambda model: model.used,
-        lambda image, xy: pseudo_rays(image.rpc, sensor_frame(image), xy).table(),
-    ),
+    PseudoSensor: Family(_pseudo_sensors, lambda model: model.used, COLUMNS, _rays_of),
 }
 
 
@@ -170,11 +207,10 @@ class CameraTables:
         self._model, self._loop, self._table = model, family.loop, family.table(model)
         self._rpcs = rpc_tables([one.rpc for one in images])
         self._constants = np.stack([model.constants(one) for one in images])
-        rays = [family.rays(one, xy[rows]) for one, rows in zip(images, by_image, strict=True)]
-        table = np.empty((len(xy), rays[0].shape[1]))
-        if table.size:
-            for rows, of_image in zip(by_image, rays, strict=True):
-                table[rows] = of_image
+        table = np.empty((len(xy), family.columns))
+        if family.columns:
+            for one, rows in zip(images, by_image, strict=True):
+                table[rows] = family.rays(one, xy[rows])
         self._observed = (first, image, xy, table)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -187,8 +223,3 @@ class CameraTables:
         """Write the linearised equations of some points; the module's docstring says what."""
         formula = (self._constants, coefficients, self._table)
         self._loop(points, place, self._observed, ground, self._rpcs, formula, out)
-
-
-def has_loop(model: RefinementModel) -> bool:
-    """Tell whether a model belongs to a family that is compiled."""
-    return type(model) in FAMILIES

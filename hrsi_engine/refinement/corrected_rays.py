@@ -57,7 +57,7 @@ def meet_height(
     Parameters
     ----------
     constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
-    rays : (n, 18) of `pseudo_rays.PseudoRays.table`; row : the image point, or all of them
+    rays : (n, 18) of `pseudo_rays.pseudo_rays`; row : the image point, or all of them
     sample, line : px; z : m
 
     Returns

@@ -17,14 +17,18 @@ millimetre) is kept as a parabola, so that a pseudo sensor without corrections i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
+from ..ground import ellipsoid
+from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
+from .model import ALL_ROWS, RowIndex
 
 #: Height of the pseudo sensor (m) where the rays of a line do not meet at any believable one: nearly parallel rays.
 USUAL_SENSOR_HEIGHT_M = 600e3
@@ -37,14 +41,20 @@ SMALLEST_RANGE_M = 100.0  # apart of the two heights of a ray, where an RPC stat
 class SensorFrame:
     """The frame of an image's pseudo sensor: `LocalFrame` turned about its up axis by ``azimuth_rad``.
 
-    ``heights_m`` are z of the pseudo sensor at the first, middle and last line, ``lines`` the middle line and half
-    their number.
+    ``heights_m`` are z of the pseudo sensor at the first, middle and last line; ``centre_px`` and ``half_size_px``
+    those of the image.
     """
 
     local: LocalFrame
     azimuth_rad: float
-    lines: tuple[float, float]
+    centre_px: np.ndarray
+    half_size_px: np.ndarray
     heights_m: tuple[float, float, float] = (USUAL_SENSOR_HEIGHT_M,) * 3
+
+    @cached_property
+    def constants(self) -> np.ndarray:
+        """What formulas need of the frame, ``(19,)``: axes (9), origin (3), centre (2), half size (2), heights (3)."""
+        return np.concatenate([self.axes.ravel(), self.local.origin, self.centre_px, self.half_size_px, self.heights_m])
 
     @cached_property
     def _turn(self) -> np.ndarray:
@@ -57,22 +67,10 @@ class SensorFrame:
         """Height of the pseudo sensor in the middle of the image."""
         return self.heights_m[1]
 
-    def heights_at(self, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return z of the pseudo sensor at lines ``(n,)`` and its change from line to line: a parabola."""
-        first, middle, last = self.heights_m
-        v = (line - self.lines[0]) / self.lines[1]
-        slope, bend = (last - first) / 2.0, (first + last) / 2.0 - middle
-        return middle + slope * v + bend * v**2, (slope + 2.0 * bend * v) / self.lines[1]
-
     @cached_property
     def axes(self) -> np.ndarray:
         """Rows: the X, Y and z axes in geocentric coordinates."""
         return np.asarray(self._turn @ self.local.axes)
-
-    @property
-    def origin(self) -> np.ndarray:
-        """Geocentric position of the origin."""
-        return self.local.origin
 
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
         """Return X, Y, z in metres, ``(n, 3)``, of lon, lat, height points."""
@@ -82,62 +80,38 @@ class SensorFrame:
         """Return lon, lat, height ``(n, 3)`` of X, Y, z points."""
         return self.local.to_ground(position @ self._turn)
 
-    def rotation_to(self, ground: np.ndarray) -> np.ndarray:
-        """Return ``(n, 3, 3)``: derivatives of X, Y, z by a metre east, north and up at each point."""
-        return np.asarray(self._turn @ self.local.rotation_to(ground))
+
+#: Columns of a table of rays ``(n, 18)``. Xs, Ys at the pseudo sensor's height, and tan psi_x, tan psi_y; the
+#: derivatives of both by sample and line (those of X first); metres in X and Y by which the RPC lies beside the
+#: straight ray at half its height; z of the upper end, and how far below it the lower end lies; z of the pseudo
+#: sensor, and its change from line to line.
+STATION, TANGENT, STATION_BY_IMAGE, TANGENT_BY_IMAGE, SAG = (
+    slice(0, 2), slice(2, 4), slice(4, 8), slice(8, 12), slice(12, 14),
+)  # fmt: skip
+TOP, SPAN, HEIGHT, HEIGHT_BY_LINE = 14, 15, 16, 17
+COLUMNS = 18
 
 
-@dataclass(frozen=True, eq=False)
-class PseudoRays:
-    """Rays of n image points in a local frame.
-
-    station : (n, 2) Xs, Ys at the pseudo sensor's height; tangent : (n, 2) tan psi_x, tan psi_y
-    station_by_image, tangent_by_image : (n, 2, 2) their derivatives by sample and line
-    sag : (n, 2) metres east and north by which the RPC lies beside the straight ray at half its height
-    top, span : (n,) frame height of the upper end, and how far below it the lower end lies
-    height, height_by_line : (n,) z of the pseudo sensor, and its change from line to line
-    """
-
-    station: np.ndarray
-    tangent: np.ndarray
-    station_by_image: np.ndarray
-    tangent_by_image: np.ndarray
-    sag: np.ndarray
-    top: np.ndarray
-    span: np.ndarray
-    height: np.ndarray
-    height_by_line: np.ndarray
-
-    def table(self) -> np.ndarray:
-        """Return the rays as ``(n, 18)``, in the order in which the fields are named above."""
-        n = len(self.station)
-        return np.column_stack(
-            [
-                self.station, self.tangent, self.station_by_image.reshape(n, 4), self.tangent_by_image.reshape(n, 4),
-                self.sag, self.top, self.span, self.height, self.height_by_line,
-            ]
-        )  # fmt: skip
-
-
+@lru_cache(maxsize=1024)
 def sensor_frame(image: Image) -> SensorFrame:
     """Return the frame of an image: its origin below the middle of the image, on the ellipsoid."""
     middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground[0]
     if not np.isfinite(middle).all():
         raise SolveError(f"{image.id}: the RPC has no ground position for the middle of the image: check that both fit")
-    lines = float(image.centre_px[1]), float(image.half_size_px[1])
-    level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, lines)
+    level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, image.centre_px, image.half_size_px)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
     rays = pseudo_rays(image.rpc, level, image.centre_px + image.half_size_px * ends)
-    east, north = np.diff((rays.station + rays.height[:, None] * rays.tangent)[2:4], axis=0)[0]
+    on_datum = rays[:, STATION] + rays[:, HEIGHT, None] * rays[:, TANGENT]
+    east, north = on_datum[3] - on_datum[2]
     return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_meeting_heights(rays))
 
 
-def _meeting_heights(rays: PseudoRays) -> tuple[float, float, float]:
+def _meeting_heights(rays: np.ndarray) -> tuple[float, float, float]:
     """Return z where the rays of both ends of three lines are nearest to each other: where the sensor was."""
-    apart = rays.station[1::2] - rays.station[::2]
-    opening = rays.tangent[1::2] - rays.tangent[::2]
+    apart = rays[1::2, STATION] - rays[::2, STATION]
+    opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
-        first, middle, last = rays.height[::2] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
+        first, middle, last = rays[::2, HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
     low, high = BELIEVABLE_HEIGHTS_M
     if not low <= middle <= high:
         return (USUAL_SENSOR_HEIGHT_M,) * 3
@@ -152,45 +126,103 @@ def ray_heights(rpc: RPC) -> tuple[float, float]:
     return rpc.height_off - reach, rpc.height_off + reach
 
 
-def pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> PseudoRays:
-    """Return the rays of image points ``(n, 2)``; NaN where the RPC has no ground position for a point."""
+def ends_of_rays(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the ground positions ``(n, 3)`` of image points at the lower, middle and upper height of their rays."""
     low, high = ray_heights(rpc)
-    lower, lower_by_image = _ground_and_slope(rpc, frame, image_px, low)
-    upper, upper_by_image = _ground_and_slope(rpc, frame, image_px, high)
-    span = upper[:, 2] - lower[:, 2]
-    tangent = (lower - upper)[:, :2] / span[:, None]
-    widening = upper_by_image[:, 2] - lower_by_image[:, 2]
-    tangent_by_image = (lower_by_image - upper_by_image)[:, :2] - tangent[:, :, None] * widening[:, None, :]
-    tangent_by_image /= span[:, None, None]
-    height, height_by_line = frame.heights_at(image_px[:, 1])
-    rise = upper[:, 2] - height
-    station = upper[:, :2] + rise[:, None] * tangent
-    station_by_image = (
-        upper_by_image[:, :2]
-        + rise[:, None, None] * tangent_by_image
-        + tangent[:, :, None] * upper_by_image[:, 2][:, None, :]
+    lower, middle, upper = (rpc.localize(image_px, height).ground for height in (low, (low + high) / 2.0, high))
+    return lower, middle, upper
+
+
+def pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarray:
+    """Return the rays of image points ``(n, 2)`` as a table ``(n, 18)``, whose columns are named above.
+
+    NaN where the RPC has no ground position for a point.
+    """
+    constants, rays = frame.constants[None], np.empty((len(image_px), COLUMNS))
+    places = []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for ground in ends_of_rays(rpc, image_px):
+            _, by_ground = rpc.project_with_metric_jacobian(ground)
+            lon, lat, height = ground.T
+            position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
+            places.append(place_in_frame(constants, 0, position, axes, by_ground, ALL_ROWS))
+        lower, middle, upper = places
+        draw_ray(constants, 0, image_px[:, 1], lower, middle[0], upper, rays, ALL_ROWS)
+    return rays
+
+
+# ---- formulas, for one image point in compiled loops and for all of an image with NumPy ------------------------------
+
+
+def place_in_frame(
+    constants: np.ndarray, i: int, position: Triple[Number], axes: Any, by_ground: np.ndarray, a: RowIndex
+) -> tuple[Triple[Number], Triple[Number], Triple[Number]]:
+    """Return X, Y, z of a ground point of an image point, and their derivatives by sample and by line at its height.
+
+    Parameters
+    ----------
+    constants : `SensorFrame.constants` of many images; i : the image
+    position, axes : geocentric position, and unit vectors east, north, up there
+    by_ground : (n, 2, 3) derivatives of sample and line by metres east, north, up; a : in which row, or all of them
+    """
+    c = constants
+    x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
+    place = (
+        c[i, 0] * x + c[i, 1] * y + c[i, 2] * z,
+        c[i, 3] * x + c[i, 4] * y + c[i, 5] * z,
+        c[i, 6] * x + c[i, 7] * y + c[i, 8] * z,
     )
-    station_by_image[:, :, 1] -= tangent * height_by_line[:, None]
-    middle = frame.from_ground(rpc.localize(image_px, (low + high) / 2.0).ground)
-    straight = upper[:, :2] + (upper[:, 2] - middle[:, 2])[:, None] * tangent
-    return PseudoRays(
-        station, tangent, station_by_image, tangent_by_image, middle[:, :2] - straight, upper[:, 2], span,
-        height, height_by_line,
-    )  # fmt: skip
+    determinant = by_ground[a, 0, 0] * by_ground[a, 1, 1] - by_ground[a, 0, 1] * by_ground[a, 1, 0]
+    by_sample = _in_frame(c, i, axes, by_ground[a, 1, 1] / determinant, -by_ground[a, 1, 0] / determinant)
+    by_line = _in_frame(c, i, axes, -by_ground[a, 0, 1] / determinant, by_ground[a, 0, 0] / determinant)
+    return place, by_sample, by_line
 
 
-def _ground_and_slope(
-    rpc: RPC, frame: SensorFrame, image_px: np.ndarray, height_m: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame positions ``(n, 3)`` of image points at one height and their derivatives ``(n, 3, 2)`` by them."""
-    ground = rpc.localize(image_px, height_m).ground
-    _, by_ground = rpc.project_with_metric_jacobian(ground)
-    determinant = np.linalg.det(by_ground[:, :, :2])
-    by_ground[~(np.abs(determinant) > 0.0)] = np.nan
-    return frame.from_ground(ground), frame.rotation_to(ground)[:, :, :2] @ _inverse(by_ground[:, :, :2])
+def _in_frame(constants: np.ndarray, i: int, axes: Any, east: Number, north: Number) -> Triple[Number]:
+    """Return a vector of metres east and north at a point in the frame's X, Y, z."""
+    c = constants
+    x = east * axes[0][0] + north * axes[1][0]
+    y = east * axes[0][1] + north * axes[1][1]
+    z = east * axes[0][2] + north * axes[1][2]
+    return (
+        c[i, 0] * x + c[i, 1] * y + c[i, 2] * z,
+        c[i, 3] * x + c[i, 4] * y + c[i, 5] * z,
+        c[i, 6] * x + c[i, 7] * y + c[i, 8] * z,
+    )
 
 
-def _inverse(matrices: np.ndarray) -> np.ndarray:
-    """Return the inverses of 2 x 2 matrices ``(n, 2, 2)``; NaN stays NaN."""
-    (a, b), (c, d) = matrices[:, 0].T, matrices[:, 1].T
-    return np.stack([np.stack([d, -b], axis=1), np.stack([-c, a], axis=1)], axis=1) / (a * d - b * c)[:, None, None]
+def draw_ray(
+    constants: np.ndarray, i: int, line: Number, lower: Any, middle: Triple[Number], upper: Any, rays: np.ndarray,
+    a: RowIndex,
+) -> None:  # fmt: skip
+    """Write the ray of an image point to row ``a`` (or all rows) of ``rays (n, 18)``.
+
+    ``lower`` and ``upper`` are what `place_in_frame` gives at the two ends, ``middle`` the place at the height between.
+    """
+    low, low_by_sample, low_by_line = lower
+    high, high_by_sample, high_by_line = upper
+    # z of the pseudo sensor: a parabola through those of the first, middle and last line
+    v = (line - constants[i, 13]) / constants[i, 15]
+    slope = (constants[i, 18] - constants[i, 16]) / 2.0
+    bend = (constants[i, 16] + constants[i, 18]) / 2.0 - constants[i, 17]
+    height, height_by_line = constants[i, 17] + slope * v + bend * v * v, (slope + 2.0 * bend * v) / constants[i, 15]
+    span, rise = high[2] - low[2], high[2] - height
+    for k in range(2):
+        tangent = (low[k] - high[k]) / span
+        by_sample = (low_by_sample[k] - high_by_sample[k] - tangent * (high_by_sample[2] - low_by_sample[2])) / span
+        by_line = (low_by_line[k] - high_by_line[k] - tangent * (high_by_line[2] - low_by_line[2])) / span
+        rays[a, k] = high[k] + rise * tangent
+        rays[a, 2 + k] = tangent
+        rays[a, 4 + 2 * k] = high_by_sample[k] + rise * by_sample + tangent * high_by_sample[2]
+        rays[a, 5 + 2 * k] = high_by_line[k] + rise * by_line + tangent * high_by_line[2] - tangent * height_by_line
+        rays[a, 8 + 2 * k] = by_sample
+        rays[a, 9 + 2 * k] = by_line
+        rays[a, 12 + k] = middle[k] - high[k] - (high[2] - middle[2]) * tangent
+    rays[a, 14] = high[2]
+    rays[a, 15] = span
+    rays[a, 16] = height
+    rays[a, 17] = height_by_line
+
+
+#: What compiled loops call.
+FORMULAS = (place_in_frame, _in_frame, draw_ray)

@@ -82,7 +82,7 @@ class PseudoSensor:
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; rays are computed here, once."""
         constants = self.constants(image)[None]
-        rays = pseudo_rays(image.rpc, sensor_frame(image), observed_px).table()
+        rays = pseudo_rays(image.rpc, sensor_frame(image), observed_px)
         structure, used = self.structure, self.used
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
@@ -100,9 +100,8 @@ class PseudoSensor:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return what `see_by_rays` needs of an image, ``(16,)``: the frame's axes and origin, centre and half size."""
-        frame = sensor_frame(image)
-        return np.concatenate([frame.axes.ravel(), frame.origin, image.centre_px, image.half_size_px])
+        """Return what `see_by_rays` needs of an image, ``(19,)``: `SensorFrame.constants`."""
+        return sensor_frame(image).constants
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """Return a0, aS, aL of the corrections, ``(…, 7, 3)``, of values ``(…, p)``."""
@@ -132,7 +131,7 @@ class PseudoSensor:
         place = frame.from_ground(ground)
         position = np.tile(image.centre_px, (len(ground), 1))
         for _ in range(MAX_STEPS):
-            rays = pseudo_rays(image.rpc, frame, position).table()
+            rays = pseudo_rays(image.rpc, frame, position)
             hit = self._hit(constants, coefficients, rays, position, place[:, 2])
             step = np.linalg.solve(_regular(hit.by_image), (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
             position = position + step
@@ -157,7 +156,7 @@ class PseudoSensor:
         heights = np.repeat(np.linspace(*image.rpc.height_range, shape[2]), len(layer))
         frame = sensor_frame(image)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
-        rays = pseudo_rays(image.rpc, frame, position).table()
+        rays = pseudo_rays(image.rpc, frame, position)
         z = heights.copy()
         for _ in range(MAX_STEPS):  # the Earth curves away under the frame: find the frame height of each height
             xy = self._hit(constants, coefficients, rays, position, z).xy

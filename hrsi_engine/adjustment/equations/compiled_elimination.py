@@ -16,6 +16,8 @@ ROWS_PER_PART = 4096  # image points whose equations stay in a processor's cache
 class CompiledElimination:
     """See `normal_equations.Elimination`."""
 
+    compiled = True
+
     def __init__(self, observations: Observations, pattern: Pattern) -> None:
         self.observations, self.pattern = observations, pattern
         self._most = max(int(np.diff(observations.first).max(initial=0)), 1)

@@ -34,6 +34,8 @@ class Chunk(NamedTuple):
 class PlainElimination:
     """See `Elimination`; takes the whole block as one part."""
 
+    compiled = False
+
     def __init__(self, observations: Observations, pattern: Pattern) -> None:
         self.observations, self.pattern = observations, pattern
         self._chunks = list(_chunks(observations))

@@ -92,21 +92,27 @@ def _point_normal(
 
 
 @njit(**OPTIONS)
-def _couple(
-    blocks: np.ndarray, k: int, u: np.ndarray, w: np.ndarray, terms: np.ndarray, own: np.ndarray, together: bool,
-    a: int, b: int, begin: int,
-) -> None:  # fmt: skip
-    """Add (own - U_a W_b') (x) t_a t_b' of two image points to block k; ``own`` only where they are the same one."""
-    q, m = u.shape[1], terms.shape[1]
-    for c in range(q):
-        for d in range(q):
-            s = -(u[a, c, 0] * w[b, d, 0] + u[a, c, 1] * w[b, d, 1] + u[a, c, 2] * w[b, d, 2])
-            if together:
-                s += own[c, d]
+def _couple(blocks: np.ndarray, k: int, u: np.ndarray, w: np.ndarray, a: int, b: int) -> None:
+    """Subtract U_a W_b' of two image points from block k."""
+    size = u.shape[1]
+    for x in range(size):
+        u0, u1, u2 = u[a, x, 0], u[a, x, 1], u[a, x, 2]
+        for y in range(size):
+            blocks[k, x, y] -= u0 * w[b, 0, y] + u1 * w[b, 1, y] + u2 * w[b, 2, y]
+
+
+@njit(**OPTIONS)
+def _expand(by_quantity: np.ndarray | None, terms: np.ndarray, at: int, out: np.ndarray) -> None:
+    """Write the derivatives A (2, q t) of image point ``at`` to ``out``."""
+    q = 2 if by_quantity is None else by_quantity.shape[2]
+    m = terms.shape[1]
+    for c in range(2):
+        for k in range(q):
+            g = 1.0 if c == k else 0.0
+            if by_quantity is not None:
+                g = by_quantity[at, c, k]
             for i in range(m):
-                x = s * terms[begin + a, i]
-                for j in range(m):
-                    blocks[k, c * m + i, d * m + j] += x * terms[begin + b, j]
+                out[c, k * m + i] = g * terms[at, i]
 
 
 @njit(**OPTIONS)
@@ -123,9 +129,9 @@ def eliminate(
     points, place, first, weight = rows
     residual, by_ground, terms = linear
     all_residuals, inverse, point_right = out
-    q = 2 if by_quantity is None else by_quantity.shape[2]
-    m = terms.shape[1]
-    w, u, own = np.empty((most, q, 3)), np.empty((most, q, 3)), np.zeros((q, q))
+    size = blocks.shape[1]
+    derivatives = np.empty((2, size))
+    w, u = np.empty((most, 3, size)), np.empty((most, size, 3))
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
@@ -137,53 +143,42 @@ def eliminate(
         if not contributes[point]:
             continue
         for a in range(count):
-            weight_a, at = weight[row0 + a], begin + a
+            weight_a, at, ca = weight[row0 + a], begin + a, camera[row0 + a]
             if weight_a == 0.0:
                 continue
-            for c in range(q):
-                rest = 0.0
-                if by_quantity is None:
-                    for j in range(3):
-                        w[a, c, j] = weight_a * by_ground[at, c, j]
-                    rest = weight_a * residual[at, c]
-                else:
-                    g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
-                    for j in range(3):
-                        w[a, c, j] = g0 * by_ground[at, 0, j] + g1 * by_ground[at, 1, j]
-                    rest = g0 * residual[at, 0] + g1 * residual[at, 1]
+            _expand(by_quantity, terms, at, derivatives)
+            r0, r1 = weight_a * residual[at, 0], weight_a * residual[at, 1]
+            for x in range(size):
+                d0, d1 = derivatives[0, x], derivatives[1, x]
+                rest = d0 * r0 + d1 * r1
+                d0, d1 = weight_a * d0, weight_a * d1
                 for j in range(3):
-                    u[a, c, j] = (
-                        w[a, c, 0] * inverse[point, 0, j]
-                        + w[a, c, 1] * inverse[point, 1, j]
-                        + w[a, c, 2] * inverse[point, 2, j]
+                    w[a, j, x] = d0 * by_ground[at, 0, j] + d1 * by_ground[at, 1, j]
+                for j in range(3):
+                    u[a, x, j] = (
+                        w[a, 0, x] * inverse[point, 0, j]
+                        + w[a, 1, x] * inverse[point, 1, j]
+                        + w[a, 2, x] * inverse[point, 2, j]
                     )
-                    rest -= u[a, c, j] * g[j]
-                for i in range(m):
-                    right[camera[row0 + a], c * m + i] += terms[at, i] * rest
+                    rest -= u[a, x, j] * g[j]
+                right[ca, x] += rest
+                k = start[ca]
+                for y in range(size):
+                    blocks[k, x, y] += d0 * derivatives[0, y] + d1 * derivatives[1, y]
         for a in range(count):
-            weight_a, at = weight[row0 + a], begin + a
-            if weight_a == 0.0:
+            if weight[row0 + a] == 0.0:
                 continue
             ca = camera[row0 + a]
-            if by_quantity is None:
-                own[0, 0] = own[1, 1] = weight_a
-            else:
-                for c in range(q):
-                    for d in range(q):
-                        own[c, d] = weight_a * (
-                            by_quantity[at, 0, c] * by_quantity[at, 0, d]
-                            + by_quantity[at, 1, c] * by_quantity[at, 1, d]
-                        )
-            _couple(blocks, start[ca], u, w, terms, own, True, a, a, begin)
+            _couple(blocks, start[ca], u, w, a, a)
             for b in range(a + 1, count):
                 if weight[row0 + b] == 0.0:
                     continue
                 cb = camera[row0 + b]
                 k = _find(start, columns, min(ca, cb), max(ca, cb))
                 if ca <= cb:
-                    _couple(blocks, k, u, w, terms, own, False, a, b, begin)
+                    _couple(blocks, k, u, w, a, b)
                 if ca >= cb:
-                    _couple(blocks, k, u, w, terms, own, False, b, a, begin)
+                    _couple(blocks, k, u, w, b, a)
 
 
 @njit(**OPTIONS)
@@ -237,20 +232,6 @@ def substitute(
 
 
 @njit(**OPTIONS)
-def _expand(by_quantity: np.ndarray | None, terms: np.ndarray, at: int, a: int, out: np.ndarray) -> None:
-    """Write the derivatives A (2, q t) of image point ``at`` to ``out[a]``."""
-    q = 2 if by_quantity is None else by_quantity.shape[2]
-    m = terms.shape[1]
-    for c in range(2):
-        for k in range(q):
-            g = 1.0 if c == k else 0.0
-            if by_quantity is not None:
-                g = by_quantity[at, c, k]
-            for i in range(m):
-                out[a, c, k * m + i] = g * terms[at, i]
-
-
-@njit(**OPTIONS)
 def spread(
     rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
     start: np.ndarray, columns: np.ndarray, cofactors: np.ndarray, out: Arrays,
@@ -272,7 +253,7 @@ def spread(
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
         for a in range(count):
-            _expand(by_quantity, terms, begin + a, a, derivatives)
+            _expand(by_quantity, terms, begin + a, derivatives[a])
             for c in range(2):
                 for j in range(3):
                     total = 0.0

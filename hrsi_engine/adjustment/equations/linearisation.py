@@ -139,3 +139,13 @@ class CamerasByImage:
                 new.residual[rows] = observations.xy[rows] - at.computed
                 by_values[rows], new.by_ground[rows] = at.by_values, at.by_ground
         return new
+
+
+def cameras_of(observations: Observations, model: RefinementModel, compiled: bool) -> Cameras:
+    """Return the cameras of a block: compiled ones where they are asked for, and the model is of a compiled family."""
+    if compiled:
+        from ...refinement.compiled_cameras import FAMILIES
+
+        if type(model) in FAMILIES:
+            return CompiledCameras(observations, model)
+    return CamerasByImage(observations, model)

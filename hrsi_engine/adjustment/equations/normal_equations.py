@@ -33,7 +33,7 @@ from ...ground.geodesy import moved_ground
 from ...refinement.model import RefinementModel
 from ..observations import Observations
 from .elimination import PlainElimination
-from .linearisation import Cameras, CamerasByImage, CompiledCameras, Linearised, Portion, whole_block
+from .linearisation import Cameras, Linearised, Portion, cameras_of, whole_block
 from .pattern import Pattern
 from .states import Cofactors, Normals, PointJacobians, PointPriors, State
 
@@ -45,7 +45,12 @@ STEP_LIMIT_M = 5e3  # weak geometry takes short steps; the equations are nearly 
 
 
 class Elimination(Protocol):
-    """How the points of a part are eliminated; ``weight (n,)`` are those of the whole block."""
+    """How the points of a part are eliminated; ``weight (n,)`` are those of the whole block.
+
+    compiled : whether it takes derivatives as `Structure` composes them; else those by the parameters as they are
+    """
+
+    compiled: bool
 
     def parts(self) -> list[Portion]:
         """Return the parts that together are the block."""
@@ -87,33 +92,29 @@ class NormalEquations:
     model : of the cameras' corrections
     pattern : which cameras share points
     threads : of compiled loops; 0 takes all processors
+    cameras : those of the same observations and model, where there are some already; else they are made
     """
 
-    def __init__(self, observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0) -> None:
+    def __init__(self, observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0,
+        cameras: Cameras | None = None,
+    ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
-        self._cameras: Cameras
         self._elimination: Elimination
-        self.threads = 1
         if is_wanted(observations.count >= WORTH_COMPILING):
-            from ...refinement.compiled_cameras import has_loop
-            from .compiled_elimination import CompiledElimination
+            from .compiled_elimination import CompiledElimination  # needs numba, and takes a second
 
-            self._cameras = (CompiledCameras if has_loop(model) else CamerasByImage)(observations, model)
-            self._elimination = CompiledElimination(observations, pattern)
-            self.threads = threads or os.cpu_count() or 1
+            self._elimination, self.threads = CompiledElimination(observations, pattern), threads or os.cpu_count() or 1
         else:
-            self._cameras, self._elimination = (
-                CamerasByImage(observations, model),
-                PlainElimination(observations, pattern),
-            )
+            self._elimination, self.threads = PlainElimination(observations, pattern), 1
+        self.cameras = cameras or cameras_of(observations, model, compiled=self._elimination.compiled)
         self._parts = self._elimination.parts()
-        mixing = self._cameras.structure.mixing
+        mixing = self.cameras.structure.mixing
         same = mixing.shape[0] == mixing.shape[1] and np.array_equal(mixing, np.eye(len(mixing)))
         self._mixing = None if same else mixing
 
     def residuals(self, state: State) -> np.ndarray:
         """Return observed - computed of all image points, ``(n, 2)`` px."""
-        linearise, out = self._cameras.at(state), np.empty((self.observations.count, 2))
+        linearise, out = self.cameras.at(state), np.empty((self.observations.count, 2))
         first = self.observations.first
 
         def write(part: Portion, _: int) -> None:
@@ -124,8 +125,8 @@ class NormalEquations:
 
     def normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
         """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
-        observations, pattern, linearise = self.observations, self.pattern, self._cameras.at(state)
-        size, points = len(self._cameras.structure.mixing), len(observations.points)
+        observations, pattern, linearise = self.observations, self.pattern, self.cameras.at(state)
+        size, points = len(self.cameras.structure.mixing), len(observations.points)
         threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * size**2, 1)))
         by_point = np.empty((observations.count, 2)), np.empty((points, 3, 3)), np.empty((points, 3))
         sums = [_sums(pattern, size, *by_point) for _ in range(threads)]
@@ -145,7 +146,7 @@ class NormalEquations:
 
     def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
         """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
-        linearise, out = self._cameras.at(state), np.empty_like(state.ground)
+        linearise, out = self.cameras.at(state), np.empty_like(state.ground)
         by_coefficient = step if self._mixing is None else step @ self._mixing.T
 
         def write(part: Portion, _: int) -> None:
@@ -157,14 +158,14 @@ class NormalEquations:
     def point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
         """Return residuals and derivatives by the ground of all image points of some points, in order."""
         rows, _ = self.observations.rows_of(points)
-        linear = self._cameras.at(state)(Portion.of(self.observations, points))
+        linear = self.cameras.at(state)(Portion.of(self.observations, points))
         return PointJacobians(rows, linear.residual, linear.by_ground)
 
     def cofactors(
         self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray, contributes: np.ndarray
     ) -> Cofactors:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
-        linearise = self._cameras.at(state)
+        linearise = self.cameras.at(state)
         out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
         by_coefficient = cameras
         if self._mixing is not None:
@@ -179,7 +180,7 @@ class NormalEquations:
     def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
         """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none."""
         ground = state.ground.copy()  # points move in it while others are still computed from it
-        moving = self._cameras.at(State(state.values, ground))
+        moving = self.cameras.at(State(state.values, ground))
 
         def move(part: Portion, _: int) -> None:
             linearise = moving
@@ -192,10 +193,10 @@ class NormalEquations:
                 if not len(open_points):
                     break
                 part = Portion.of(self.observations, open_points)
-                if not self._cameras.by_parts:
-                    linearise = self._cameras.at(State(state.values, ground.copy()))
+                if not self.cameras.by_parts:
+                    linearise = self.cameras.at(State(state.values, ground.copy()))
 
-        self._for_parts(move, parts=None if self._cameras.by_parts else [whole_block(self.observations)])
+        self._for_parts(move, parts=None if self.cameras.by_parts else [whole_block(self.observations)])
         return ground
 
     def _for_parts(
