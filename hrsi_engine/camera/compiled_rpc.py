@@ -17,7 +17,7 @@ from ..ground import ellipsoid
 from .rpc import RPC
 from .rpc_terms import FACTORS, QUADRATIC_TERMS, slope_of_ratio
 
-register(*ellipsoid.FORMULAS, slope_of_ratio)
+register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio)
 
 
 def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:

@@ -23,7 +23,7 @@ SECOND_ECCENTRICITY_SQUARED = ECCENTRICITY_SQUARED / (1.0 - ECCENTRICITY_SQUARED
 BOWRING_STEPS = 4  # below a micrometre from the sea floor to the orbits
 
 Number = TypeVar("Number", float, np.ndarray)
-Pair = tuple[Number, Number]
+Couple = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
 
 
@@ -81,4 +81,4 @@ def axes(lon_deg: Number, lat_deg: Number) -> tuple[Triple[Number], Triple[Numbe
 
 
 #: What compiled loops call.
-FORMULAS = (wrapped, curvature_radii, metres_of_a_degree, geocentric, geodetic, axes)
+ELLIPSOID_FORMULAS = (wrapped, curvature_radii, metres_of_a_degree, geocentric, geodetic, axes)

@@ -34,7 +34,7 @@ from .pseudo_rays import COLUMNS, draw_ray, ends_of_rays, place_in_frame, sensor
 from .pseudo_sensor import PseudoSensor
 
 register(correct_in_image, correct_by_ground, move, turn_by_frame)
-register(*corrected_rays.FORMULAS, *pseudo_rays.FORMULAS)
+register(*corrected_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
 
 
 @njit(**OPTIONS)

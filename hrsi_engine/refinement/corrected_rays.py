@@ -16,23 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from ..ground.ellipsoid import Number, Pair, Triple
+from ..ground.ellipsoid import Number, Couple, Triple
 from .model import RowIndex
 
 
-def _rotate(angle: Number, first: Number, second: Number) -> Pair[Number]:
+def _rotate(angle: Number, first: Number, second: Number) -> Couple[Number]:
     """Return ``cos first + sin second`` and ``-sin first + cos second``."""
     cos, sin = np.cos(angle), np.sin(angle)
     return cos * first + sin * second, cos * second - sin * first
 
 
-def _rotation_slope(angle: Number, first: Number, second: Number) -> Pair[Number]:
+def _rotation_slope(angle: Number, first: Number, second: Number) -> Couple[Number]:
     """Return the derivative of `_rotate` by the angle."""
     cos, sin = np.cos(angle), np.sin(angle)
     return cos * second - sin * first, -cos * first - sin * second
 
 
-def _slope(change: Triple[Number], x: Number, y: Number, down: Number) -> Pair[Number]:
+def _slope(change: Triple[Number], x: Number, y: Number, down: Number) -> Couple[Number]:
     """Return the change of a direction's tangents x, y for a ``change`` of the direction, ``down`` its -z."""
     return (change[0] + x * change[2]) / down, (change[1] + y * change[2]) / down
 
@@ -182,4 +182,4 @@ def see_by_rays(
 
 
 #: What compiled loops call.
-FORMULAS = (_rotate, _rotation_slope, _slope, _turn, meet_height, see_by_rays)
+CORRECTION_FORMULAS = (_rotate, _rotation_slope, _slope, _turn, meet_height, see_by_rays)

@@ -88,7 +88,7 @@ class SensorFrame:
 STATION, TANGENT, STATION_BY_IMAGE, TANGENT_BY_IMAGE, SAG = (
     slice(0, 2), slice(2, 4), slice(4, 8), slice(8, 12), slice(12, 14),
 )  # fmt: skip
-TOP, SPAN, HEIGHT, HEIGHT_BY_LINE = 14, 15, 16, 17
+TOP, SPAN, SENSOR_HEIGHT, SENSOR_HEIGHT_BY_LINE = 14, 15, 16, 17
 COLUMNS = 18
 
 
@@ -101,7 +101,7 @@ def sensor_frame(image: Image) -> SensorFrame:
     level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, image.centre_px, image.half_size_px)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
     rays = pseudo_rays(image.rpc, level, image.centre_px + image.half_size_px * ends)
-    on_datum = rays[:, STATION] + rays[:, HEIGHT, None] * rays[:, TANGENT]
+    on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
     return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_meeting_heights(rays))
 
@@ -111,7 +111,7 @@ def _meeting_heights(rays: np.ndarray) -> tuple[float, float, float]:
     apart = rays[1::2, STATION] - rays[::2, STATION]
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
-        first, middle, last = rays[::2, HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
+        first, middle, last = rays[::2, SENSOR_HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
     low, high = BELIEVABLE_HEIGHTS_M
     if not low <= middle <= high:
         return (USUAL_SENSOR_HEIGHT_M,) * 3
@@ -225,4 +225,4 @@ def draw_ray(
 
 
 #: What compiled loops call.
-FORMULAS = (place_in_frame, _in_frame, draw_ray)
+RAY_FORMULAS = (place_in_frame, _in_frame, draw_ray)

@@ -25,7 +25,7 @@ from numba import njit
 from ...foundation.compiled_code import OPTIONS, Arrays, register
 from ...ground import ellipsoid
 
-register(*ellipsoid.FORMULAS)
+register(*ellipsoid.ELLIPSOID_FORMULAS)
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
