@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..ground.ellipsoid import Number, Couple, Triple
+from ..ground.ellipsoid import Couple, Number, Triple
 from .model import RowIndex
 
 

@@ -88,7 +88,7 @@ class SensorFrame:
 STATION, TANGENT, STATION_BY_IMAGE, TANGENT_BY_IMAGE, SAG = (
     slice(0, 2), slice(2, 4), slice(4, 8), slice(8, 12), slice(12, 14),
 )  # fmt: skip
-TOP, SPAN, SENSOR_HEIGHT, SENSOR_HEIGHT_BY_LINE = 14, 15, 16, 17
+UPPER_END, SPAN, SENSOR_HEIGHT, SENSOR_HEIGHT_BY_LINE = 14, 15, 16, 17
 COLUMNS = 18
 
 
