@@ -31,14 +31,13 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     from ..hrsi_engine.adjustment.solver import adjust
     from ..hrsi_engine.foundation.progress import stage
-    from ..hrsi_engine.io.output_dir import check_output_dir
     from .block_steps import inputs as block_inputs
     from .block_steps import model_choice, plausibility
     from .block_steps import outputs as block_outputs
 
-    check_output_dir(options.output.folder.output_dir, options.output.folder.overwrite)
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
+    block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points, options.dem, options.tie_points)
     clock.lap("read")
     how = options.adjustment

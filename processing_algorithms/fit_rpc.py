@@ -23,7 +23,7 @@ SEED = 1  # of the choice of check points: the same ones every time
 def run(options: Mapping[str, Any], context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
     from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.io.output_dir import stage_folder
+    from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
     from ..hrsi_engine.io.position_tables import read_correspondences
     from ..hrsi_engine.io.report import write_report_json
     from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
@@ -34,6 +34,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
     )
     advance(context.progress, 0.2, "fitting")
     fit, check = fitted(table.ground, table.image, options["common_denominator"])
+    require_plain_name(options["id"] or "rpc", "the id")
     name = f"{options['id'] or Path(options['points'].partition('|')[0]).stem}_RPC.TXT"
     low, high = float(table.ground[:, 2].min()), float(table.ground[:, 2].max())
     report: Report = {

@@ -34,15 +34,14 @@ class RefineAlgorithmOptions:
 
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
-    from ..hrsi_engine.io.output_dir import check_output_dir
     from ..hrsi_engine.results.separate_images import separate_result
     from .block_steps import inputs as block_inputs
     from .block_steps import outputs as block_outputs
     from .block_steps import plausibility
 
-    check_output_dir(options.output.folder.output_dir, options.output.folder.overwrite)
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
+    block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
     expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else {}

@@ -46,14 +46,13 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     from ..hrsi_engine.adjustment.solver import adjust
     from ..hrsi_engine.foundation.progress import stage
-    from ..hrsi_engine.io.output_dir import check_output_dir
     from .block_steps import dem_offset, model_choice, plausibility, reference_control
     from .block_steps import inputs as block_inputs
     from .block_steps import outputs as block_outputs
 
-    check_output_dir(options.output.folder.output_dir, options.output.folder.overwrite)
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
+    block_outputs.require_room(options.output, images, context)
     clock.lap("read")
     searching = context.stage(0.0, 0.4)
     found, warnings, finished = _automatic_ties(images, options, searching)

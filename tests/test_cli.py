@@ -183,7 +183,10 @@ def test_help_of_every_algorithm_names_every_option(name, capsys):
         assert (param.metavar if param.name == "images" else f"--{param.name}") in out
 
 
-def test_interrupt_leaves_one_line_and_no_file(tmp_path):
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_leaves_one_line_and_no_file(tmp_path, number, code, word):
     out_dir = tmp_path / "out"
     command = [sys.executable, "-m", "hrsi.tests.sample_algorithm", "sample", "a.tif"]
     process = subprocess.Popen(
@@ -191,9 +194,9 @@ def test_interrupt_leaves_one_line_and_no_file(tmp_path):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     _wait_for_file(out_dir)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, err = process.communicate(timeout=20)
-    assert_one_error((process.returncode, out, err), 130, "interrupted")
+    assert_one_error((process.returncode, out, err), code, word)
     assert list(out_dir.iterdir()) == []
 
 

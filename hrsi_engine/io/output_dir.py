@@ -21,7 +21,7 @@ from .datasets import gdal_messages, quiet
 from .layers import remove_old_journal
 from .leftovers import temporary_folder
 from .replacing import COPY_BYTES
-from .rpc_files.sidecars import is_vendor_file, keep_original
+from .rpc_files.sidecars import is_rpc_file, keep_original
 from .transactions import Transaction, finish_interrupted
 
 _REPORT = "report.json"
@@ -159,12 +159,18 @@ def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str],
     beside = {os.path.realpath(file) for file in files_with(inputs)}
     named = set() if overwrite else names_of_last_run(path)
     for target in targets:
-        if os.path.realpath(target) in beside and not is_vendor_file(target):
+        if os.path.realpath(target) in beside and not is_rpc_file(target):
             raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
         if not overwrite and os.path.basename(target) not in named:
             raise InputError(
                 f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`"
             )
+
+
+def require_plain_name(name: str, what: str) -> None:
+    """Raise `InputError` where a word that becomes part of a file's name leads out of its folder."""
+    if not name or name in (".", "..") or set(name) & {"/", "\\", "\0"} or os.path.basename(name) != name:
+        raise InputError(f"{what} {name!r} is no name of a file: leave out what leads to other folders")
 
 
 def names_of_last_run(folder: str) -> set[str]:

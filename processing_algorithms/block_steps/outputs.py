@@ -15,7 +15,7 @@ from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.layer_styles import default_styles
 from ...hrsi_engine.io.layers import write_geopackage
-from ...hrsi_engine.io.output_dir import earlier_rpcs, stage_folder
+from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
@@ -30,7 +30,15 @@ from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
 from ..interface.declare import Context, Report, settings_of
 from .options import BlockOptions, BlockOutput
-from .rpc_outputs import IN_PLACE, NOTHING, clear_the_way, images_with_pixels, prepare_images, write_new_files
+from .rpc_outputs import (
+    IN_PLACE,
+    NOTHING,
+    clear_the_way,
+    images_with_pixels,
+    planned_names,
+    prepare_images,
+    write_new_files,
+)
 
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
@@ -54,6 +62,15 @@ class Clock:
     def total(self) -> dict[str, float]:
         """Return all parts and the total."""
         return {"total": round(time.monotonic() - self._start, 3), **self.seconds}
+
+
+def require_room(output: BlockOutput, images: Sequence[Image], context: Context) -> None:
+    """Raise `InputError`, before the work begins, where its results would replace what they may not replace."""
+    names = [REPORT_FILE, LAYERS_FILE, *([PAGE_FILE] if output.report else [])]
+    names += planned_names(images, output.write).values()
+    folder = output.folder
+    for notice in check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs):
+        context.log(notice)
 
 
 def write_results(

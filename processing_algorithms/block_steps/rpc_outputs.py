@@ -38,19 +38,23 @@ IN_PLACE, NOTHING = "in-place", "none"
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 
 
+def planned_names(images: Sequence[Image], how: str) -> dict[str, str]:
+    """Return the names of the new files with refined RPCs, by image id."""
+    choices = {image.id: WITHOUT_PIXELS if image.raster is None and how != NOTHING else how for image in images}
+    return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
+
+
 def write_new_files(
     folder: Path, images: Sequence[Image], refined: Sequence[RefinedRPC], how: str, progress: Progress
 ) -> dict[str, str]:
     """Write each image's refined RPC into a new file of ``folder``; return the file names by image id."""
-    names: dict[str, str] = {}
+    names = planned_names(images, how)
     for done, (image, new) in enumerate(zip(images, refined, strict=True)):
-        choice = WITHOUT_PIXELS if image.raster is None and how != NOTHING else how
-        if choice not in NEW_FILES:
+        if image.id not in names:
             continue
         part = stage(progress, done / len(images), (done + 1) / len(images))
         advance(part, 0.0, f"writing {image.id}")
-        ending, write = NEW_FILES[choice]
-        names[image.id] = image.id + ending
+        _, write = NEW_FILES[WITHOUT_PIXELS if image.raster is None else how]
         write(image.path, str(folder / names[image.id]), new.rpc, part)
     return names
 

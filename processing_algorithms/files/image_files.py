@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -16,10 +17,14 @@ MOST_LINES = 20  # of a large block only the images with several RPCs are told
 def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Image]:
     """Open images or RPC files alone; log the source of each RPC and the others that were not used.
 
-    A filter stays silent (not ``always``) unless there was a choice between several RPCs.
+    What an interrupted run left of images that it wrote in place is finished first. A filter stays silent (not
+    ``always``) unless there was a choice between several RPCs.
     """
     from ...hrsi_engine.io.rasters import open_image_and_source
+    from ...hrsi_engine.io.transactions import finish_interrupted
 
+    for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
+        log(notice)
     images = []
     for path in paths:
         image, found = open_image_and_source(path)

@@ -6,9 +6,11 @@ import contextlib
 import io
 import json
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
@@ -28,8 +30,35 @@ _DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
 def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] = REGISTRY) -> int:
     """Run the command line and return its exit code.
 
-    0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted.
+    0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted, 143 terminated.
     """
+    with _termination_as_exception():
+        return _main(words, registry)
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM): it cleans up as it does when the user interrupts it."""
+
+
+@contextlib.contextmanager
+def _termination_as_exception() -> Iterator[None]:
+    """Have SIGTERM end the work like an interrupt; only a program's main thread may ask for that."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(_number: int, _frame: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what cleans up is not to be interrupted
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _main(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
     given = list(sys.argv[1:] if words is None else words)
@@ -111,6 +140,10 @@ def _describe_interrupt(error: BaseException) -> tuple[str, int]:
     return "interrupted; no half-written file is left", Cancelled.exit_code
 
 
+def _describe_termination(error: BaseException) -> tuple[str, int]:
+    return "terminated; no half-written file is left", 143
+
+
 def _describe_missing_package(error: BaseException) -> tuple[str, int]:
     package = getattr(error, "name", None) or "needed"
     if package.startswith(f"{_OWN_PACKAGE}."):
@@ -139,6 +172,7 @@ def _describe_unexpected(error: BaseException) -> tuple[str, int]:
 #: How errors are told, by class; the first that fits counts.
 DESCRIPTIONS: dict[type[BaseException], Callable[[BaseException], tuple[str, int]]] = {
     HrsiError: _describe_own,
+    Terminated: _describe_termination,
     KeyboardInterrupt: _describe_interrupt,
     ImportError: _describe_missing_package,
     MemoryError: _describe_memory,

@@ -43,10 +43,10 @@ def vendor_xml(image_path: str) -> list[str]:
     return [file for key in VENDOR_XML for file in beside[key]]
 
 
-def is_vendor_file(path: str) -> bool:
-    """Return whether a file is an RPC file without pixels that was not written by this program."""
+def is_rpc_file(path: str) -> bool:
+    """Return whether a file holds an RPC and no pixels."""
     try:
-        return os.path.isfile(path) and rpc_reader_of(path) is not None and not is_ours(path)
+        return os.path.isfile(path) and rpc_reader_of(path) is not None
     except InputError:
         return False
 
@@ -63,7 +63,7 @@ def set_aside(path: str, changes: Transaction) -> str:
 
 def keep_original(path: str, changes: Transaction) -> None:
     """Have a vendor's RPC file copied to ``<name>.original`` before it is overwritten; nothing for our own or none."""
-    if is_vendor_file(path):
+    if is_rpc_file(path) and not is_ours(path):
         copy_bytes(path, changes.new_file(_free_name(path)))
 
 

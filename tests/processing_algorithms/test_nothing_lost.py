@@ -1,0 +1,182 @@
+"""No run takes away what another made, what a vendor delivered, or what it reads itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.io.transactions import finish_interrupted
+from hrsi.processing_algorithms import run
+
+
+@pytest.fixture(scope="module")
+def delivered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three small images with the RPC in their tag and a vendor's ``_RPC.TXT`` beside, and their points."""
+    folder = tmp_path_factory.mktemp("delivered")
+    run("simulate", sensor="pleiades", images=3, along="-12,0,12", size=300, gcps=6, checks=4, ties=40, seed=11,
+        output_dir=str(folder))  # fmt: skip
+    bare = tmp_path_factory.mktemp("bare")
+    run("simulate", sensor="pleiades", images=3, along="-12,0,12", size=300, gcps=6, checks=4, ties=40, seed=11,
+        pixels=False, output_dir=str(bare))  # fmt: skip
+    for file in bare.glob("*_RPC.TXT"):
+        text = "\n".join(line for line in file.read_text().splitlines() if "HRSI" not in line) + "\n"
+        (folder / file.name).write_text(text)
+    for name in ("report.json", "truth.gpkg"):
+        (folder / name).unlink()
+    return folder
+
+
+@pytest.fixture
+def folder(delivered: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(delivered, tmp_path / "v"))
+
+
+def adjust(folder: Path, output: Path, **options: object) -> dict:
+    images = [str(folder / f"image_{number}.tif") for number in (1, 2, 3)]
+    points = {"gcps": str(folder / "ground_points.csv"), "image_points": str(folder / "image_points.csv")}
+    return run(
+        "adjust", **{"images": images, **points, "height_datum": "ellipsoidal", "output_dir": str(output)} | options
+    )
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
+
+
+def test_vendors_rpc_files_are_not_overwritten_unasked(folder: Path) -> None:
+    before = digests(folder)
+    with pytest.raises(InputError, match=r"image_1_RPC\.TXT exists"):
+        adjust(folder, folder, write="sidecar")
+    assert digests(folder) == before
+
+
+def test_vendors_rpc_files_are_kept_once(folder: Path) -> None:
+    before = digests(folder)
+    adjust(folder, folder, write="sidecar", overwrite=True)
+    first = digests(folder)
+    assert first["image_1_RPC.TXT.original"] == before["image_1_RPC.TXT"] != first["image_1_RPC.TXT"]
+    adjust(folder, folder, write="sidecar", overwrite=True)
+    kept = [name for name in digests(folder) if ".original" in name]
+    assert sorted(kept) == [f"image_{number}_RPC.TXT.original" for number in (1, 2, 3)]
+    for number in (1, 2, 3):
+        run("write-rpc", images=[str(folder / f"image_{number}.tif")], restore=True)
+    after = digests(folder)
+    assert {name: after[name] for name in before} == before
+
+
+def test_an_input_is_never_an_output(folder: Path, tmp_path: Path) -> None:
+    """GCPs from an earlier result, written over that result."""
+    result = tmp_path / "o1"
+    adjust(folder, result, write="none")
+    before = digests(result)
+    gcps = f"{result / 'block.gpkg'}|layername=ground_points"
+    with pytest.raises(InputError, match="is an input"):
+        adjust(folder, result, write="none", gcps=gcps, overwrite=True)
+    assert digests(result) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "foreign"),
+    [
+        ("simulate", {"images": 2, "size": 100, "pixels": False}, "dem.tif"),
+        ("fit-rpc", {"id": "image_1"}, "image_1_RPC.TXT"),
+        ("adjust", {}, "image_2.tif"),
+        ("adjust", {"write": "none"}, "report.html"),
+    ],
+)
+def test_files_of_others_stay(folder: Path, tmp_path: Path, name: str, options: dict, foreign: str) -> None:
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / foreign).write_text("mine")
+    calls = {
+        "adjust": lambda: adjust(folder, output, **options),
+        "fit-rpc": lambda: run(name, points=str(correspondences(tmp_path)), output_dir=str(output), **options),
+        "simulate": lambda: run(name, output_dir=str(output), **options),
+    }
+    with pytest.raises(InputError, match=f"{foreign} exists"):
+        calls[name]()
+    assert (output / foreign).read_text() == "mine" and [path.name for path in output.iterdir()] == [foreign]
+
+
+def correspondences(folder: Path) -> Path:
+    """Write points of a plain affine camera."""
+    rows = ["lon,lat,height,sample,line"]
+    for k in range(64):
+        east, north, up = k % 4, k // 4 % 4, k // 16
+        rows.append(f"{5 + 0.01 * east},{43 + 0.01 * north},{50 * up},{1000 * east + 7 * up},{3000 - 1000 * north}")
+    path = folder / "grid.csv"
+    path.write_text("\n".join(rows))
+    return path
+
+
+@pytest.mark.parametrize("name", ["../evil", "a/b", "..", "/tmp/evil"])
+def test_ids_are_no_paths(tmp_path: Path, name: str) -> None:
+    output = tmp_path / "a" / "out"
+    with pytest.raises(InputError, match="id"):
+        run("fit-rpc", points=str(correspondences(tmp_path)), id=name, output_dir=str(output))
+    assert not list(tmp_path.rglob("*_RPC.TXT"))
+
+
+WRITER = """
+import sys
+from hrsi.processing_algorithms.interface.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_block_in_place_is_written_whole_or_not_at_all(folder: Path, tmp_path: Path, number: signal.Signals) -> None:
+    """Killed at random moments: after the next run all images have the new RPC and there is a report, or neither."""
+    images = [folder / f"image_{k}.tif" for k in (1, 2, 3)]
+    for file in folder.glob("*_RPC.TXT"):
+        file.unlink()
+    originals = [read_rpc(str(image)).rpc for image in images]
+    output, rng = tmp_path / "o", random.Random(int(number))
+    words = ["adjust", *map(str, images), "--gcps", str(folder / "ground_points.csv"), "--image-points",
+             str(folder / "image_points.csv"), "--height-datum", "ellipsoidal", "--write", "in-place", "--no-report",
+             "--output-dir", str(output)]  # fmt: skip
+    started = time.monotonic()
+    assert subprocess.run([sys.executable, "-c", WRITER, *words], capture_output=True, check=False).returncode == 0
+    whole = time.monotonic() - started
+    states = set()
+    for _ in range(3):
+        shutil.rmtree(output, ignore_errors=True)
+        for image in images:
+            if read_rpc(str(image)).rpc not in originals:
+                run("write-rpc", images=[str(image)], restore=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", WRITER, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        time.sleep(rng.uniform(0.6, 1.0) * whole)
+        process.send_signal(number)
+        assert b"Traceback" not in process.communicate(timeout=60)[1]
+        finish_interrupted([str(folder), *([str(output)] if output.exists() else [])])
+        changed = [read_rpc(str(image)).rpc != original for image, original in zip(images, originals, strict=True)]
+        assert len(set(changed)) == 1
+        assert changed[0] == (output / "report.json").exists()
+        hidden = [path for place in (folder, output) if place.exists() for path in place.rglob(".*")]
+        assert hidden == []
+        states.add(changed[0])
+    assert states
+
+
+def test_report_names_what_was_written(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "o"
+    report = adjust(folder, output)
+    written = json.loads((output / "report.json").read_text())
+    named = {os.path.basename(image["output"]) for image in written["images"].values()}
+    named |= {os.path.basename(file) for file in written["outputs"].values()}
+    assert named == {path.name for path in output.iterdir()}
+    assert report["outputs"] == written["outputs"]
