@@ -47,7 +47,7 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         "pairs": [_pair_entry(pair) for pair in pairs],
         "warnings": warnings,
     }
-    write_folder(options, report, LAYERS_FILE, _layers(report, geometries), context)
+    write_folder(options, report, LAYERS_FILE, _layers(report, views), context)
     return report
 
 
@@ -117,7 +117,7 @@ def _pair_entry(pair: PairGeometry) -> dict[str, Any]:
     }
 
 
-def _layers(report: Report, geometries: Sequence[ViewGeometry]) -> list[Layer]:
+def _layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
     from ..hrsi_engine.io.layers import Layer
 
     left_out = ("footprint", "rpc_ignored")
@@ -125,7 +125,7 @@ def _layers(report: Report, geometries: Sequence[ViewGeometry]) -> list[Layer]:
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
         for key, entry in report["images"].items()
     ]
-    footprints = Layer("images", "Polygon", 4326, [geometry.footprint for geometry in geometries], _columns(rows))
+    footprints = Layer("images", "Polygon", 4326, [view.footprint for view in views], _columns(rows))
     return [footprints, *([Layer("pairs", "None", 4326, [], _columns(report["pairs"]))] if report["pairs"] else [])]
 
 

@@ -8,8 +8,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from ..block.block import Role
+from ..block.footprints import ring_of
 from ..ground.geodesy import LocalFrame
 
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
@@ -24,8 +26,8 @@ class BlockMap:
 
     Parameters
     ----------
-    footprints : mapping of str to (k, 2) ndarray
-        Rings of lon, lat in degrees by image id.
+    footprints : mapping of str to shapely.geometry.Polygon
+        In degrees of lon and lat, by image id.
     lonlat : (m, 2) ndarray
         Lon, lat of the points.
     roles : (m,) ndarray
@@ -36,7 +38,7 @@ class BlockMap:
         Their names.
     """
 
-    footprints: Mapping[str, np.ndarray]
+    footprints: Mapping[str, Polygon]
     lonlat: np.ndarray
     roles: np.ndarray
     residual_en_m: np.ndarray
@@ -71,8 +73,7 @@ def block_map_svg(data: BlockMap) -> str:
     str
         An SVG element.
     """
-    rings = {name: ring[np.isfinite(ring).all(axis=1)] for name, ring in data.footprints.items()}
-    rings = {name: ring for name, ring in rings.items() if len(ring) > 2}
+    rings = {name: ring_of(polygon) for name, polygon in data.footprints.items() if not polygon.is_empty}
     here = np.flatnonzero(np.isfinite(data.lonlat).all(axis=1))
     places = np.vstack([*rings.values(), data.lonlat[here]]) if rings or len(here) else np.empty((0, 2))
     if not len(places):

@@ -10,11 +10,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sqlite3
+import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from osgeo import gdal, ogr, osr
+from shapely.geometry import Polygon
 
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
@@ -42,8 +44,8 @@ class Layer:
         ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry).
     crs : int
         EPSG code.
-    coordinates : (n, 2) or (n, 3) ndarray, or sequence of (k, 2) ndarray
-        Points; for polygons outer rings, closed or not. NaN: no geometry.
+    coordinates : (n, 2) or (n, 3) ndarray, or sequence of shapely.geometry.Polygon
+        Points or polygons. NaN, an empty polygon: no geometry.
     fields : mapping of str to (n,) ndarray
         Columns by name: text, integers, floats (NaN is written as NULL) or bools.
     """
@@ -51,7 +53,7 @@ class Layer:
     name: str
     geometry: str
     crs: int
-    coordinates: np.ndarray | Sequence[np.ndarray]
+    coordinates: np.ndarray | Sequence[Polygon]
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -205,18 +207,13 @@ def _bounds(layer: Layer) -> np.ndarray:
     if layer.geometry != "Polygon":
         xy = np.asarray(layer.coordinates, dtype=np.float64)
         return xy[:, [0, 0, 1, 1]]
-    rings = [np.asarray(ring, dtype=np.float64) for ring in layer.coordinates]
-    extremes = [np.r_[ring.min(axis=0), ring.max(axis=0)] if _is_ring(ring) else np.full(4, np.nan) for ring in rings]
+    extremes = [(np.nan,) * 4 if polygon.is_empty else polygon.bounds for polygon in layer.coordinates]
     return np.array(extremes).reshape(-1, 4)[:, [0, 2, 1, 3]]
-
-
-def _is_ring(ring: np.ndarray) -> bool:
-    return len(ring) >= 3 and bool(np.isfinite(ring).all())
 
 
 def _blobs(layer: Layer, rows: slice) -> list[bytes | None]:
     if layer.geometry == "Polygon":
-        return [_polygon_blob(np.asarray(ring, dtype=np.float64), layer.crs) for ring in layer.coordinates[rows]]
+        return [_polygon_blob(polygon, layer.crs) for polygon in layer.coordinates[rows]]
     return _point_blobs(np.asarray(layer.coordinates, dtype=np.float64)[rows], layer.geometry == "PointZ", layer.crs)
 
 
@@ -237,15 +234,12 @@ def _point_blobs(xyz: np.ndarray, has_z: bool, crs: int) -> list[bytes | None]:
     return values
 
 
-def _polygon_blob(ring: np.ndarray, crs: int) -> bytes | None:
-    """Return the GeoPackage geometry of a polygon of one ring, with its envelope."""
-    if not _is_ring(ring):
+def _polygon_blob(polygon: Polygon, crs: int) -> bytes | None:
+    """Return the GeoPackage geometry of a polygon: a header with its envelope, then WKB."""
+    if polygon.is_empty:
         return None
-    if not np.array_equal(ring[0], ring[-1]):
-        ring = np.vstack([ring, ring[:1]])
-    envelope = np.column_stack([ring.min(axis=0), ring.max(axis=0)])
-    header = b"GP\x00\x03" + np.int32(crs).astype("<i4").tobytes() + envelope.astype("<f8").tobytes()
-    return header + b"\x01" + np.array([3, 1, len(ring)], dtype="<u4").tobytes() + ring.astype("<f8").tobytes()
+    west, south, east, north = polygon.bounds
+    return struct.pack("<2sBBi4d", b"GP", 0, 3, crs, west, east, south, north) + bytes(polygon.wkb)
 
 
 def create_style_table(dataset: gdal.Dataset) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.footprints import footprint, ring_of
+from ..block.footprints import footprint
 from ..drawing.block_map import BlockMap
 from ..ground.geodesy import to_projected, utm_epsg
 from ..io.layers import Layer
@@ -37,7 +37,7 @@ def block_map(result: Adjustment, left: Residuals) -> BlockMap:
     known = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
     points = result.block.points
     return BlockMap(
-        footprints={image.id: ring_of(footprint(image, height)) for image in result.block.images},
+        footprints={image.id: footprint(image, height) for image in result.block.images},
         lonlat=points.ground[known, :2],
         roles=points.role[known],
         residual_en_m=left.ground_m[known, :2],

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
-from ..block.footprints import footprint, ring_of
+from ..block.footprints import footprint
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
@@ -23,7 +23,7 @@ ROLE_LABELS = np.array([role.label for role in Role])
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Positions ``(n, 3)`` lon, lat, height (or a list of rings ``(k, 2)``) and columns of length n."""
+    """Positions ``(n, 3)`` lon, lat, height (or a list of polygons) and columns of length n."""
 
     positions: Any
     columns: dict[str, np.ndarray]
@@ -42,7 +42,7 @@ def images_table(result: Adjustment, height_m: float) -> Table:
         "observations": count,
         "footprint_height_m": np.full(len(images), height_m),
     }
-    return Table([ring_of(footprint(image, height_m)) for image in images], columns)
+    return Table([footprint(image, height_m) for image in images], columns)
 
 
 def positions(result: Adjustment) -> np.ndarray:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from osgeo import gdal, ogr
+from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
 from hrsi.hrsi_engine.ground.geodesy import to_projected, utm_epsg
@@ -63,7 +64,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     images = {"id": np.array(["img_01", "img_02"])}
     empty = {name: column[:0] for name, column in fields.items()}
     write_geopackage(str(path), [
-        Layer("images", "Polygon", 4326, [RING, np.vstack([RING + 0.1, RING[:1] + 0.1])], images),
+        Layer("images", "Polygon", 4326, [Polygon(RING), Polygon(RING + 0.1)], images),
         Layer("residuals_wgs84", "PointZ", 4326, place, fields),
         Layer("residuals_utm", "PointZ", utm, np.column_stack([to_projected(place, utm), place[:, 2]]), fields),
         Layer("flat", "Point", 4326, place[:, :2], {"id": fields["id"]}),

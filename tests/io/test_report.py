@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.drawing.block_map import block_map_svg
@@ -58,7 +59,13 @@ def block_map() -> BlockMap:
     lonlat = np.array([[147.25, -42.85], [147.30, -42.90], [147.32, -42.92], [np.nan, np.nan]])
     roles = np.array([Role.GCP, Role.CHECK, Role.TIE, Role.CHECK])
     residual = np.array([[0.3, 0.0], [0.0, 0.5], [np.nan, np.nan], [1.0, 1.0]])
-    return BlockMap({"img_01": ring, EVIL: ring + 0.02}, lonlat, roles, residual, np.array(["A", EVIL, "T", "lost"]))
+    return BlockMap(
+        {"img_01": Polygon(ring), EVIL: Polygon(ring + 0.02)},
+        lonlat,
+        roles,
+        residual,
+        np.array(["A", EVIL, "T", "lost"]),
+    )
 
 
 class Outline(HTMLParser):
@@ -169,7 +176,9 @@ def test_arrows_and_scale_of_the_map() -> None:
 
 def test_a_map_across_the_date_line_and_of_one_point() -> None:
     ring = np.array([[179.9, 10.0], [-179.9, 10.0], [-179.9, 9.9], [179.9, 9.9]])
-    data = BlockMap({"a": ring}, np.array([[180.0, 9.95]]), np.array([1]), np.array([[0.1, 0.1]]), np.array(["p"]))
+    data = BlockMap(
+        {"a": Polygon(ring)}, np.array([[180.0, 9.95]]), np.array([1]), np.array([[0.1, 0.1]]), np.array(["p"])
+    )
     assert "2 km on the ground" in block_map_svg(data)  # 0.2 degrees at 10 degrees north are 22 km
     lone = BlockMap({}, np.array([[5.0, 44.0]]), np.array([0]), np.array([[0.0, 0.0]]), np.array(["p"]))
     assert "circle" in block_map_svg(lone)

@@ -9,6 +9,7 @@ import pytest
 from qgis.core import QgsMapRendererSequentialJob, QgsMapSettings, QgsRectangle, QgsVectorLayer
 from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
+from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 
@@ -30,7 +31,7 @@ def block(tmp_path_factory: pytest.TempPathFactory, qgis_app: object) -> Path:
     place = np.array([[5.0, 44.0, 0.0], [5.0, 44.0, 0.0]])
     ring = np.array([[4.95, 43.95], [5.05, 43.95], [5.05, 44.05], [4.95, 44.05]])
     write_geopackage(str(path), [
-        Layer("images", "Polygon", 4326, [ring], {"id": np.array(["img"])}),
+        Layer("images", "Polygon", 4326, [Polygon(ring)], {"id": np.array(["img"])}),
         Layer("ground_points", "PointZ", 4326, place[:1], {"id": np.array(["A"]), "role": np.array(["gcp"])}),
         Layer("residuals_wgs84", "PointZ", 4326, place, fields),
         Layer("image_points", "PointZ", 4326, place[1:], {name: column[1:] for name, column in fields.items()}),
