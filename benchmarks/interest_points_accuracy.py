@@ -26,6 +26,7 @@ from hrsi.hrsi_engine.measurement.registration import register_points
 from hrsi.hrsi_engine.measurement.targets.measuring import TargetOptions, measure_target
 from hrsi.hrsi_engine.simulation import SimulatedBlock
 from hrsi.tests.object_scenes import (
+    CANDIDATES,
     VIEWS,
     alike,
     carried,
@@ -154,7 +155,7 @@ def print_pair(name: str, simulated: SimulatedBlock, figures: Figures, change: f
     )
     ms = rendered(simulated, VIEWS[0], "green")
     coarse = {
-        "centres": [detect_interest_points(ms, "centres"), strong[0]],
+        "centres": [detect_interest_points(ms, "centres", CANDIDATES), strong[0]],
         "corners": [detect_interest_points(ms, "harris"), supers[0]],
     }
     if not change:

@@ -561,9 +561,9 @@ def run_checks(inputs: Inputs) -> Outcome:
     """Read the files as `adjust` does, and run the checks of the inputs alone."""
     from hrsi.hrsi_engine.foundation.reasons import Level
     from hrsi.processing_algorithms import REGISTRY
-    from hrsi.processing_algorithms.adjust import AdjustAlgorithmOptions
     from hrsi.processing_algorithms.block_steps.inputs import read_block
     from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
+    from hrsi.processing_algorithms.declarations.adjust import AdjustAlgorithmOptions
     from hrsi.processing_algorithms.files.image_files import open_images
     from hrsi.processing_algorithms.interface.declare import made_options
     from hrsi.processing_algorithms.interface.options import checked_options

@@ -29,7 +29,7 @@ from qgis.core import (
     QgsProcessingParameterString,
 )
 
-from ..processing_algorithms.interface.declare import Kind, Param
+from ..processing_algorithms.interface.declare import Kind, Param, typed
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
@@ -137,8 +137,8 @@ def _common(param: Param) -> dict[str, Any]:
     return {
         "name": qgis_name(param),
         "description": label_of(param),
-        "defaultValue": param.default,
-        "optional": not (param.required or param.piped) and param.default is None,
+        "defaultValue": typed(param) if isinstance(param.default, tuple) else param.default,
+        "optional": not (param.required or param.piped) and param.default in (None, ()),
     }
 
 
@@ -238,6 +238,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.TEXT: Binding(_text, _reader("parameterAsString")),
     Kind.IDS: Binding(_text, _read_ids),
     Kind.GROUPS: Binding(_text, _read_ids),
+    Kind.RANGE: Binding(_text, _reader("parameterAsString")),
     Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),
     Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
     Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),

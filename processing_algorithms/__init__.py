@@ -1,7 +1,8 @@
 """The declared algorithms, and `run` to call one by its name.
 
-To add an algorithm, write its module with an ``ALGORITHM`` and enter it here: one import, one entry.
-Importing this package is quick: algorithms import what is heavy inside their ``run``.
+To add an algorithm, write what it says of itself in ``declarations/NAME.py``, its ``run`` and ``summarise`` in
+``NAME.py``, and enter it here: one import, one entry. Importing this package is quick: declarations are light, and the
+module of an algorithm, which imports what is heavy, is loaded when it is run.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..hrsi_engine.foundation.progress import Progress, silent
-from . import (
+from .declarations import (
     adjust,
     fit_rpc,
     gcps_from_reference,

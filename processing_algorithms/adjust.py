@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ..hrsi_engine.adjustment.options import AdjustOptions
-from ..hrsi_engine.foundation.options import nested, option
-from .block_steps.options import BlockOutput, PointFiles, images_option
-from .block_steps.summary import summarise
+from ..hrsi_engine.adjustment.solver import adjust
+from ..hrsi_engine.foundation.progress import stage
+from .block_steps import inputs as block_inputs
+from .block_steps import model_choice, plausibility
+from .block_steps import outputs as block_outputs
+from .block_steps.summary import summarise as summarise
+from .declarations.adjust import AdjustAlgorithmOptions
 from .files.image_files import open_images
-from .files.terrain import DemOptions
-from .interface.declare import Algorithm, Context, Kind, Report
-
-
-@dataclass(frozen=True, kw_only=True)
-class AdjustAlgorithmOptions:
-    """What `adjust` takes."""
-
-    images: tuple[str, ...] = images_option()
-    points: PointFiles = nested(PointFiles)
-    tie_points: str | None = option(
-        None, "Further image points, measured on two or more images", kind=Kind.POINTS, metavar="FILE"
-    )
-    dem: DemOptions = nested(DemOptions)
-    adjustment: AdjustOptions = nested(AdjustOptions)
-    output: BlockOutput = nested(BlockOutput)
+from .interface.declare import Context, Report
 
 
 def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
-    from ..hrsi_engine.adjustment.solver import adjust
-    from ..hrsi_engine.foundation.progress import stage
-    from .block_steps import inputs as block_inputs
-    from .block_steps import model_choice, plausibility
-    from .block_steps import outputs as block_outputs
-
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
     block_outputs.require_room(options.output, images, context)
@@ -52,19 +32,3 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     return block_outputs.write_results(
         "adjust", options, result, [*warnings, *chosen.warnings], clock, rest, chosen.entries, reasons
     )
-
-
-ALGORITHM = Algorithm(
-    name="adjust",
-    title="Adjust block",
-    group="Triangulation",
-    summary="Bundle block adjustment from existing image points",
-    help=(
-        "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
-        "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
-    ),
-    options=AdjustAlgorithmOptions,
-    run=run,
-    summarise=summarise,
-    layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
-)

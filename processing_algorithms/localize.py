@@ -3,54 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.position_tables import ImagePositions, read_image_positions
+from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
+from .declarations.localize import LAYERS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
 from .files.image_files import open_images
-from .files.result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
-from .files.terrain import TERRAIN_PARAMS, open_terrain
-from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .files.result_folder import check_folder, tell, write_folder
+from .files.terrain import open_terrain
+from .interface.declare import Context, Report
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..hrsi_engine.block.block import Image
-    from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.io.position_tables import ImagePositions
-    from ..hrsi_engine.surface.dem import HeightSurface
-
-LAYERS_FILE = "points.gpkg"
 LINE = "sample line height"
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+def run(options: LocalizeOptions, context: Context) -> Report:
     """Read image points from a file or standard input and follow their rays to the ground."""
-    from ..hrsi_engine.io.position_tables import read_image_positions
-
-    check_folder(options)
-    images = open_images(options["images"], context.log, always=False)
-    surface = open_terrain(options)
+    check_folder(options.folder)
+    images = open_images(options.images, context.log, always=False)
+    surface = open_terrain(options.terrain)
     ids = [image.id for image in images]
-    points = read_image_positions(options["points"], ids) if options["points"] else _from_lines(images)
+    points = read_image_positions(options.points, ids) if options.points else _from_lines(images)
     columns, warnings = _localized(images, points, surface)
     tell(warnings, context)
     report: Report = {
-        "schema": 1, "algorithm": "localize", "images": ids, "from_file": bool(options["points"]),
+        "schema": 1, "algorithm": "localize", "images": ids, "from_file": bool(options.points),
         "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
-    if not options["output_dir"]:
+    if not options.folder.output_dir:
         report["points"] = _rows(columns)
-    write_folder(options, report, LAYERS_FILE, _layers(columns), context)
+    write_folder(options.folder, report, LAYERS_FILE, _layers(columns), context)
     return report
 
 
 def _from_lines(images: list[Image]) -> ImagePositions:
     """Return the lines of standard input, the text behind the coordinates as ids."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.position_tables import ImagePositions
-
     if len(images) > 1:
         raise InputError("lines on standard input do not say which image they belong to: give one image")
     numbers, rest = parse_lines(standard_input(LINE), LINE.split())
@@ -61,11 +53,6 @@ def _localized(
     images: list[Image], points: ImagePositions, surface: HeightSurface | None
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return one row for each point, and warnings on points without ground position."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.surface.dem import Status
-
     unknown = sorted(set(points.image_ids.tolist()) - {image.id for image in images})
     if unknown:
         raise InputError(f"the points name the image {unknown[0]!r}, which is not given: add it, or remove its points")
@@ -87,11 +74,6 @@ def _on_ground(
     image: Image, points: ImagePositions, rows: np.ndarray, surface: HeightSurface | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return ground points and statuses of one image's rows: at their own height, else on the surface."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.surface.dem import Status, intersect_surface
-
     ground, converged = image.rpc.localize(points.image[rows], points.height_m[rows])
     status = np.where(converged, int(Status.FOUND), int(Status.NO_RAY))
     without = np.isnan(points.height_m[rows])
@@ -99,14 +81,12 @@ def _on_ground(
         if surface is None:
             row = rows[without][0]
             name = f" ({points.ids[row]})" if points.ids[row] else ""
-            raise InputError(f"point {row + 1}{name} has no height: add it to the point, or give --dem or --height")
+            raise InputError(f"point {row + 1}{name} has no height: add it to the point, or give `dem` or `height`")
         ground[without], status[without] = intersect_surface(image.rpc, points.image[rows[without]], surface)
     return ground, status
 
 
 def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    import numpy as np
-
     names = ("id", "image", "lon", "lat", "height", "status")
     values = zip(*(columns[name].tolist() for name in names), strict=True)
     table = [dict(zip(names, row, strict=True)) for row in values]
@@ -116,10 +96,6 @@ def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
-    import numpy as np
-
-    from ..hrsi_engine.io.layers import Layer
-
     ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     return [Layer("ground_points", "PointZ", 4326, ground, dict(columns))]
 
@@ -132,32 +108,3 @@ def summarise(report: Report) -> str:
         header = [("id", "image", "lon", "lat", "height", "status")]
         return format_lines([*header, *(tuple(row.values()) for row in report["points"])], ",")
     return format_lines((row["lon"], row["lat"], row["height"], row["id"]) for row in report["points"])
-
-
-ALGORITHM = Algorithm(
-    name="localize",
-    title="Localize image points",
-    group="RPC",
-    summary="Image points to the ground, at a height or on a DEM, for a point file or as a filter",
-    help=(
-        "Follows the rays of image points to the ground. Points come from a vector layer or CSV with the fields sample "
-        "and line (and image, where several are given), or as lines 'sample line [height]' on standard input; then "
-        "lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) are printed, with what follows the coordinates, "
-        "and 'nan' where there is no ground position. A point's own ellipsoidal height counts before the DEM and "
-        "--height. On a DEM the first hit of the ray from above counts. Sample 0, line 0 is the CENTRE of the first "
-        "pixel (GDAL's pixel and line are 0.5 larger)."
-    ),
-    declared=(
-        Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
-        Param(
-            "points", Kind.POINTS, "Image points: a vector layer or CSV; by default lines on standard input",
-            piped=True, metavar="FILE[|layername=L]",
-        ),
-        *TERRAIN_PARAMS,
-        *OPTIONAL_OUTPUT_PARAMS,
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    summarise=summarise,
-    layers=(f"{LAYERS_FILE}|layername=ground_points",),
-)  # fmt: skip

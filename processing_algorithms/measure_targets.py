@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from ..hrsi_engine.block.block import ImagePoints
+from ..hrsi_engine.drawing.target_chips import chip_svg
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance, stage
+from ..hrsi_engine.foundation.version import VERSION
+from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.output_dir import stage_folder
+from ..hrsi_engine.io.pages import write_page
+from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.io.rasters import image_id
+from ..hrsi_engine.io.report import write_report_json
+from ..hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_edges, measure_target
+from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
 from .files.result_folder import check_folder
-from .files.terrain import GROUND_CRS, HEIGHT_DATUM
-from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .files.target_chip import chip_of
+from .interface.declare import Context, Report, settings_of
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..hrsi_engine.block.block import ImagePoints
-    from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.targets.measuring import TargetMeasurement
-
-LAYERS_FILE, LAYER, PAGE_FILE = "targets.gpkg", "targets", "report.html"
+PAGE_FILE = "report.html"
 MOST_CHIPS = 200  # on the page
-AUTO = "auto"
 KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 
 
@@ -32,22 +39,24 @@ class Target(NamedTuple):
     approximate: np.ndarray | None = None
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+def run(options: MeasureTargetsOptions, context: Context) -> Report:
     """Measure every target and write points, chips and report."""
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.foundation.version import VERSION
-
-    check_folder(options)
-    if (options["points"] is None) == (options["edges"] is None):
-        raise InputError("give either --points (approximate positions) or --edges (hand-measured edge points)")
-    images = [open_pixels(path) for path in options["images"] or []] if options["points"] else []
-    targets, warnings = _near_positions(images, options, context) if options["points"] else (_of_edges(options), [])
+    check_folder(options.folder)
+    images: list[ImagePixels] = []
+    warnings: list[str] = []
+    if options.points is not None and options.edges is None:
+        images = [open_pixels(path) for path in options.images]
+        targets, warnings = _near_positions(images, options.points, options, context)
+    elif options.edges is not None and options.points is None:
+        targets = _of_edges(options.edges, options)
+    else:
+        raise InputError("give either `points` (approximate positions) or `edges` (hand-measured edge points)")
     made = [target for target in targets if not target.measurement.refusal]
     report: Report = {
         "schema": 1, "algorithm": "measure-targets", "version": VERSION, "measured": len(made),
         "refused": len(targets) - len(made), "targets": [_row(target) for target in targets],
         "chips_left_out": max(len(targets) - MOST_CHIPS, 0), "warnings": warnings,
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }  # fmt: skip
     _write(options, report, targets, images, context)
     return report
@@ -67,68 +76,52 @@ def _row(target: Target) -> dict[str, Any]:
 
 
 def _near_positions(
-    images: list[ImagePixels], options: Mapping[str, Any], context: Context
+    images: list[ImagePixels], file: str, options: MeasureTargetsOptions, context: Context
 ) -> tuple[list[Target], list[str]]:
     """Return the targets near the positions of a point file, and warnings."""
-    from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.measurement.targets.measuring import TargetOptions, measure_target
-
     by_id = {image.id: image for image in images}
-    points, warnings = _approximate_points(images, options)
-    settings = TargetOptions(options["search"], options["largest"], options["smallest"])
+    points, warnings = _approximate_points(images, file, options)
     targets = []
     rows = zip(points.ids.tolist(), points.image_ids.tolist(), points.xy, points.kind.tolist(), strict=True)
-    for number, (name, image_id, xy, kind) in enumerate(rows):
-        made = measure_target(by_id[image_id].raster, xy, _kind(options["kind"], kind, name), settings)
-        targets.append(Target(name, image_id, made, xy))
+    for number, (name, image, xy, kind) in enumerate(rows):
+        made = measure_target(by_id[image].raster, xy, _kind(options.kind, kind, name), options.target)
+        targets.append(Target(name, image, made, xy))
         advance(context.progress, 0.9 * (number + 1) / len(points), f"target {name}")
     return targets, warnings
 
 
 def _kind(wanted: str, stated: str, name: str) -> str:
     """Return what a target is: the option, else what its row says, else a centre."""
-    from ..hrsi_engine.foundation.errors import InputError
-
-    if wanted != AUTO:
+    if wanted != AUTOMATIC_KIND:
         return wanted
     if stated and stated.lower() not in KINDS:
         raise InputError(
-            f"point {name}: its kind {stated!r} is not one of {', '.join(KINDS)}: correct it or give --kind"
+            f"point {name}: its kind {stated!r} is not one of {', '.join(KINDS)}: correct it or give `kind`"
         )
     return KINDS[stated.lower()] if stated else "center"
 
 
-def _approximate_points(images: list[ImagePixels], options: Mapping[str, Any]) -> tuple[ImagePoints, list[str]]:
+def _approximate_points(
+    images: list[ImagePixels], file: str, options: MeasureTargetsOptions
+) -> tuple[ImagePoints, list[str]]:
     """Return the positions that a file has on the images, or where the RPCs see its ground points."""
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.point_files import read_points
-
     ids = [image.id for image in images]
     if not ids:
         raise InputError("approximate positions need the images they are on: name them")
-    tables = read_points(
-        options["points"], ground_crs=options["ground_crs"], height_datum=options["height_datum"], image_ids=ids
-    )
+    tables = read_points(file, ground_crs=options.ground_crs, height_datum=options.height_datum, image_ids=ids)
     warnings = list(tables.warnings)
     if tables.image is not None:
         unknown = sorted(set(tables.image.image_ids.tolist()) - set(ids))
         if unknown:
-            raise InputError(
-                f"{options['points']} names the image {unknown[0]!r}, which is not given: add it, or remove its points"
-            )
+            raise InputError(f"{file} names the image {unknown[0]!r}, which is not given: add it, or remove its points")
         return tables.image, warnings
     if tables.ground is None:
-        raise InputError(f"{options['points']} holds no points: add some")
+        raise InputError(f"{file} holds no points: add some")
     return _projected(images, tables.ground.ids, tables.ground.ground), warnings
 
 
 def _projected(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -> ImagePoints:
     """Return where the RPCs see ground points, for all images in which they lie."""
-    import numpy as np
-
-    from ..hrsi_engine.block.block import ImagePoints
-    from ..hrsi_engine.foundation.errors import InputError
-
     names, image_ids, places = [], [], []
     for image in images:
         if image.rpc is None:
@@ -146,24 +139,17 @@ def _projected(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -
 # ---- hand-measured edge points ---------------------------------------------------------------------------------
 
 
-def _of_edges(options: Mapping[str, Any]) -> list[Target]:
+def _of_edges(file: str, options: MeasureTargetsOptions) -> list[Target]:
     """Return the targets of the edge points that share an id and an image."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.point_files import read_points
-    from ..hrsi_engine.io.rasters import image_id
-    from ..hrsi_engine.measurement.targets.measuring import measure_edges
-
-    points = read_points(options["edges"], image_ids=[image_id(path) for path in options["images"] or []]).image
+    points = read_points(file, image_ids=[image_id(path) for path in options.images]).image
     if points is None:
-        raise InputError(f"{options['edges']} has no edge points: give the fields id, image, sample and line")
+        raise InputError(f"{file} has no edge points: give the fields id, image, sample and line")
     keys = np.array([f"{image}\n{name}" for name, image in zip(points.ids, points.image_ids, strict=True)])
     targets = []
     for key in dict.fromkeys(keys.tolist()):
         rows = np.flatnonzero(keys == key)
         name, image = str(points.ids[rows[0]]), str(points.image_ids[rows[0]])
-        kind = _kind(options["kind"], str(points.kind[rows[0]]), name)
+        kind = _kind(options.kind, str(points.kind[rows[0]]), name)
         targets.append(Target(name, image, measure_edges(points.xy[rows], kind)))
     return targets
 
@@ -172,22 +158,15 @@ def _of_edges(options: Mapping[str, Any]) -> list[Target]:
 
 
 def _write(
-    options: Mapping[str, Any], report: Report, targets: list[Target], images: list[ImagePixels], context: Context
+    options: MeasureTargetsOptions, report: Report, targets: list[Target], images: list[ImagePixels], context: Context
 ) -> None:
-    from ..hrsi_engine.drawing.target_chips import chip_svg
-    from ..hrsi_engine.foundation.progress import advance, stage
-    from ..hrsi_engine.io.layers import write_geopackage
-    from ..hrsi_engine.io.output_dir import stage_folder
-    from ..hrsi_engine.io.pages import write_page
-    from ..hrsi_engine.io.report import write_report_json
-    from .files.target_chip import chip_of
 
     by_id = {image.id: image for image in images}
-    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(
             str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
         )
-        if options["report"]:
+        if options.report:
             rasters = {image.id: image.raster for image in images}
             chips = [
                 (target.id, target.image, chip_svg(chip_of(target.measurement, target.approximate, raster)))
@@ -201,10 +180,6 @@ def _write(
 
 def _layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:
     """Return the measured points, ready as image points; at their ground positions where the images have RPCs."""
-    import numpy as np
-
-    from ..hrsi_engine.io.layers import Layer
-
     made = [target for target in targets if not target.measurement.refusal]
     rows = [_row(target) for target in made]
     names = ("id", "image", "kind")
@@ -233,42 +208,3 @@ def summarise(report: Report) -> str:
         place = f"{row['sample']:.2f} {row['line']:.2f} +- {row['sigma_px']:.2f} px"
         lines.append(f"{row['id']} {row['image']} {row['kind']}: {row['refusal'] or place}")
     return "\n".join(lines)
-
-
-ALGORITHM = Algorithm(
-    name="measure-targets",
-    title="Measure targets",
-    group="Image points",
-    summary="Sub-pixel centre or corner near given positions, or from hand-measured edge points",
-    help=(
-        "Measures points that were clicked roughly: the centre of a round or otherwise closed object (an ellipse or "
-        "rectangle through its sub-pixel edge points), or the corner where two straight edges meet (a line through "
-        "three edge points or more each). Stray edge points are left out, every point gets its standard deviation, and "
-        "a point is refused where the feature is not there; an object that does not cover the position must be a clear "
-        "one. Positions come from a point file with sample and line, or from ground points that the images' RPCs "
-        "project.\n\n"
-        "With --edges no pixels are needed: the edge points of a file (id, image, sample, line) are evaluated, six or "
-        "more around an ellipse, or three or more on each of two lines. The report shows a chip of every target."
-    ),
-    declared=(
-        Param("images", Kind.IMAGES, "Images; not needed with --edges", metavar="IMAGE"),
-        Param("points", Kind.POINTS, "Approximate positions, on images or on the ground", metavar="FILE[|layername=L]"),
-        Param("edges", Kind.POINTS, "Hand-measured edge points, those of a target under one id", metavar="FILE"),
-        Param(
-            "kind", Kind.CHOICE, "What the targets are; auto takes the field kind, and centres where there is none",
-            default=AUTO, choices=(AUTO, "center", "corner"),
-        ),
-        Param("search", Kind.NUMBER, "The target lies within this distance", default=15.0, minimum=1.0, unit="px"),
-        Param("smallest", Kind.NUMBER, "Smallest diameter of a centre's object", default=5.0, minimum=4.0, unit="px"),
-        Param("largest", Kind.NUMBER, "Largest diameter", default=80.0, minimum=8.0, maximum=512.0, unit="px"),
-        GROUND_CRS,
-        HEIGHT_DATUM,
-        *OUTPUT_PARAMS,
-        Param("report", Kind.FLAG, "Write report.html with a chip of every target", default=True),
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    packages=("cv2",),
-    summarise=summarise,
-    layers=(f"{LAYERS_FILE}|layername={LAYER}",),
-)  # fmt: skip

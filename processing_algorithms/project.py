@@ -3,69 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
+from .declarations.project import LAYERS_FILE, ProjectOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
 from .files.image_files import open_images
-from .files.result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
-from .files.terrain import GROUND_CRS, TERRAIN_PARAMS, open_terrain
-from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from .files.result_folder import check_folder, tell, write_folder
+from .files.terrain import open_terrain
+from .interface.declare import Context, Report
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..hrsi_engine.block.block import Image
-    from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.surface.dem import HeightSurface
-
-LAYERS_FILE = "points.gpkg"
 LINE = "lon lat height"
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+def run(options: ProjectOptions, context: Context) -> Report:
     """Read ground points from a file or standard input and project them into every image."""
-
-    check_folder(options)
-    images = open_images(options["images"], context.log, always=False)
-    surface = open_terrain(options)
-    ids, ground, warnings = _from_file(options, surface) if options["points"] else _from_lines(surface)
+    check_folder(options.folder)
+    images = open_images(options.images, context.log, always=False)
+    surface = open_terrain(options.terrain)
+    ids, ground, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
     columns = _projected(images, ids, ground)
     tell(warnings, context)
     report: Report = {
         "schema": 1, "algorithm": "project", "images": [image.id for image in images],
-        "from_file": bool(options["points"]), "count": len(columns["id"]), "warnings": warnings,
+        "from_file": bool(options.points), "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
-    if not options["output_dir"]:
+    if not options.folder.output_dir:
         report["points"] = _rows(columns)
-    write_folder(options, report, LAYERS_FILE, _layers(columns), context)
+    write_folder(options.folder, report, LAYERS_FILE, _layers(columns), context)
     return report
 
 
-def _from_file(options: Mapping[str, Any], surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.point_files import read_points
-    from ..hrsi_engine.surface.dem import surface_heights
-
+def _from_file(
+    file: str, options: ProjectOptions, surface: HeightSurface | None
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
     heights = None if surface is None else lambda lonlat: surface_heights(surface, lonlat)
     tables = read_points(
-        options["points"], ground_crs=options["ground_crs"], height_datum=options["height_datum"], surface=heights
+        file, ground_crs=options.ground_crs, height_datum=options.terrain.height_datum, surface=heights
     )
     if tables.ground is None:
-        raise InputError(f"{options['points']}: has no ground positions (geometry, lon and lat, x and y): add them")
+        raise InputError(f"{file}: has no ground positions (geometry, lon and lat, x and y): add them")
     return tables.ground.ids, tables.ground.ground, list(tables.warnings)
 
 
 def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return the text behind the coordinates as ids."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.surface.dem import surface_heights
-
     ground, rest = parse_lines(standard_input(LINE), LINE.split())
     missing = np.flatnonzero(np.isnan(ground[:, 2]))
     if missing.size and surface is None:
-        raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give --dem or --height")
+        raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
     if missing.size and surface is not None:
         ground[missing, 2] = surface_heights(surface, ground[missing, :2])
     lost = np.count_nonzero(np.isnan(ground[:, 2]))
@@ -74,8 +66,6 @@ def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, 
 
 def _projected(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
     """Return one row for each point and image."""
-    import numpy as np
-
     parts = [image.rpc.project(ground) for image in images]
     xy = np.concatenate(parts)
     inside = np.concatenate([_inside(image, part) for image, part in zip(images, parts, strict=True)])
@@ -88,16 +78,12 @@ def _projected(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict
 
 
 def _inside(image: Image, xy: np.ndarray) -> np.ndarray:
-    import numpy as np
-
     first_sample, last_sample, first_line, last_line = image.domain_px
     low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
     return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
 
 
 def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    import numpy as np
-
     names = ("id", "image", "sample", "line")
     found = np.isfinite(columns["sample"]) & np.isfinite(columns["line"])
     values = zip(*(columns[name].tolist() for name in names), found.tolist(), strict=True)
@@ -108,10 +94,6 @@ def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
-    import numpy as np
-
-    from ..hrsi_engine.io.layers import Layer
-
     ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     return [Layer("image_points", "PointZ", 4326, ground, dict(columns))]
 
@@ -124,31 +106,3 @@ def summarise(report: Report) -> str:
         header = [("id", "image", "sample", "line")]
         return format_lines([*header, *(tuple(row.values()) for row in report["points"])], ",")
     return format_lines((row["sample"], row["line"], row["id"]) for row in report["points"])
-
-
-ALGORITHM = Algorithm(
-    name="project",
-    title="Project ground points",
-    group="RPC",
-    summary="Ground points to image coordinates, for a point file or as a filter",
-    help=(
-        "Computes where ground points lie in one or more images. Points come from a vector layer or CSV, or as lines "
-        "'lon lat height' (WGS84 degrees, ellipsoidal metres) on standard input; then lines 'sample line' are printed, "
-        "with what follows the coordinates. Sample 0, line 0 is the CENTRE of the first pixel (GDAL's pixel and line "
-        "are 0.5 larger). Points without a height take it from the DEM or from --height."
-    ),
-    declared=(
-        Param("images", Kind.IMAGES, "Images with RPC, or RPC files alone", required=True, metavar="IMAGE"),
-        Param(
-            "points", Kind.POINTS, "Ground points: a vector layer or CSV; by default lines on standard input",
-            piped=True, metavar="FILE[|layername=L]",
-        ),
-        GROUND_CRS,
-        *TERRAIN_PARAMS,
-        *OPTIONAL_OUTPUT_PARAMS,
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    summarise=summarise,
-    layers=(f"{LAYERS_FILE}|layername=image_points",),
-)  # fmt: skip

@@ -3,49 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..hrsi_engine.foundation.options import nested, option
+import numpy as np
+
+from ..hrsi_engine.block.block import Block, Role
+from ..hrsi_engine.foundation.errors import InputError, SolveError
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.refinement.models import MODELS
 from ..hrsi_engine.refinement.options import RefineOptions
-from .block_steps.options import BlockOutput, PointFiles, images_option
-from .block_steps.summary import AXES, number, summarise
+from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve
+from ..hrsi_engine.refinement.selection import control_on
+from ..hrsi_engine.results.figures import control_and_check
+from ..hrsi_engine.results.residuals import residuals
+from ..hrsi_engine.results.separate_images import separate_result
+from .block_steps import inputs as block_inputs
+from .block_steps import outputs as block_outputs
+from .block_steps import plausibility
+from .block_steps.model_choice import choice_entry
+from .block_steps.summary import AXES, number
+from .block_steps.summary import summarise as summarise_block
+from .declarations.refine_rpc import RefineAlgorithmOptions
 from .files.image_files import open_images
-from .interface.declare import Algorithm, Context, Report
+from .interface.declare import Context, Report
 
-if TYPE_CHECKING:
-    from ..hrsi_engine.block.block import Block
-    from ..hrsi_engine.refinement.refine import Refinement
-
-#: The generic models are for orientations of any error, 0.1 rad and more: then control may lie anywhere about.
-ANY_ORIENTATION = {"sigma_shift_px": 1e5, "sigma_drift": 0.1}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RefineAlgorithmOptions:
-    """What `refine-rpc` takes."""
-
-    images: tuple[str, ...] = images_option()
-    points: PointFiles = nested(PointFiles)
-    refinement: RefineOptions = nested(RefineOptions)
-    compare: bool = option(False, "Tabulate all models on the same control and check points")
-    output: BlockOutput = nested(BlockOutput)
+#: Sigmas of shift (px) and drift where control may lie anywhere about: generic models are for orientations of any
+#: error, 0.1 rad and more.
+ANY_ORIENTATION = (1e5, 0.1)
 
 
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
-    from ..hrsi_engine.results.separate_images import separate_result
-    from .block_steps import inputs as block_inputs
-    from .block_steps import outputs as block_outputs
-    from .block_steps import plausibility
-
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
-    expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else {}
-    reasons = plausibility.input_reasons(block, options.points, **expected)
+    expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else (None, None)
+    reasons = plausibility.input_reasons(block, options.points, None, *expected)
     clock.lap("check")
     with plausibility.explained_by(reasons):
         refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
@@ -62,11 +57,6 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
 
 def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refinement]:
     """Return every image's refinement from its own GCPs."""
-    from ..hrsi_engine.block.block import Role
-    from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.refinement.refine import refine_image
-    from ..hrsi_engine.refinement.selection import control_on
-
     refinements = []
     for index, image in enumerate(block.images):
         advance(context.progress, index / len(block.images), f"refining {image.id}")
@@ -77,8 +67,6 @@ def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refi
 
 def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
     """Return what the report has besides a block's: each image's model, how it was chosen, GCPs left out."""
-    from .block_steps.model_choice import choice_entry
-
     return {
         "iterations": max(found.estimate.iterations for found in refinements),
         "image_models": {
@@ -96,9 +84,6 @@ def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
 
 def _compared(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
-    from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.refinement.models import MODELS
-
     table = {}
     for done, name in enumerate(MODELS):
         advance(context.progress, done / len(MODELS), f"model {name}")
@@ -108,15 +93,6 @@ def _compared(block: Block, refinements: Sequence[Refinement], context: Context)
 
 def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict[str, Any]:
     """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError, SolveError
-    from ..hrsi_engine.refinement.models import MODELS
-    from ..hrsi_engine.refinement.refine import Refinement, solve
-    from ..hrsi_engine.results.figures import control_and_check
-    from ..hrsi_engine.results.residuals import residuals
-    from ..hrsi_engine.results.separate_images import separate_result
-
     try:
         others = [
             Refinement(found.image, MODELS[name], solve(MODELS[name], found.image, found.control), found.control)
@@ -133,13 +109,13 @@ def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict
     }
 
 
-def summarise_refinement(report: Report) -> str:
+def summarise(report: Report) -> str:
     """Return a block's summary with each image's model and the table of models."""
     lines = []
     for name, entry in report["image_models"].items():
         reason = f" ({entry['choice']['reason']})" if entry["choice"] else ""
         lines.append(f"{name}: {entry['model']}{reason}")
-    return "\n".join([*lines, "", *_model_table(report.get("models", {})), summarise(report)])
+    return "\n".join([*lines, "", *_model_table(report.get("models", {})), summarise_block(report)])
 
 
 def _model_table(models: Mapping[str, Any]) -> list[str]:
@@ -161,21 +137,3 @@ def _model_table(models: Mapping[str, Any]) -> list[str]:
         predicted = f"{number(entry['prediction_rmse_px']):>13}"
         lines.append(f"{name:<24}{figures.get('points', '-'):>7}{numbers}{predicted}  {entry['note']}".rstrip())
     return [*lines, ""]
-
-
-ALGORITHM = Algorithm(
-    name="refine-rpc",
-    title="Refine RPC",
-    group="Triangulation",
-    summary="Refined RPCs of single images from ground control points",
-    help=(
-        "Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what predicts "
-        "GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects position and "
-        "attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; `compare` adds a table of all "
-        "models with the same control and check points."
-    ),
-    options=RefineAlgorithmOptions,
-    run=run,
-    summarise=summarise_refinement,
-    layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
-)  # fmt: skip

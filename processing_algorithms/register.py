@@ -4,52 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from ..hrsi_engine.block.block import ImagePoints
+from ..hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.version import VERSION
+from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.output_dir import stage_folder
+from ..hrsi_engine.io.pages import write_page
+from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.io.rasters import image_id, open_image
+from ..hrsi_engine.io.report import write_report_json
+from ..hrsi_engine.measurement.registration import MethodComparison, compare_kinds, group_of
+from ..hrsi_engine.surface.dem import ConstantHeight, intersect_surface
+from .declarations.register import LAYER, LAYERS_FILE, RegisterOptions
 from .files.result_folder import check_folder
-from .files.terrain import TERRAIN_PARAMS, open_terrain
-from .interface.declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from .files.terrain import open_terrain
+from .interface.declare import Context, Report, settings_of
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..hrsi_engine.block.block import ImagePoints
-    from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.registration import MethodComparison
-
-LAYERS_FILE, LAYER, PAGE_FILE = "registration.gpkg", "residuals", "report.html"
-#: Choices of ``--model``: the transformation, and whether the RPCs carry the points first (a test compares them).
-MODELS = {
-    "shift": ("shift", False), "conformal": ("conformal", False), "affine": ("affine", False),
-    "projective": ("projective", False), "rpc-shift": ("shift", True), "rpc-affine": ("affine", True),
-}  # fmt: skip
+PAGE_FILE = "report.html"
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+def run(options: RegisterOptions, context: Context) -> Report:
     """Register the images, tabulate the residuals by kind and write tables and plots."""
-    from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.foundation.version import VERSION
-    from ..hrsi_engine.measurement.registration import compare_kinds
-
-    check_folder(options)
+    check_folder(options.folder)
     first, second, points = _matched(options)
-    model, by_rpc = MODELS[options["model"]]
-    start = _carried(options, points["first"]) if by_rpc else points["first"]
-    unit = options["gsd"] or 1.0
+    start = _carried(options, points["first"]) if options.registration.by_rpcs else points["first"]
+    unit = options.gsd or 1.0
     sigma = points["sigma"]
-    result = compare_kinds(start, points["second"], points["kind"], model, sigma, options["reject"], unit)
+    result = compare_kinds(
+        start,
+        points["second"],
+        points["kind"],
+        options.registration.form,
+        sigma,
+        options.registration.reject_sigma,
+        unit,
+    )
     advance(context.progress, 0.6, "registered")
     everything = result.registrations["all"]
     ratios = {name: result.ratio(name) for name in ("alone", "together")}
     report: Report = {
-        "schema": 1, "algorithm": "register", "version": VERSION, "model": options["model"], "first": first,
-        "second": second, "points": len(points["ids"]), "unit": "m" if options["gsd"] else "px",
+        "schema": 1, "algorithm": "register", "version": VERSION, "model": options.registration.model, "first": first,
+        "second": second, "points": len(points["ids"]), "unit": "m" if options.gsd else "px",
         "alone": {kind: asdict(row) for kind, row in result.alone.items()},
         "together": {kind: asdict(row) for kind, row in result.together.items()},
         "center_over_corner": ratios if any(ratios.values()) else None,
         "matrix": everything.matrix.tolist(),
         "outliers": points["ids"][~everything.used].tolist(), "warnings": _warnings(points, everything.unknowns),
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }  # fmt: skip
     _write(options, report, points, result, unit, context)
     return report
@@ -62,23 +69,17 @@ def _warnings(points: Mapping[str, np.ndarray], unknowns: int) -> list[str]:
     )
 
 
-def _matched(options: Mapping[str, Any]) -> tuple[str, str, dict[str, np.ndarray]]:
+def _matched(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
     """Return the ids of the two images and the columns of the points measured on both."""
-    import numpy as np
-
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.point_files import read_points
-    from ..hrsi_engine.io.rasters import image_id
-
-    names = [image_id(path) for path in options["images"] or []]
-    table = read_points(options["image_points"], image_ids=names).image
+    names = [image_id(path) for path in options.images or []]
+    table = read_points(options.image_points, image_ids=names).image
     if table is None:
-        raise InputError(f"{options['image_points']} has no image points: give the fields id, image, sample and line")
+        raise InputError(f"{options.image_points} has no image points: give the fields id, image, sample and line")
     first, second = _pair(options, names, table)
     rows = [_rows_by_id(table, name) for name in (first, second)]
     ids = [name for name in rows[0] if name in rows[1]]
     if not ids:
-        raise InputError(f"{options['image_points']}: no id is measured on both {first} and {second}: check the ids")
+        raise InputError(f"{options.image_points}: no id is measured on both {first} and {second}: check the ids")
     a, b = (np.array([row[name] for name in ids]) for row in rows)
     sigma = np.hypot(table.sigma_px[a], table.sigma_px[b])
     return first, second, {
@@ -92,51 +93,40 @@ def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
     return {str(table.ids[row]): row for row, name in enumerate(table.image_ids.tolist()) if name == image}
 
 
-def _pair(options: Mapping[str, Any], names: list[str], table: ImagePoints) -> tuple[str, str]:
+def _pair(options: RegisterOptions, names: list[str], table: ImagePoints) -> tuple[str, str]:
     """Return the ids of the first and the second image: as the options say, else in the order of the file."""
-    from ..hrsi_engine.foundation.errors import InputError
-
     present = list(dict.fromkeys(table.image_ids.tolist()))
     chosen = names or present
-    first = options["first"] or next(iter(chosen), None)
-    second = options["second"] or next((name for name in chosen if name != first), None)
+    first = options.first or next(iter(chosen), None)
+    second = options.second or next((name for name in chosen if name != first), None)
     for name in (first, second):
         if name not in present:
             raise InputError(
-                f"{options['image_points']} has no points on image {name!r} (it has {', '.join(present)}): "
-                "name two of them by --first and --second"
+                f"{options.image_points} has no points on image {name!r} (it has {', '.join(present)}): "
+                "name two of them by `first` and `second`"
             )
     assert first is not None and second is not None
     return first, second
 
 
-def _carried(options: Mapping[str, Any], first_px: np.ndarray) -> np.ndarray:
+def _carried(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
     """Return where the RPCs carry points of the first image to in the second."""
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.rasters import open_image
-    from ..hrsi_engine.surface.dem import ConstantHeight, intersect_surface
-
-    if len(options["images"] or []) != 2:
-        raise InputError(f"--model {options['model']} needs both images with their RPCs: name two images")
-    first, second = (open_image(path) for path in options["images"])
-    surface = open_terrain(options) or ConstantHeight(first.rpc.height_off)
+    if len(options.images or []) != 2:
+        raise InputError(f"`model` {options.registration.model} needs both images with their RPCs: name two images")
+    first, second = (open_image(path) for path in options.images)
+    surface = open_terrain(options.terrain) or ConstantHeight(first.rpc.height_off)
     ground, _ = intersect_surface(first.rpc, first_px, surface)
     return second.rpc.project(ground)
 
 
 def _write(
-    options: Mapping[str, Any], report: Report, points: Mapping[str, np.ndarray], result: MethodComparison, unit: float,
+    options: RegisterOptions, report: Report, points: Mapping[str, np.ndarray], result: MethodComparison, unit: float,
     context: Context,
 ) -> None:  # fmt: skip
-    from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.io.layers import write_geopackage
-    from ..hrsi_engine.io.output_dir import stage_folder
-    from ..hrsi_engine.io.pages import write_page
-    from ..hrsi_engine.io.report import write_report_json
 
-    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
-        if options["report"]:
+        if options.report:
             write_page(
                 str(folder / PAGE_FILE), "registration.html.j2", report, **_drawings(points, result, unit, report)
             )
@@ -145,8 +135,6 @@ def _write(
 
 
 def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:
-    from ..hrsi_engine.io.layers import Layer
-
     residual = result.registrations["all"].residual_px * unit
     fields = {
         "id": points["ids"], "kind": points["kind"].astype(str), "used": result.registrations["all"].used,
@@ -161,11 +149,6 @@ def _drawings(
     points: Mapping[str, np.ndarray], result: MethodComparison, unit: float, report: Report
 ) -> dict[str, Any]:
     """Return the plots: distance errors by kind, and the residuals of each registration."""
-    import numpy as np
-
-    from ..hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
-    from ..hrsi_engine.measurement.registration import group_of
-
     groups = np.array([group_of(str(kind)) for kind in points["kind"]])
     bars = {
         title: {kind: row["distance"] for kind, row in report[table].items()}
@@ -193,36 +176,3 @@ def summarise(report: Report) -> str:
     ratios = report["center_over_corner"] or {}
     lines += [f"centre over corner, {table}: {ratio:.0%}" for table, ratio in ratios.items() if ratio is not None]
     return "\n".join(lines)
-
-
-ALGORITHM = Algorithm(
-    name="register",
-    title="Register two images",
-    group="Image points",
-    summary="Registration of two images from their matched points, by kind of point",
-    help=(
-        "Carries the points of the first image to the second, by a transformation in image space or after the RPCs "
-        "(over a DEM or at a height), and reports what is left over for centres and corners, each registering the "
-        "images alone and all together. The images may have different resolutions. Residuals are in pixels of the "
-        "second image, or in metres with --gsd."
-    ),
-    declared=(
-        Param("images", Kind.IMAGES, "The two images; needed for the models with RPC only", metavar="IMAGE"),
-        Param("image-points", Kind.POINTS, "Points measured on both images", required=True, metavar="FILE"),
-        Param("first", Kind.TEXT, "Id of the first image; by default the first one", metavar="ID"),
-        Param("second", Kind.TEXT, "Id of the second image; by default the next one", metavar="ID"),
-        Param("model", Kind.CHOICE, "Transformation", default="affine", choices=tuple(MODELS)),
-        Param(
-            "reject", Kind.NUMBER, "Leave out points beyond this many robust standard deviations; 0 keeps all",
-            default=0.0, minimum=0.0, unit="sigma",
-        ),
-        Param("gsd", Kind.NUMBER, "Pixel size of the second image, for residuals in metres", minimum=1e-6, unit="m"),
-        *TERRAIN_PARAMS,
-        *OUTPUT_PARAMS,
-        Param("report", Kind.FLAG, "Write report.html", default=True),
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    summarise=summarise,
-    layers=(f"{LAYERS_FILE}|layername={LAYER}",),
-)  # fmt: skip

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry, all_pairs, sanity_warnings
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.rpc_files import read_rpc
+from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
+from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_images
-from .files.result_folder import OPTIONAL_OUTPUT_PARAMS, check_folder, tell, write_folder
-from .files.terrain import TERRAIN_PARAMS, open_terrain
-from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
-
-if TYPE_CHECKING:
-    from ..hrsi_engine.block.block import Image
-    from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry
-    from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.surface.dem import HeightSurface
-
-LAYERS_FILE = "rpc_info.gpkg"
+from .files.result_folder import check_folder, tell, write_folder
+from .files.terrain import open_terrain
+from .interface.declare import Context, Report
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
-    from ..hrsi_engine.block.imaging_geometry import ViewDirection, all_pairs, sanity_warnings
-    from ..hrsi_engine.foundation.progress import advance
-
-    check_folder(options)
-    images = _open_images(options["images"], context)
+    check_folder(options.folder)
+    images = _open_images(options.images, context)
     surface, warnings = _surface(options, images)
     tell(warnings, context)
     views = [ViewDirection(image, surface) for image in images]
@@ -47,13 +46,11 @@ def run(options: Mapping[str, Any], context: Context) -> Report:
         "pairs": [_pair_entry(pair) for pair in pairs],
         "warnings": warnings,
     }
-    write_folder(options, report, LAYERS_FILE, _layers(report, views), context)
+    write_folder(options.folder, report, LAYERS_FILE, _layers(report, views), context)
     return report
 
 
 def _open_images(paths: Sequence[str], context: Context) -> list[Image]:
-    from ..hrsi_engine.foundation.errors import InputError
-
     images = open_images(paths, context.log)
     seen: dict[str, str] = {}
     for image in images:
@@ -63,32 +60,28 @@ def _open_images(paths: Sequence[str], context: Context) -> list[Image]:
     return images
 
 
-def _surface(options: Mapping[str, Any], images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
+def _surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
     """Return the ground; without DEM and height, one at the mean of the RPCs' heights, with a warning."""
-    from ..hrsi_engine.surface.dem import ConstantHeight
-
-    surface = open_terrain(options)
+    surface = open_terrain(options.terrain)
     if surface is not None:
         return surface, []
     height = sum(image.rpc.height_off for image in images) / len(images)
     warning = (
         f"the height of the ground is not known; {height:.0f} m is the middle of the RPCs' height range. "
-        "Footprints and overlaps depend on it: give --dem or --height"
+        "Footprints and overlaps depend on it: give `dem` or `height`"
     )
     return ConstantHeight(height), [warning]
 
 
-def _terrain_range(view: ViewDirection, options: Mapping[str, Any]) -> tuple[float, float] | None:
+def _terrain_range(view: ViewDirection, options: RpcInfoOptions) -> tuple[float, float] | None:
     """Return the lowest and highest ground of an image where the user says how high it is."""
-    if options["dem"] is None and options["height"] is None:
+    if options.terrain.dem.dem is None and options.terrain.height is None:
         return None
     heights = view.terrain[:, 2]
     return (float(heights.min()), float(heights.max())) if heights.size else None
 
 
 def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
-    from ..hrsi_engine.io.rpc_files import read_rpc
-
     found, rpc = read_rpc(view.image.path), view.image.rpc
     lon, lat, height = geometry.centre.tolist()
     return {
@@ -118,8 +111,6 @@ def _pair_entry(pair: PairGeometry) -> dict[str, Any]:
 
 
 def _layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
-    from ..hrsi_engine.io.layers import Layer
-
     left_out = ("footprint", "rpc_ignored")
     rows = [
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
@@ -131,8 +122,6 @@ def _layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return rows as columns: text, or floats with NaN for None."""
-    import numpy as np
-
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     return {
         name: np.array(values, dtype=str if any(isinstance(value, str) for value in values) else np.float64)
@@ -162,31 +151,3 @@ def _pair_line(pair: Mapping[str, Any], width: int) -> str:
     if pair["convergence_deg"] is None:
         return f"{name}   {overlap}"
     return f"{name}   {overlap}   {pair['convergence_deg']:7.1f} deg   {pair['base_to_height']:6.3f}"
-
-
-ALGORITHM = Algorithm(
-    name="rpc-info",
-    title="RPC information",
-    group="RPC",
-    summary="Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity",
-    help=(
-        "Says for each image where it lies, the ground size of a pixel along line and sample, the incidence angle (at "
-        "the ground, between the ray to the satellite and the vertical) and the azimuth (from the target to the "
-        "satellite, clockwise from north); and for each pair the convergence angle, B/H (distance of the two rays at "
-        "unit height above the ground) and which share of each image the other one sees on the terrain. Overlap "
-        "depends on the terrain's height: give a DEM or a height. Warns of RPCs that are damaged, swapped, used "
-        "beyond their heights, or of another image."
-    ),
-    declared=(
-        Param(
-            "images", Kind.IMAGES, "Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom)", required=True,
-            metavar="IMAGE",
-        ),
-        *TERRAIN_PARAMS,
-        *OPTIONAL_OUTPUT_PARAMS,
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    summarise=summarise,
-    layers=(f"{LAYERS_FILE}|layername=images",),
-)  # fmt: skip

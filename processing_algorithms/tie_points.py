@@ -2,45 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..hrsi_engine.foundation.options import nested, option
-from .block_steps.options import images_option
-from .block_steps.tie_search import SearchOptions, find
+import numpy as np
+
+from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.version import VERSION
+from ..hrsi_engine.io.csv_tables import write_measurements
+from ..hrsi_engine.io.layer_styles import default_styles
+from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
+from ..hrsi_engine.io.report import write_report_json
+from ..hrsi_engine.io.versions import versions
+from ..hrsi_engine.measurement.tie_points import TiePoints
+from .block_steps.outputs import Clock
+from .block_steps.tie_search import find
+from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
 from .files.image_files import open_images
-from .files.terrain import TerrainOptions, open_terrain
-from .interface.declare import Algorithm, Context, Report, ResultFolder, settings_of
+from .files.terrain import open_terrain
+from .interface.declare import Context, Report, settings_of
 
-if TYPE_CHECKING:
-    from ..hrsi_engine.block.block import Image
-    from ..hrsi_engine.io.layers import Layer
-    from ..hrsi_engine.measurement.tie_points import TiePoints
-
-LAYERS_FILE, TABLE_FILE = "block.gpkg", "tie_points.csv"
-POINTS_LAYER, MEASUREMENTS_LAYER = "tie_points", "image_points"
-
-
-@dataclass(frozen=True, kw_only=True)
-class TiePointsOptions:
-    """What `tie-points` takes."""
-
-    images: tuple[str, ...] = images_option("Images with RPC")
-    terrain: TerrainOptions = nested(TerrainOptions)
-    search: SearchOptions = nested(SearchOptions)
-    csv: bool = option(False, "Write the measurements as CSV too")
-    folder: ResultFolder = nested(ResultFolder)
+TABLE_FILE, MEASUREMENTS_LAYER = "tie_points.csv", "image_points"
 
 
 def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
-    from ..hrsi_engine.foundation.progress import advance
-    from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
-    from ..hrsi_engine.io.report import write_report_json
-    from .block_steps.outputs import Clock
-
     check_output_dir(options.folder.output_dir, options.folder.overwrite)
     clock = Clock()
     images = open_images(options.images, context.log)
@@ -61,12 +51,8 @@ def run(options: TiePointsOptions, context: Context) -> Report:
 
 
 def _write_points(folder: Path, found: TiePoints, options: TiePointsOptions) -> dict[str, str]:
-    from ..hrsi_engine.io.csv_tables import write_measurements
-    from ..hrsi_engine.io.layer_styles import default_styles
-    from ..hrsi_engine.io.layers import write_geopackage
-
     layers = _layers(found)
-    styles = default_styles({POINTS_LAYER: layers[0].fields})
+    styles = default_styles({LAYER: layers[0].fields})
     write_geopackage(str(folder / LAYERS_FILE), layers, styles)
     names = {"layers": LAYERS_FILE}
     if options.csv:
@@ -77,10 +63,6 @@ def _write_points(folder: Path, found: TiePoints, options: TiePointsOptions) -> 
 
 def _layers(found: TiePoints) -> list[Layer]:
     """Return the layer of points and that of their measurements, both at approximate ground positions."""
-    import numpy as np
-
-    from ..hrsi_engine.io.layers import Layer
-
     rows = found.image_points
     ids, track = np.unique(rows.ids, return_inverse=True)
     views = np.bincount(track, minlength=len(ids))
@@ -95,19 +77,12 @@ def _layers(found: TiePoints) -> list[Layer]:
         "sigma": rows.sigma_px, "quality": rows.quality, "kind": rows.kind,
     }  # fmt: skip
     return [
-        Layer(POINTS_LAYER, "PointZ", 4326, found.ground, points),
+        Layer(LAYER, "PointZ", 4326, found.ground, points),
         Layer(MEASUREMENTS_LAYER, "PointZ", 4326, found.ground[track], measured),
     ]
 
 
 def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions) -> Report:
-    import math
-
-    import numpy as np
-
-    from ..hrsi_engine.foundation.version import VERSION
-    from ..hrsi_engine.io.versions import versions
-
     rows = found.image_points
     ids, track = np.unique(rows.ids, return_inverse=True)
     views = np.bincount(np.bincount(track, minlength=len(ids))) if len(ids) else np.zeros(0, int)
@@ -132,8 +107,6 @@ def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions
 
 def _cells_with_points(image: Image, xy: Any, cells: int = 8) -> int:
     """Return how many of an image's 8 x 8 parts hold a tie point."""
-    import numpy as np
-
     if image.size is None:
         return 0
     return len(np.unique(np.floor(cells * (xy + 0.5) / image.size), axis=0))
@@ -147,26 +120,3 @@ def summarise(report: Report) -> str:
     lines += [f"{name}: {image['observations']} measurements in {image['cells']} of 64 parts"
               for name, image in report["images"].items()]  # fmt: skip
     return "\n".join([*lines, *report["outputs"].values()])
-
-
-ALGORITHM = Algorithm(
-    name="tie-points",
-    title="Find tie points",
-    group="Image points",
-    summary="Automatic tie points over a block",
-    help=(
-        "Finds points that are on two or more images of a block. Overlaps are found at the true height of the "
-        "ground, from a DEM or from the images themselves; what the RPCs are off is learnt at a low resolution; then "
-        "windows of every image are matched with all images that show them, to a fraction of a pixel, with the "
-        "standard deviation of each position. Points are spread evenly. Images of any size are read by windows; "
-        "pairs and windows are independent parts, done by the threads of this machine or the workers of a Dask "
-        "scheduler. What is finished is kept: the same command continues a run that was stopped.\n\n"
-        "The result goes into adjust and triangulate as their `tie_points`. Sample 0, line 0 is the CENTRE of the "
-        "first pixel."
-    ),
-    options=TiePointsOptions,
-    run=run,
-    summarise=summarise,
-    layers=(f"{LAYERS_FILE}|layername={POINTS_LAYER}",),
-    packages=("cv2", "dask"),
-)

@@ -3,37 +3,41 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-from .interface.declare import COMMON_PARAMS, Algorithm, Context, Kind, Param, Report
+from ..hrsi_engine.camera.rpc import RPC
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import Progress, advance, stage
+from ..hrsi_engine.io import rpc_files
+from ..hrsi_engine.io.rasters import image_id
+from ..hrsi_engine.io.rpc_files import (
+    FoundRpc,
+    read_back_px,
+    read_rpc,
+    read_rpc_or_none,
+    restore,
+    rpc_for_image,
+    rpc_in_folder,
+    rpc_reader_of,
+)
+from .declarations.write_rpc import OUTPUT_ENDINGS, WriteRpcOptions
+from .interface.declare import Context, Report
 
-if TYPE_CHECKING:
-    from ..hrsi_engine.camera.rpc import RPC
-    from ..hrsi_engine.foundation.progress import Progress
-    from ..hrsi_engine.io.rpc_files import FoundRpc
-
-#: What the output of an image is called, by way of writing; None is the image itself.
-SUFFIXES: dict[str, str | None] = {
-    "copy": ".tif", "in-place": None, "vrt": ".vrt", "sidecar": "_RPC.TXT", "rpb": ".RPB", "xml": ".xml",
-    "geom": ".geom", "json": ".json",
-}  # fmt: skip
 _NEEDS_FOLDER = ("copy", "vrt")
 Outcome = tuple[str, dict[str, Any], tuple[str, ...]]  # image id, entry of the report, notices
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+def run(options: WriteRpcOptions, context: Context) -> Report:
     """Find every image's RPC and its output first, then write; or restore."""
-    from ..hrsi_engine.foundation.progress import advance, stage
-
     report: Report = {"schema": 1, "algorithm": "write-rpc", "images": {}, "warnings": []}
-    jobs = [] if options["restore"] else _jobs(options)
-    steps = len(jobs) or len(options["images"])
+    jobs = [] if options.restore else _jobs(options)
+    steps = len(jobs) or len(options.images)
     for index in range(steps):
         part = stage(context.progress, index / steps, (index + 1) / steps)
         advance(part, 0.0)
         image_id, entry, notices = (
-            _restore(options["images"][index], part) if options["restore"] else _write(jobs[index], part)
+            _restore(options.images[index], part) if options.restore else _write(jobs[index], part)
         )
         report["images"][image_id] = entry
         report["warnings"] += notices
@@ -52,57 +56,46 @@ class Job(NamedTuple):
     found: FoundRpc
 
 
-def _jobs(options: Mapping[str, Any]) -> list[Job]:
+def _jobs(options: WriteRpcOptions) -> list[Job]:
     """Return what is to be written; raise `InputError` before anything is."""
-    from ..hrsi_engine.foundation.errors import InputError
-
-    if options["write"] in _NEEDS_FOLDER and not options["output_dir"]:
-        raise InputError(f"--write {options['write']} needs --output-dir: name a directory for the results")
-    jobs = [_job(path, options) for path in options["images"]]
+    if options.write in _NEEDS_FOLDER and not options.output_dir:
+        raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
+    jobs = [_job(path, options) for path in options.images]
     for job in jobs:
-        if job.how != "in-place" and os.path.exists(job.output) and not options["overwrite"]:
-            raise InputError(f"{job.output} exists already: add --overwrite, or choose another --output-dir")
+        if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
+            raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
     if len({os.path.realpath(job.output) for job in jobs}) < len(jobs):
         raise InputError("two of the images have the same id, so that one result would replace the other: rename one")
-    if options["output_dir"]:
-        os.makedirs(options["output_dir"], exist_ok=True)
+    if options.output_dir:
+        os.makedirs(options.output_dir, exist_ok=True)
     return jobs
 
 
-def _job(path: str, options: Mapping[str, Any]) -> Job:
+def _job(path: str, options: WriteRpcOptions) -> Job:
     """Return the job of one image; an RPC file alone has no pixels to copy and becomes a sidecar."""
-    from ..hrsi_engine.io.rasters import image_id
-    from ..hrsi_engine.io.rpc_files import rpc_reader_of
-
-    how = "sidecar" if options["write"] in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options["write"]
-    suffix = SUFFIXES[how]
-    folder = options["output_dir"] or os.path.dirname(path)
+    how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
+    suffix = OUTPUT_ENDINGS[how]
+    folder = options.output_dir or os.path.dirname(path)
     return Job(
         path, path if suffix is None else os.path.join(folder, image_id(path) + suffix), how, _found(path, options)
     )
 
 
-def _found(path: str, options: Mapping[str, Any]) -> FoundRpc:
-    """Return the RPC to be written: that of ``--rpc``, else the image's own."""
-    from ..hrsi_engine.foundation.errors import InputError
-    from ..hrsi_engine.io.rpc_files import read_rpc, rpc_for_image, rpc_in_folder
-
-    given = options["rpc"]
+def _found(path: str, options: WriteRpcOptions) -> FoundRpc:
+    """Return the RPC to be written: that of `rpc`, else the image's own."""
+    given = options.rpc
     if not given:
         return read_rpc(path)
     if os.path.isdir(given):
         return rpc_for_image(rpc_in_folder(given, path), path)
-    if len(options["images"]) > 1:
+    if len(options.images) > 1:
         raise InputError(
-            f"--rpc {given} is the RPC of one image: give one image, or a folder of files named like images"
+            f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
         )
     return rpc_for_image(given, path)
 
 
 def _write(job: Job, progress: Progress) -> Outcome:
-    from ..hrsi_engine.io.rasters import image_id
-    from ..hrsi_engine.io.rpc_files import read_back_px
-
     notices = _writers()[job.how](job.path, job.output, job.found.rpc, progress)
     entry = {
         "path": job.path,
@@ -116,7 +109,6 @@ def _write(job: Job, progress: Progress) -> Outcome:
 
 def _writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]]:
     """Return the ways of writing: ``(image path, output path, rpc, progress) -> notices``."""
-    from ..hrsi_engine.io import rpc_files
 
     def sidecar(kind: str) -> Callable[[str, str, RPC, Progress], tuple[str, ...]]:
         return lambda path, output, rpc, progress: rpc_files.write_sidecar(output, rpc, kind)
@@ -134,9 +126,6 @@ def _writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]
 
 
 def _restore(path: str, progress: Progress) -> Outcome:
-    from ..hrsi_engine.io.rasters import image_id
-    from ..hrsi_engine.io.rpc_files import read_rpc_or_none, restore
-
     notices = restore(path, progress)
     found = read_rpc_or_none(path)
     entry = {"path": path, "output": path, "source": found.source if found else None, "max_difference_px": None}
@@ -147,40 +136,3 @@ def summarise(report: Report) -> str:
     """Return one line for each image, and the notices."""
     lines = [f"{entry['output']}: RPC from {entry['source']}" for entry in report["images"].values()]
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
-
-
-ALGORITHM = Algorithm(
-    name="write-rpc",
-    title="Write RPC",
-    group="RPC",
-    summary="Put an RPC into a GeoTIFF, a sidecar or a VRT; --restore brings the original back",
-    help=(
-        "Writes the RPC of any file that HRSI reads (or the image's own, wherever it is kept) for one or more images. "
-        "copy writes a GeoTIFF with the pixels, compression and overviews of the image; in-place changes the image "
-        "itself and keeps its original RPC in it, so that --restore brings it back bit by bit; vrt writes a virtual "
-        "image; sidecar, rpb, xml, geom and json write a _RPC.TXT, .RPB, ISD XML (ASP), .geom (Orfeo ToolBox) or rpcm "
-        "JSON file, beside the image unless an output directory is given (docs/bridges.md says who reads what). "
-        "Everything is read again and compared; a file that exists is replaced in one step."
-    ),
-    declared=(
-        Param(
-            "images", Kind.IMAGES, "Images, or RPC files alone (then not with --write copy or vrt)",
-            required=True, metavar="IMAGE",
-        ),
-        Param(
-            "rpc", Kind.FILE,
-            "File with the RPC to write, or a folder of RPC files named like the images; default: the image's own RPC",
-            metavar="FILE|DIR",
-        ),
-        Param("write", Kind.CHOICE, "Where the RPC goes", default="copy", choices=tuple(SUFFIXES)),
-        Param("restore", Kind.FLAG, "Bring back the RPC from before the first writing in place", default=False),
-        Param(
-            "output-dir", Kind.OUTPUT_DIR, "Directory for copies, VRTs and sidecars; created where missing",
-            metavar="DIR",
-        ),
-        Param("overwrite", Kind.FLAG, "Replace files of an earlier run", default=False),
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    summarise=summarise,
-)  # fmt: skip

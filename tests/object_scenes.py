@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from hrsi.hrsi_engine.measurement.interest_points import InterestPoints, detect_interest_points
+from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions, DetectionOptions
 from hrsi.hrsi_engine.simulation import (
     SENSORS,
     ImageRenderer,
@@ -26,6 +27,8 @@ from hrsi.hrsi_engine.simulation import (
 )
 from hrsi.hrsi_engine.simulation.landscape import Objects
 
+#: As matching gets them: the partner of a strong centre may be weaker.
+CANDIDATES = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY))
 VIEWS = ("image_1", "image_2")
 #: Objects that stand alone on the ground, bright or dark all over.
 ROUND = ("tank", "island", "target")
@@ -115,7 +118,7 @@ def rendered(simulated: SimulatedBlock, view: str, band: str = "pan") -> ImageRe
 @lru_cache(maxsize=4)
 def detected(simulated: SimulatedBlock, detector: str) -> list[InterestPoints]:
     """Return the points of both views, remembered."""
-    return [detect_interest_points(rendered(simulated, view), detector) for view in VIEWS]
+    return [detect_interest_points(rendered(simulated, view), detector, CANDIDATES) for view in VIEWS]
 
 
 def centre_errors(truth: TrueObjects, points: InterestPoints, kinds: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -9,21 +9,16 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, SolveError
+from hrsi.hrsi_engine.foundation.options import nested, option
 from hrsi.hrsi_engine.foundation.progress import advance
-from hrsi.processing_algorithms.interface.declare import (
-    COMMON_PARAMS,
-    OUTPUT_PARAMS,
-    Algorithm,
-    Context,
-    Kind,
-    Param,
-    Report,
-)
+from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
+from hrsi.processing_algorithms.interface.option_groups import Common, ResultFolder
 
 
 def _fail(error: Exception) -> Callable[[], None]:
@@ -46,20 +41,46 @@ FAILURES: dict[str, Callable[[], Any]] = {
 }
 
 
-def run(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class SampleOptions:
+    """An option of every kind."""
+
+    images: tuple[str, ...] = option(help="Images or RPC files", kind=Kind.IMAGES)
+    dem: str | None = option(None, "Heights", kind=Kind.RASTER)
+    gcps: str | None = option(None, "Ground points", kind=Kind.POINTS, metavar="FILE[|layername=L]")
+    geoid: str | None = option(None, "Geoid grid", kind=Kind.FILE)
+    fail: str = option("no", "How to fail")
+    gcp_ids: tuple[str, ...] | None = option(None, "Control points")
+    strips: tuple[tuple[str, ...], ...] = option((), "Images of one strip")
+    scale: tuple[float, float] = option((1.0, 1.0), "Ratio of the pixels", minimum=0.05, maximum=20.0)
+    model: str = option("shift", "Model", choices=("shift", "affine"))
+    iterations: int = option(10, "Iterations", minimum=1, maximum=99, advanced=True)
+    height: float = option(0.0, "Height above the ellipsoid", unit="m", minimum=-500, maximum=9000)
+    wait: float = option(0.0, "Time to work", unit="s", minimum=0)
+    report: bool = option(True, "Write a report")
+    folder: ResultFolder = nested(ResultFolder)
+    common: Common = nested(Common)
+
+
+def run(options: SampleOptions, context: Context) -> Report:
     """Wait in steps, write ``result.txt`` by way of a temporary name, and report the options."""
     context.log("a message")
-    FAILURES[options["fail"]]()
-    folder = Path(options["output_dir"])
+    FAILURES[options.fail]()
+    folder = Path(options.folder.output_dir)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".hrsi-", dir=folder) as temporary:
         result = Path(temporary) / "result.txt"
         result.write_text("half")
         for step in range(100):
             advance(context.progress, step / 100)
-            time.sleep(options["wait"] / 100)
+            time.sleep(options.wait / 100)
         os.replace(result, folder / "result.txt")
-    return {"algorithm": "sample", "options": dict(options)}
+    return {"algorithm": "sample", "options": settings_of(options)}
+
+
+def summarise(report: Report) -> str:
+    """Return how many images there were."""
+    return f"{len(report['options']['images'])} images"
 
 
 SAMPLE = Algorithm(
@@ -68,23 +89,8 @@ SAMPLE = Algorithm(
     group="Tests",
     summary="Reports 100 % of its options",
     help="First paragraph.\n\nSecond paragraph.",
-    declared=(
-        Param("images", Kind.IMAGES, "Images or RPC files", required=True),
-        Param("dem", Kind.RASTER, "Heights"),
-        Param("gcps", Kind.POINTS, "Ground points", metavar="FILE[|layername=L]"),
-        Param("geoid", Kind.FILE, "Geoid grid"),
-        Param("fail", Kind.TEXT, "How to fail", default="no"),
-        Param("gcp-ids", Kind.IDS, "Control points"),
-        Param("model", Kind.CHOICE, "Model", default="shift", choices=("shift", "affine")),
-        Param("iterations", Kind.INTEGER, "Iterations", default=10, minimum=1, maximum=99, advanced=True),
-        Param("height", Kind.NUMBER, "Height above the ellipsoid", default=0.0, unit="m", minimum=-500, maximum=9000),
-        Param("wait", Kind.NUMBER, "Time to work", default=0.0, unit="s", minimum=0),
-        Param("report", Kind.FLAG, "Write a report", default=True),
-        *OUTPUT_PARAMS,
-        *COMMON_PARAMS,
-    ),
-    run=run,
-    summarise=lambda report: f"{len(report['options']['images'])} images",
+    options=SampleOptions,
+    module=__name__,
 )
 
 if __name__ == "__main__":

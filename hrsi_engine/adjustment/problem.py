@@ -288,10 +288,10 @@ def _require_solvable(observations: Observations, model: RefinementModel, prior_
         image = observations.images[int(np.flatnonzero(observations.camera_of_image == poor[0])[0])]
         raise SolveError(
             f"image {image.id}: {2 * per_camera[poor[0]]} observations for the {p} parameters of model {model.name}: "
-            "choose a simpler --model or measure more points on it"
+            "choose a simpler `model` or measure more points on it"
         )
     raise SolveError(
-        f"{observed} observations for {unknowns} unknowns: choose a simpler --model, or add GCPs or tie points"
+        f"{observed} observations for {unknowns} unknowns: choose a simpler `model`, or add GCPs or tie points"
     )
 
 

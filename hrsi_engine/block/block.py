@@ -327,16 +327,16 @@ def _measured_only(known: GroundPoints, ids: np.ndarray) -> tuple[GroundPoints, 
 
 
 def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
-    for option, chosen in (("--gcp-ids", gcp_ids), ("--check-ids", check_ids)):
+    for option, chosen in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
         missing = sorted(set(chosen or ()) - set(known.ids.tolist()))
         if missing:
             raise InputError(
-                f"{option} names {list_ids(missing)}, not among the measured ground points"
+                f"`{option}` names {list_ids(missing)}, not among the measured ground points"
                 f"{f' of {known.source}' if known.source else ''}: correct the ids"
             )
     both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
     if both:
-        raise InputError(f"{list_ids(both)} is in --gcp-ids and in --check-ids: a point is control or check, not both")
+        raise InputError(f"{list_ids(both)} is in `gcp_ids` and in `check_ids`: a point is control or check, not both")
     role = np.where(known.role == UNSET, Role.GCP, known.role)
     if gcp_ids:
         role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))

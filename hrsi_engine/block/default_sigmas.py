@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..foundation.options import option
+from ..foundation.options import describe_fields, option
 
 
+@describe_fields
 @dataclass(frozen=True)
 class Defaults:
     """Standard deviations for points and measurements whose file gives none."""

@@ -117,7 +117,7 @@ class ViewDirection:
             reason = Status(status[0]).label
             raise SolveError(
                 f"image {self.image.id}: its middle has no position on the terrain ({reason}): "
-                "check the RPC, or use a DEM that covers the image, or --height"
+                "check the RPC, use a DEM that covers the image, or give the `height` of the ground"
             )
         return ground
 

@@ -9,11 +9,16 @@ Texts name other options as arguments in backticks, ```sigma_dem_m```: each face
 
 from __future__ import annotations
 
+import inspect
+import re
+import textwrap
 from dataclasses import MISSING, Field, dataclass, field, fields
 from enum import Enum
-from typing import Any
+from typing import Any, TypeVar
 
 _OPTION, _NESTED = "option", "nested options"
+_HEADING = "Parameters\n----------\n"
+Described = TypeVar("Described")
 
 
 @dataclass(frozen=True)
@@ -86,3 +91,32 @@ def nested_in(part: Field[Any]) -> type | None:
 def threads_option() -> Any:
     """Return the field of the number of threads, which many options have."""
     return option(0, "Number of threads; 0 takes all cores", minimum=0, advanced=True, metavar="N")
+
+
+def describe_fields(options: type[Described]) -> type[Described]:
+    """Give a dataclass of options the section Parameters that its fields tell; a decorator.
+
+    Fields for callers in Python only have their entries in the class's own docstring.
+    """
+    doc = inspect.cleandoc(options.__doc__ or "")
+    opening, _, rest = doc.partition(_HEADING)
+    own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
+    entries: list[str] = []
+    for part in fields(options):  # type: ignore[arg-type]
+        said, inner = option_of(part), nested_in(part)
+        if said is not None:
+            entries.append(_entry(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
+        elif inner is not None:
+            entries.append(_entry(part, (inner.__doc__ or "").partition("\n")[0]))
+        else:
+            entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
+    options.__doc__ = f"{opening.rstrip()}\n\n{_HEADING}{chr(10).join(entries)}\n"
+    return options
+
+
+def _entry(part: Field[Any], text: str) -> str:
+    required = part.default is MISSING and part.default_factory is MISSING
+    kind = str(part.type).removesuffix(" | None")
+    return f"{part.name} : {kind}{'' if required else ', optional'}\n" + textwrap.indent(
+        textwrap.fill(text, 100), "    "
+    )

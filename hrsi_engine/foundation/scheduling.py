@@ -202,8 +202,8 @@ def _run_distributed(address: str) -> Scheduler:
             from distributed import Client, as_completed
         except ImportError:
             raise InputError(
-                "--scheduler needs the Python package distributed: install it here and on the workers "
-                "(pip install 'hrsi[distributed]'), or leave --scheduler out"
+                "a `scheduler` needs the Python package distributed: install it here and on the workers "
+                "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
             ) from None
         client = _connect(Client, address)
         with client:
@@ -225,7 +225,7 @@ def _connect(client: Callable[..., Any], address: str) -> Any:
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"--scheduler {address}: no Dask scheduler answers there ({reason}): start one with 'dask scheduler', "
+            f"`scheduler` {address}: no Dask scheduler answers there ({reason}): start one with 'dask scheduler', "
             "or leave the option out"
         ) from None
 

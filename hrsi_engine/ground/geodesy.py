@@ -347,6 +347,6 @@ def _grid_shift(grid: str) -> pyproj.Transformer | None:
 def _how_to_get_grids() -> str:
     folder = pyproj.datadir.get_user_data_dir()
     return (
-        f"install Debian's proj-data, or run 'projsync --file us_nga_egm' (grids go to {folder}), "
+        f"install Debian's proj-data, or run projsync for the files us_nga_egm (grids go to {folder}), "
         "or name the file of a geoid grid as the height datum"
     )

@@ -60,7 +60,7 @@ def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations |
     if not has_vertical_datum(crs.to_wkt()):
         raise InputError(
             f"{path}: does not say what its heights refer to: name egm96, egm2008, ellipsoidal or the file of a geoid "
-            "grid with --dem-datum or --height-datum, whichever the command has"
+            "grid with `dem_datum` or `height_datum`, whichever the command has"
         )
     return undulations_of_crs(crs.to_wkt())
 

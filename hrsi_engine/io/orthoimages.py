@@ -39,7 +39,7 @@ WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes 
 _PREDICTED = ("deflate", "lzw", "zstd")
 TILED = ("TILED=YES", f"BLOCKXSIZE={ORTHO_TILE}", f"BLOCKYSIZE={ORTHO_TILE}", "BIGTIFF=IF_SAFER")
 INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
-#: By the choice of ``--format``: GDAL driver, its options besides the compression.
+#: By the choice of `format`: GDAL driver, its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
     "cog": (
         "COG",
@@ -55,9 +55,17 @@ OVERVIEW_RESAMPLING = {"near": "NEAREST", "mode": "MODE"}
 class Grid(Protocol):
     """The map grid of an orthoimage: `ortho.MapGrid`."""
 
-    crs: str
-    columns: int
-    rows: int
+    @property
+    def crs(self) -> str:
+        """CRS as WKT."""
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
 
     @property
     def geotransform(self) -> tuple[float, float, float, float, float, float]:
@@ -222,7 +230,7 @@ def _hidden_folder(path: str) -> Iterator[str]:
     try:
         hidden = temporary_folder(folder)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another --output-dir") from None
+        raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another `output_dir`") from None
     try:
         yield hidden
     finally:

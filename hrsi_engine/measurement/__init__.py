@@ -7,9 +7,12 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "interest_points": "DetectionOptions InterestPoints detect_interest_points",
         "control_network": "ControlNetworkMatch ControlNetworkOptions match_windows",
-        "tie_points": "TieOptions TiePoints find_tie_points",
-        "targets.measuring": "TargetMeasurement TargetOptions measure_edges measure_target",
-        "reference.matching": "ReferenceControl ReferenceOptions match_reference",
+        "tie_options": "TieOptions",
+        "tie_points": "TiePoints find_tie_points",
+        "targets.options": "TargetOptions",
+        "targets.measuring": "TargetMeasurement measure_edges measure_target",
+        "reference.options": "ReferenceOptions",
+        "reference.matching": "ReferenceControl match_reference",
         "registration": "MethodComparison compare_kinds",
     },
 )

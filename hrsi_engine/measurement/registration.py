@@ -15,6 +15,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
+from .registration_options import RegistrationOptions
 
 _ITERATIONS = 20
 
@@ -135,9 +136,9 @@ FORMS: dict[str, Form] = {
 def register_points(
     first_px: np.ndarray,
     second_px: np.ndarray,
-    model: str = "affine",
+    model: str = RegistrationOptions.model,
     sigma_px: np.ndarray | float = 1.0,
-    reject_sigma: float = 0.0,
+    reject_sigma: float = RegistrationOptions.reject_sigma,
     taking_part: np.ndarray | None = None,
 ) -> Registration:
     """Return the transformation of one of `FORMS` that carries points ``(n, 2)`` of the first image to the second.
@@ -256,9 +257,9 @@ def compare_kinds(
     first_px: np.ndarray,
     second_px: np.ndarray,
     kinds: np.ndarray,
-    model: str = "affine",
+    model: str = RegistrationOptions.model,
     sigma_px: np.ndarray | float = 1.0,
-    reject_sigma: float = 0.0,
+    reject_sigma: float = RegistrationOptions.reject_sigma,
     unit: float = 1.0,
 ) -> MethodComparison:
     """Return how well each group of points registers two images, alone and together with the others.

@@ -146,7 +146,7 @@ class _Search:
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
-            raise InputError("tie points need two images with pixels: give image files, or --tie-points none or FILE")
+            raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
         self._scheduler, self._keeper = scheduler, keeper
         self._marks = {index: _mark(images[index]) for index in self.usable}
 
@@ -183,7 +183,7 @@ class _Search:
         if not chosen:
             raise InputError(
                 "no two images overlap between the heights of their RPCs: check that they show the same area, or name "
-                "the terrain's heights with --dem"
+                "the terrain's heights with `dem`"
             )
         coarseness = [overlaps.coarseness(image) for image in images]
         terrain: dict[int, np.ndarray] = {}

@@ -17,7 +17,8 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "grid": "MapGrid",
         "mapping": "OrthoMapping",
-        "misregistration": "MisregistrationOptions WindowShifts measure_shifts shift_statistics window_centres",
+        "options": "MisregistrationOptions",
+        "misregistration": "WindowShifts measure_shifts shift_statistics window_centres",
         "point_surface": "surface_of_points",
     },
 )

@@ -42,7 +42,7 @@ class GridWindow(NamedTuple):
 def rounded_resolution(gsd: float) -> float:
     """Return the largest round number not above 1.05 times a ground sample distance: 0.52 gives 0.5, 6.5 gives 6."""
     if not (math.isfinite(gsd) and gsd > 0.0):
-        raise InputError(f"the images have a pixel size of {gsd} on the ground: give --resolution")
+        raise InputError(f"the images have a pixel size of {gsd} on the ground: give `resolution`")
     power = 10.0 ** math.floor(math.log10(gsd))
     candidates = [step * scale for scale in (power / 10.0, power) for step in ROUND_STEPS]
     return float(f"{max(value for value in candidates if value <= COARSER_BY_ROUNDING * gsd):.6g}")
@@ -100,7 +100,7 @@ class MapGrid:
         left, top = math.floor(west + WHOLE), math.ceil(north - WHOLE)
         columns, rows = math.ceil(east - WHOLE) - left, top - math.floor(south + WHOLE)
         if columns < 1 or rows < 1:
-            raise InputError(f"an extent of {columns} x {rows} pixels holds nothing: check --extent and --resolution")
+            raise InputError(f"an extent of {columns} x {rows} pixels holds nothing: check `extent` and `resolution`")
         return cls(crs, resolution, left, top, columns, rows)
 
     @property

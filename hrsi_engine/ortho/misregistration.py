@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..foundation.robust_scale import robust_sigma
+from .options import MisregistrationOptions
 
 MOST_ITERATIONS = 20
 SHIFT_CLOSURE_PX = 1e-3
@@ -49,31 +49,6 @@ class WindowOutcome(IntEnum):
     @property
     def label(self) -> str:
         return self.name.lower()
-
-
-@dataclass(frozen=True)
-class MisregistrationOptions:
-    """How windows are matched.
-
-    Parameters
-    ----------
-    window_px : int
-        Side of a window, even.
-    search_px : int
-        Largest shift.
-    min_correlation : float
-        Of windows that count.
-    max_sigma_px : float
-        Of a shift that counts.
-    most : int
-        Windows along the longer side of the common area.
-    """
-
-    window_px: int = 48
-    search_px: int = 8
-    min_correlation: float = 0.6
-    max_sigma_px: float = 0.1
-    most: int = 40
 
 
 class WindowShifts(NamedTuple):

@@ -163,7 +163,7 @@ class _Equations:
             lost = control.ids[~np.isfinite(residual).all(axis=1)].tolist()
             raise SolveError(
                 f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: it "
-                "lies outside what the RPC describes; check its coordinates, or choose a simpler --model"
+                "lies outside what the RPC describes; check its coordinates, or choose a simpler `model`"
             )
         if roots is None:
             survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..foundation.options import option
+from ..foundation.options import describe_fields, option
 
 #: Rules that choose a model from the GCPs (`selection.RULES`).
 RULE_NAMES = ("auto", "generic")
@@ -18,6 +18,7 @@ BLOCK_MODEL_NAMES = (
 DIRECT_MODEL_NAMES = ("direct", "bils", "idkf", "pg", "upoe", "slss")
 
 
+@describe_fields
 @dataclass(frozen=True)
 class RefineOptions:
     """How to refine an image from its GCPs."""

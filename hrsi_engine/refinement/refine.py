@@ -143,13 +143,13 @@ def solve(model: RefinementModel, image: Image, control: Control) -> Estimate:
     if len(control) < model.least_points:
         raise InputError(
             f"{image.id}: model {model.name} needs {model.least_points} GCPs, there are {len(control)}: choose a "
-            "simpler --model or measure more"
+            "simpler `model` or measure more"
         )
     found = estimate(model, image, control, CONTROL_ONLY)
     if edge_sigma_px(model, image, found) > UNDETERMINED_PX:
         raise SolveError(
             f"{image.id}: the {len(control)} GCPs do not determine model {model.name} over the image: spread them, or "
-            "choose a simpler --model"
+            "choose a simpler `model`"
         )
     return found
 
@@ -189,7 +189,7 @@ def _uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[
     if edge > UNCERTAIN_PX:
         said.append(
             f"{image.id}: model {model.name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
-            "or choose a simpler --model"
+            "or choose a simpler `model`"
         )
     return said
 

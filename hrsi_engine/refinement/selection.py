@@ -162,7 +162,7 @@ def _scores(errors: Mapping[str, np.ndarray | None]) -> dict[str, float | None]:
     return {name: None if e is None else float(np.sqrt(np.mean(e))) for name, e in errors.items()}
 
 
-#: Rules that choose a model, by the name of the option ``--model``.
+#: Rules that choose a model, by the name of the option `model`.
 RULES: dict[str, Callable[[Controls], Choice]] = {"auto": choose_by_prediction, "generic": choose_by_number}
 
 

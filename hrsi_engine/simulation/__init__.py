@@ -17,45 +17,20 @@ Layers, each importing only those above it::
     truth_tables    the truth as tables
 """
 
-from .control import Noise, PointCounts
-from .pushbroom import PushbroomCamera, aim
-from .render import ImageRenderer, block_with_pixels, multispectral_renderers, orthophoto, render_window, renderer
-from .scene import Scene, SceneSpec
-from .sensors import SENSORS, OrientationError, Radiometry, Sensor, StatedAccuracy
-from .surface import locate_on_surface
-from .synthesis import SimulatedBlock, Truth, simulate_block
-from .truth_tables import truth_document, truth_tables
-from .vendor import VendorRPC, fit_camera, multispectral_rpc
-from .views import SceneView, along_track_views, strip_views
+from ..foundation.lazy_names import lazy_names
 
-__all__ = [
-    "SENSORS",
-    "ImageRenderer",
-    "Noise",
-    "OrientationError",
-    "PointCounts",
-    "PushbroomCamera",
-    "Radiometry",
-    "Scene",
-    "SceneSpec",
-    "SceneView",
-    "Sensor",
-    "SimulatedBlock",
-    "StatedAccuracy",
-    "Truth",
-    "VendorRPC",
-    "aim",
-    "along_track_views",
-    "block_with_pixels",
-    "fit_camera",
-    "locate_on_surface",
-    "multispectral_renderers",
-    "multispectral_rpc",
-    "orthophoto",
-    "render_window",
-    "renderer",
-    "simulate_block",
-    "strip_views",
-    "truth_document",
-    "truth_tables",
-]  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "Noise PointCounts SceneSpec",
+        "sensors": "SENSORS OrientationError Radiometry Sensor StatedAccuracy",
+        "pushbroom": "PushbroomCamera aim",
+        "views": "SceneView along_track_views strip_views",
+        "surface": "locate_on_surface",
+        "scene": "Scene",
+        "vendor": "VendorRPC fit_camera multispectral_rpc",
+        "synthesis": "SimulatedBlock Truth simulate_block",
+        "render": "ImageRenderer block_with_pixels multispectral_renderers orthophoto render_window renderer",
+        "truth_tables": "truth_document",
+    },
+)

@@ -9,72 +9,13 @@ import numpy as np
 
 from ..block.block import GroundPoints, ImagePoints, Role
 from ..foundation.errors import InputError
+from .options import Noise
 from .pushbroom import PushbroomCamera
 from .surface import locate_on_surface
 from .terrain import SimulatedTerrain
 
 EMPTY_BORDER = 0.03  # share of the image in which no point is placed
 STEEPEST_CONTROL = 0.35  # slope at surveyed points
-
-
-@dataclass(frozen=True)
-class PointCounts:
-    """How many points a block gets.
-
-    Parameters
-    ----------
-    gcps, checks : int
-        Surveyed points, control and check.
-    ties : int
-        Tie points; every one is on two images or more.
-    """
-
-    gcps: int = 10
-    checks: int = 50
-    ties: int = 200
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Errors of the measurements; standard deviations of normal errors, and shares of gross ones.
-
-    Parameters
-    ----------
-    image_px : float
-        Of a measured coordinate.
-    gcp_xy_m, gcp_h_m : float
-        Of a surveyed position, horizontal and height.
-    blunders : float
-        Share of tie measurements moved by ``blunder_px``.
-    gcp_blunders : float
-        … of the GCPs' image measurements.
-    blunder_px : float
-        How far gross errors are off.
-    wrong_heights : float
-        Share of GCPs whose height is off by ``wrong_height_m``.
-    wrong_height_m : float
-        How far wrong heights are off.
-    vendor : float
-        Scales the errors of the vendor's orientation.
-    """
-
-    image_px: float = 0.3
-    gcp_xy_m: float = 0.1
-    gcp_h_m: float = 0.15
-    blunders: float = 0.0
-    gcp_blunders: float = 0.0
-    blunder_px: float = 30.0
-    wrong_heights: float = 0.0
-    wrong_height_m: float = 25.0
-    vendor: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("image_px", "gcp_xy_m", "gcp_h_m", "vendor"):
-            if getattr(self, name) < 0.0:
-                raise InputError(f"simulation noise {name} is {getattr(self, name)}: give 0 or more")
-        for name in ("blunders", "gcp_blunders", "wrong_heights"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InputError(f"simulation share {name} is {getattr(self, name)}: give 0 to 1")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..foundation.errors import InputError
 from .landscape import Landscape, Objects, discs
+from .options import SceneSpec
 from .terrain import Chart, SimulatedTerrain, fractal_terrain
 from .texture import Texture
 from .views import SceneView
@@ -20,50 +21,6 @@ TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])
 APRON_GREY = np.array([330.0, 330.0, 340.0, 340.0, 330.0])
 STEEPEST_BUILT = 0.5  # slope along an object's diagonal
 TARGET_GSD, APRON_GSD = 9.0, 20.0  # diameters in pixels of the finest view
-
-
-@dataclass(frozen=True)
-class SceneSpec:
-    """What a scene should be like; the same spec and views always give the same scene.
-
-    Parameters
-    ----------
-    lon_deg, lat_deg : float
-        The scene's centre.
-    mean_height_m : float
-        Ellipsoidal.
-    relief_m : float
-        Between the lowest and the highest ground.
-    cliff_m : float
-        Height of cliffs, none where 0.
-    seed : int
-        Of everything random.
-    half_extent_m, post_m, scale : float, optional
-        Half the side, spacing of the terrain, scale of the landscape; by default they follow from the views.
-    change : float
-        0 … 1, how much of the ground looks different at a `SceneView.date` other than 0.
-    """
-
-    lon_deg: float = 5.45
-    lat_deg: float = 43.53
-    mean_height_m: float = 250.0
-    relief_m: float = 100.0
-    cliff_m: float = 0.0
-    seed: int = 1
-    half_extent_m: float | None = None
-    post_m: float | None = None
-    scale: float | None = None
-    change: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (-180.0 <= self.lon_deg <= 180.0 and -85.0 <= self.lat_deg <= 85.0):
-            raise InputError(
-                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place: give degrees, latitude within 85"
-            )
-        if self.relief_m < 0.0 or self.cliff_m < 0.0:
-            raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")
-        if not 0.0 <= self.change <= 1.0:
-            raise InputError(f"change {self.change} of the scene between dates: give a share of 0 to 1")
 
 
 @dataclass(frozen=True, eq=False)

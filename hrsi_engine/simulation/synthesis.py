@@ -13,8 +13,6 @@ from ..foundation.errors import InputError
 from ..foundation.progress import Progress, advance, silent, stage
 from ..ground.geodesy import metres_per_degree
 from .control import (  # fmt: skip
-    Noise,
-    PointCounts,
     TrueImagePoints,
     measure,
     observe,
@@ -22,8 +20,9 @@ from .control import (  # fmt: skip
     place_ties,
     survey,
 )
+from .options import Noise, PointCounts, SceneSpec
 from .pushbroom import PushbroomCamera
-from .scene import Scene, SceneSpec, make_scene
+from .scene import Scene, make_scene
 from .sensors import OrientationError
 from .vendor import VendorRPC, fit_camera, stated_accuracy
 from .views import SceneView

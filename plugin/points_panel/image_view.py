@@ -86,15 +86,14 @@ class ImageView(QWidget):
         self._layer = None
 
     def _set_layer(self, view: View | None) -> None:
-        source = view.source if view else ""
-        if not source:
+        if view is None or not view.source:
             self.canvas.setLayers([])
             self._layer = None
             return
-        if self._layer is None or self._layer.source() != source:
+        if self._layer is None or self._layer.source() != view.source:
             options = QgsRasterLayer.LayerOptions(False)  # without looking at the pixels: that reads a whole scene
             options.skipCrsValidation = True
-            self._layer = QgsRasterLayer(source, self.image(), "gdal", options)
+            self._layer = QgsRasterLayer(view.source, self.image(), "gdal", options)
             self.canvas.setLayers([self._layer])
         self._stretch(self._layer, *view.grey_range)
 

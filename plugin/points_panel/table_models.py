@@ -198,7 +198,8 @@ class MeasurementsModel(RowsModel):
             if math.isnan(typed) and title != "sigma px":
                 self.session.remove_measurement(self.point, row.image)
                 return
-            changed = replace(measured, **{_MEASUREMENT_FIELDS[title]: typed})
+            entered: dict[str, Any] = {_MEASUREMENT_FIELDS[title]: typed}
+            changed = replace(measured, **entered)
         self.session.set_measurement(self.point, row.image, changed)
 
     def colour(self, row: MeasurementRow) -> QColor | None:

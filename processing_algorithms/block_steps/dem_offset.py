@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
 
-from ..files.terrain import DemOptions
-
-if TYPE_CHECKING:
-    from ...hrsi_engine.adjustment.result import Adjustment
+from ...hrsi_engine.adjustment.result import Adjustment
+from ...hrsi_engine.block.block import Role
+from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.surface.dem import surface_heights
+from ..files.terrain import dem_surface
+from ..interface.option_groups import DemOptions
 
 LEAST_POINTS = 10
 LEAST_OFFSET_M = 1.0  # grass, interpolation and a DEM's own errors may do so much
@@ -20,17 +22,11 @@ def offset_warning(result: Adjustment, dem: DemOptions, height_datum: str, sigma
     Orthoimages made with this DEM are then displaced against one another by the offset times the difference of the
     tangents of their view angles.
     """
-    import numpy as np
-
-    from ...hrsi_engine.block.block import Role
-    from ...hrsi_engine.foundation.robust_scale import robust_sigma
-    from ...hrsi_engine.surface.dem import surface_heights
-
     role = result.block.points.role
     if not dem.dem or sigma_dem_m is not None or np.any(role == Role.GCP):
         return []
     ground = result.ground[(role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
-    surface = dem.surface(height_datum)
+    surface = dem_surface(dem, height_datum)
     assert surface is not None
     above = ground[:, 2] - surface_heights(surface, ground[:, :2])
     above = above[np.isfinite(above)]

@@ -14,8 +14,8 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import consistent_tracks
 from ...hrsi_engine.surface.dem import surface_heights
-from ..files.terrain import DemOptions
-from .options import PointFiles
+from ..files.terrain import dem_surface
+from ..interface.option_groups import DemOptions, PointFiles
 
 GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
 
@@ -53,7 +53,7 @@ def read_block(
     warnings: list[str] = []
     ground: list[GroundPoints] = list(known)
     measured: list[ImagePoints] = list(ties)
-    surface = None if dem is None else dem.surface(points.height_datum)
+    surface = None if dem is None else dem_surface(dem, points.height_datum)
     pairs: list[ImagePoints] = []
     for purpose, spec in _point_files(points, tie_points):
         tables = read_points(
@@ -132,4 +132,4 @@ def with_dem(options: AdjustOptions, dem: DemOptions, height_datum: str) -> Adju
         return options
     if not dem.dem:
         raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
-    return replace(options, dem=dem.surface(height_datum))
+    return replace(options, dem=dem_surface(dem, height_datum))

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Image
@@ -29,7 +29,7 @@ from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
 from ..interface.declare import Context, Report, settings_of
-from .options import BlockOptions, BlockOutput
+from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
     IN_PLACE,
     NOTHING,
@@ -44,6 +44,14 @@ FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
+
+
+class BlockOptions(Protocol):
+    """What the options of every algorithm on blocks have."""
+
+    @property
+    def output(self) -> BlockOutput:
+        """What is written, and where."""
 
 
 class Clock:

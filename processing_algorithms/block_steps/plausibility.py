@@ -9,8 +9,8 @@ from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.plausibility import check_block
-from ..files.terrain import DemOptions
-from .options import PointFiles
+from ..files.terrain import dem_surface
+from ..interface.option_groups import DemOptions, PointFiles
 
 
 def input_reasons(
@@ -24,7 +24,7 @@ def input_reasons(
 
     The sigmas are those of the RPCs' errors where the user states them.
     """
-    surface = None if dem is None else dem.surface(points.height_datum)
+    surface = None if dem is None else dem_surface(dem, points.height_datum)
     return check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
 
 

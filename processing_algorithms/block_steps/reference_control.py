@@ -3,44 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from ...hrsi_engine.foundation.options import nested, option
-from ...hrsi_engine.measurement.reference.options import ReferenceOptions
-from ..files.terrain import DemOptions
-from ..interface.declare import Context, Kind, Report
-from .options import PointFiles
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints
-    from ...hrsi_engine.measurement.reference.checks import ReferenceAccuracy
-    from ...hrsi_engine.measurement.reference.matching import ReferenceControl
-    from ...hrsi_engine.surface.dem import HeightSurface
+from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.reference_images import open_reference
+from ...hrsi_engine.measurement.reference.checks import (
+    MeasuredGcps,
+    ReferenceAccuracy,
+    contradiction,
+    dem_sigma_m,
+    reference_shift,
+    shift_warnings,
+)
+from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
+from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m
+from ..files.terrain import dem_surface
+from ..interface.declare import Context, Report
+from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
+from .inputs import read_block as read_files
 
 SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given
 KIND = "reference"
 PREFIX = "REF"
-
-
-@dataclass(frozen=True)
-class ReferenceImage:
-    """A reference orthoimage, and how it is read, trusted and matched."""
-
-    reference: str | None = option(
-        None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
-    )
-    reference_sigma: float | None = option(
-        None,
-        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size",
-        minimum=1e-6,
-        unit="m",
-        metavar="M",
-    )
-    reference_band: int = option(1, "Band of the reference", minimum=1, advanced=True, metavar="N")
-    matching: ReferenceOptions = nested(ReferenceOptions)
 
 
 class FromReference(NamedTuple):
@@ -74,11 +62,6 @@ def match(
     InputError
         There is no DEM, or no image has pixels.
     """
-    from ...hrsi_engine.foundation.errors import InputError
-    from ...hrsi_engine.io.reference_images import open_reference
-    from ...hrsi_engine.measurement.reference.checks import reference_shift, shift_warnings
-    from ...hrsi_engine.measurement.reference.matching import match_reference
-
     path = options.reference
     assert path is not None
     if surface is None:
@@ -108,8 +91,6 @@ def match(
 def _accuracy(
     gsd_m: float, surface: HeightSurface, ground: np.ndarray, sigma_xy_m: float | None, sigma_h_m: float | None
 ) -> ReferenceAccuracy:
-    from ...hrsi_engine.measurement.reference.checks import ReferenceAccuracy, dem_sigma_m
-    from ...hrsi_engine.surface.dem import cell_size_m
 
     if sigma_h_m is None:
         sigma_h_m = dem_sigma_m(cell_size_m(surface, ground[len(ground) // 2])) if len(ground) else 1.0
@@ -130,10 +111,6 @@ def _image_entry(found: Any, shift: Any) -> Report:
 
 def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
     """Return the GCPs and their measurements, those that agree."""
-    import numpy as np
-
-    from ...hrsi_engine.block.block import GroundPoints, ImagePoints, Role
-
     control = found.control
     seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
     most = max((int(part.used.sum()) for part in control.images), default=0)
@@ -155,11 +132,6 @@ def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
 
 def contradicts(found: FromReference, block: Block) -> str:
     """Return what to say where the surveyed GCPs of a block contradict the reference; nothing where they do not."""
-    import numpy as np
-
-    from ...hrsi_engine.block.block import Role
-    from ...hrsi_engine.measurement.reference.checks import MeasuredGcps, contradiction
-
     rows = block.measurements
     surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != KIND)
     gcps = []
@@ -191,19 +163,17 @@ def read_block(
 
     Where surveyed GCPs contradict the reference, they are right, and it is left out.
     """
-    from . import inputs as block_inputs
-
     if not reference.reference:
-        return *block_inputs.read_block(images, files, dem, tie_points, ties), {}
-    found = match(images, reference, dem.surface(files.height_datum), sigma_dem_m, context)
+        return *read_files(images, files, dem, tie_points, ties), {}
+    found = match(images, reference, dem_surface(dem, files.height_datum), sigma_dem_m, context)
     ground, measured = points(found)
     control = files
     if files.gcp_ids:
         control = replace(files, gcp_ids=(*files.gcp_ids, *ground.ids.tolist()))
-    block, warnings = block_inputs.read_block(images, control, dem, tie_points, [*ties, measured], [ground])
+    block, warnings = read_files(images, control, dem, tie_points, [*ties, measured], [ground])
     contradiction = contradicts(found, block)
     if contradiction:
         found.entries["used"] = False
-        block, warnings = block_inputs.read_block(images, files, dem, tie_points, ties)
+        block, warnings = read_files(images, files, dem, tie_points, ties)
         found.warnings.append(contradiction)
     return block, [*found.warnings, *warnings], {"reference": found.entries}

@@ -28,7 +28,7 @@ def _text(source: str, target: str, rpc: RPC, progress: Progress) -> None:
     write_rpc_text(target, rpc)
 
 
-#: By the choice of ``--write``: ending of the new file, and what writes it.
+#: By the choice of `write`: ending of the new file, and what writes it.
 NEW_FILES: dict[str, tuple[str, Writer]] = {
     "copy": (".tif", _copy),
     "vrt": (".vrt", _virtual),

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 def standard_input(example: str) -> Iterable[str]:
     """Return the lines that are piped in; raise `InputError` where nothing is, instead of waiting for a person."""
     if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
-        raise InputError(f"no points are given: name a file with --points, or pipe lines {example!r} into the command")
+        raise InputError(f"no points are given: name a file with `points`, or pipe lines {example!r} into the command")
     return sys.stdin
 
 
@@ -26,8 +24,6 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
     Numbers are separated by blanks, tabs or commas; the last may be missing (NaN). Empty lines are skipped. Raises
     `InputError` with the number of the line.
     """
-    import numpy as np
-
     numbers, rest = [], []
     for count, line in enumerate(lines, start=1):
         words = line.replace(",", " ").split()

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.io.rasters import open_image_and_source
+from ...hrsi_engine.io.transactions import finish_interrupted
 from ..interface.declare import Log
-
-if TYPE_CHECKING:
-    from ...hrsi_engine.block.block import Image
 
 MOST_LINES = 20  # of a large block only the images with several RPCs are told
 
@@ -20,9 +19,6 @@ def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Ima
     What an interrupted run left of images that it wrote in place is finished first. A filter stays silent (not
     ``always``) unless there was a choice between several RPCs.
     """
-    from ...hrsi_engine.io.rasters import open_image_and_source
-    from ...hrsi_engine.io.transactions import finish_interrupted
-
     for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
         log(notice)
     images = []

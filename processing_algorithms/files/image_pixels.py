@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from ..interface.declare import Kind, Param
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ...hrsi_engine.block.block import Raster
-    from ...hrsi_engine.camera.rpc import RPC
-    from ...hrsi_engine.measurement.interest_points import Area
-    from ...hrsi_engine.surface.dem import HeightSurface
-
-IMAGES_WITH_PIXELS = Param(
-    "images", Kind.IMAGES, "Images, with or without RPC", required=True, metavar="IMAGE"
-)  # fmt: skip
+from ...hrsi_engine.block.block import Raster
+from ...hrsi_engine.camera.rpc import RPC
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.rasters import GdalRaster, image_id
+from ...hrsi_engine.io.rpc_files.find import rpc_of_dataset
+from ...hrsi_engine.measurement.interest_points.windows import Area
+from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface
 
 
 class ImagePixels(NamedTuple):
@@ -30,10 +26,6 @@ class ImagePixels(NamedTuple):
 
 def open_pixels(path: str, band: int = 1) -> ImagePixels:
     """Open an image; raises `InputError` where it has no pixels."""
-    from ...hrsi_engine.foundation.errors import InputError
-    from ...hrsi_engine.io.rasters import GdalRaster, image_id
-    from ...hrsi_engine.io.rpc_files.find import rpc_of_dataset
-
     raster = GdalRaster(path, band)
     try:
         rpc = rpc_of_dataset(path, raster.dataset).rpc
@@ -47,10 +39,6 @@ def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None)
 
     NaN without RPC.
     """
-    import numpy as np
-
-    from ...hrsi_engine.surface.dem import intersect_surface
-
     if image.rpc is None or not len(xy):
         return np.full((len(xy), 3), np.nan)
     if surface is None:
@@ -58,15 +46,12 @@ def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None)
     return intersect_surface(image.rpc, xy, surface)[0]
 
 
-def window_area(text: str | None, option: str) -> Area | None:
-    """Return the window of ``sample,line,samples,lines``; `InputError` naming the option for another text."""
-    from ...hrsi_engine.foundation.errors import InputError
-    from ...hrsi_engine.measurement.interest_points import Area
-
+def window_area(text: str | None, argument: str) -> Area | None:
+    """Return the window of ``sample,line,samples,lines``; `InputError` naming the argument for another text."""
     if text is None:
         return None
     try:
         sample, line, samples, lines = (int(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"{option} {text!r} is not SAMPLE,LINE,SAMPLES,LINES: give four whole numbers") from None
+        raise InputError(f"`{argument}` {text!r} is not SAMPLE,LINE,SAMPLES,LINES: give four whole numbers") from None
     return Area(sample, line, sample + samples, line + lines)

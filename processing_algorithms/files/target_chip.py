@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ...hrsi_engine.block.block import Raster
-    from ...hrsi_engine.drawing.target_chips import TargetChip
-    from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement
+from ...hrsi_engine.block.block import Raster
+from ...hrsi_engine.drawing.target_chips import TargetChip
+from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement
 
 CHIP_MARGIN_PX = 8.0
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
     """Return what is drawn of a target; around the approximate position where it was refused."""
-    import numpy as np
-
-    from ...hrsi_engine.drawing.target_chips import TargetChip
-
     grey, origin = None, np.zeros(2)
     middle = approximate if made.refusal else made.xy
     if raster is not None and middle is not None:

@@ -13,11 +13,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import COMMON_PARAMS, OUTPUT_PARAMS, Algorithm, Kind, Param
+from .declare import Algorithm, Kind, Param, params_of, typed
 from .naming import spell_arguments
+from .option_groups import Common, ResultFolder
 from .options import suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
+OUTPUT_PARAMS, COMMON_PARAMS = params_of(ResultFolder), params_of(Common)
 COMMON = "common options"  #: heading of the options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
@@ -36,6 +38,7 @@ METAVARS: dict[Kind, str] = {
     Kind.TEXT: "TEXT",
     Kind.IDS: "A,B,...",
     Kind.GROUPS: "A+B,C+D,...",
+    Kind.RANGE: "LOW,HIGH",
     Kind.CHOICE: "NAME",
     Kind.INTEGER: "N",
     Kind.NUMBER: "X",
@@ -43,7 +46,6 @@ METAVARS: dict[Kind, str] = {
 }
 #: How the default of a kind is written; every other kind as it is.
 DEFAULT_TEXT: dict[Kind, Callable[[Any], str]] = {
-    Kind.IDS: ",".join,
     Kind.NUMBER: "{:g}".format,
     Kind.FLAG: lambda default: "yes" if default else "no",
 }
@@ -178,7 +180,8 @@ def _section(param: Param) -> str:
 def _default_text(param: Param) -> str:
     if param.default is None or param.default in ("", (), []):
         return ""
-    return f"default {DEFAULT_TEXT.get(param.kind, str)(param.default)}"
+    text = DEFAULT_TEXT[param.kind](param.default) if param.kind in DEFAULT_TEXT else typed(param)
+    return f"default {text}"
 
 
 def _join_negative_values(words: Sequence[str]) -> list[str]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
+from importlib import import_module
 from typing import Any, TypeVar
 
-from ...hrsi_engine.foundation.options import Option, nested_in, option, option_of, threads_option
+from ...hrsi_engine.foundation.options import Option, nested_in, option_of
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.reasons import Level
 
 Report = dict[str, Any]
 Log = Callable[[str], None]
-Options = TypeVar("Options")
+Filled = TypeVar("Filled")
+_ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
+_RASTERS = f"{_ROOT}.hrsi_engine.io.rasters"
 
 
 class Kind(Enum):
@@ -32,6 +35,7 @@ class Kind(Enum):
     NUMBER = "number"
     FLAG = "flag"
     GROUPS = "groups of ids"  #: joined by + within a group, separated by commas: ``A+B,C+D``
+    RANGE = "range"  #: two numbers ``LOW,HIGH``, or one for both
     OUTPUT_DIR = "output directory"
 
 
@@ -43,6 +47,7 @@ KIND_OF_TYPE = {
     "str": Kind.TEXT,
     "tuple[str, ...]": Kind.IDS,
     "tuple[tuple[str, ...], ...]": Kind.GROUPS,
+    "tuple[float, float]": Kind.RANGE,
 }
 
 
@@ -81,19 +86,6 @@ class Param:
     def key(self) -> str:
         """Name as a Python keyword: ``sigma_image``."""
         return self.name.replace("-", "_")
-
-
-def is_unusable(report: Report) -> bool:
-    """Return whether a report has the verdict that its result cannot be used; algorithms without one never do."""
-    return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
-
-
-def unusable_text(report: Report) -> str:
-    """Return on one line why a result cannot be used, and what to do first."""
-    verdict = report["verdict"]
-    worst = next(iter(verdict["reasons"]), None)
-    reason = f": {worst['message']}; {worst['advice']}" if worst else ""
-    return f"the result is unusable{reason}"
 
 
 @dataclass(frozen=True)
@@ -147,7 +139,7 @@ def _kind(part: Field[Any], said: Option) -> Kind:
     return KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
 
 
-def made_options(options: type[Options], values: Mapping[str, Any]) -> Options:
+def made_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
     """Return the dataclass filled with values by the options' keys; what is not among them is at its default."""
     given: dict[str, Any] = {}
     for part in fields(options):  # type: ignore[arg-type]
@@ -179,16 +171,28 @@ def _plain(value: Any) -> Any:
     return ["+".join(item) if isinstance(item, tuple) else item for item in value]
 
 
-Run = Callable[[Any, Context], Report]
+def typed(param: Param) -> str | None:
+    """Return a default of several words or numbers as a person types it; None where there is none."""
+    plain = _plain(param.default)
+    if not isinstance(plain, list):
+        return None if plain is None else str(plain)
+    return ",".join(f"{item:g}" if isinstance(item, float) else item for item in dict.fromkeys(plain)) or None
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """A declared algorithm: ``run(options, context)`` returns its report as a JSON-ready dict.
+    """A declared algorithm.
 
-    ``layers`` names the layers of the result that a map should show, as ``file|layername=…`` below the output
-    directory. ``summarise`` turns the report into the few lines a person reads on the terminal. ``packages`` are
-    Python packages (by import name) for what it does with pixels, which a QGIS may lack.
+    Parameters
+    ----------
+    name : as on the command line
+    title, group, summary, help : texts for people; they name options as arguments in backticks
+    options : dataclass of the options, which are its fields (`params_of`)
+    module : that holds ``run(options, context)``, which returns the report as a JSON-ready dict, and
+        ``summarise(report)``, which returns the few lines that a person reads; loaded when it is run, so that it may
+        import at its top what is heavy
+    layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
+    packages : Python packages (by import name) for what it does with pixels, which a QGIS may lack
     """
 
     name: str
@@ -196,27 +200,30 @@ class Algorithm:
     group: str
     summary: str
     help: str
-    run: Run
-    summarise: Callable[[Report], str]
-    options: type | None = None
-    declared: tuple[Param, ...] = ()
-    layers: tuple[str, ...] = field(default=())
-    packages: tuple[str, ...] = field(default=())
+    options: type
+    module: str
+    layers: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ()
 
     @cached_property
     def params(self) -> tuple[Param, ...]:
         """The declared options, in their order."""
-        return self.declared if self.options is None else params_of(self.options)
+        return params_of(self.options)
 
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
-        """Run with checked options, and close all images afterwards: nothing stays open when the work is done."""
-        from ...hrsi_engine.io.rasters import close_images
-
+        """Run with checked options, by key, and close all images: nothing stays open when the work is done."""
+        work, rasters = import_module(self.module), import_module(_RASTERS)
         context = replace(context, inputs=self.inputs(options))
         try:
-            return self.run(options if self.options is None else made_options(self.options, options), context)
+            report: Report = work.run(made_options(self.options, options), context)
+            return report
         finally:
-            close_images()
+            rasters.close_images()
+
+    def summarise(self, report: Report) -> str:
+        """Return the lines of a report that a person reads."""
+        text: str = import_module(self.module).summarise(report)
+        return text
 
     def inputs(self, options: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the files that checked options name for reading, without what stands behind ``|``."""
@@ -228,30 +235,27 @@ class Algorithm:
         return tuple(dict.fromkeys(filter(None, files)))
 
     def defaults(self) -> dict[str, Any]:
-        """Return every option at its default, by keyword."""
+        """Return every option at its default, by key."""
         return {param.key: param.default for param in self.params}
 
     def param(self, key: str) -> Param:
-        """Return the parameter of a keyword."""
+        """Return the parameter of a key."""
         return next(param for param in self.params if param.key == key)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResultFolder:
-    """Where results go."""
-
-    output_dir: str = option(
-        help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
-    )
-    overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
+def algorithm_module(declaration: str) -> str:
+    """Return the module of an algorithm by the name of its declaration's, which stands in the folder beside it."""
+    return declaration.replace(".declarations.", ".")
 
 
-@dataclass(frozen=True)
-class Common:
-    """What every algorithm takes."""
-
-    threads: int = threads_option()
+def is_unusable(report: Report) -> bool:
+    """Return whether a report has the verdict that its result cannot be used; algorithms without one never do."""
+    return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
 
 
-OUTPUT_PARAMS = params_of(ResultFolder)
-COMMON_PARAMS = params_of(Common)
+def unusable_text(report: Report) -> str:
+    """Return on one line why a result cannot be used, and what to do first."""
+    verdict = report["verdict"]
+    worst = next(iter(verdict["reasons"]), None)
+    reason = f": {worst['message']}; {worst['advice']}" if worst else ""
+    return f"the result is unusable{reason}"

@@ -73,13 +73,14 @@ def _check_choice(param: Param, value: Any) -> None:
 
 
 def _check_range(param: Param, value: Any) -> None:
-    if param.kind not in (Kind.INTEGER, Kind.NUMBER):
+    if param.kind not in (Kind.INTEGER, Kind.NUMBER, Kind.RANGE):
         return
+    low, high = value if isinstance(value, tuple) else (value, value)
     unit = f" {param.unit}" if param.unit else ""
-    if param.minimum is not None and value < param.minimum:
-        raise InputError(f"{option_label(param)} {value:g} is below its minimum {param.minimum:g}{unit}")
-    if param.maximum is not None and value > param.maximum:
-        raise InputError(f"{option_label(param)} {value:g} is above its maximum {param.maximum:g}{unit}")
+    if param.minimum is not None and low < param.minimum:
+        raise InputError(f"{option_label(param)} {low:g} is below its minimum {param.minimum:g}{unit}")
+    if param.maximum is not None and high > param.maximum:
+        raise InputError(f"{option_label(param)} {high:g} is above its maximum {param.maximum:g}{unit}")
 
 
 def _text(value: Any) -> str:
@@ -113,6 +114,16 @@ def _groups(value: Any) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(text for one in group if (text := str(one).strip())) for group in groups if group)
 
 
+def _range(value: Any) -> tuple[float, float]:
+    """Accept ``"LOW,HIGH"``, two numbers, or one for both."""
+    items = value.split(",") if isinstance(value, str) else value
+    numbers = [_number(item) for item in (items if isinstance(items, (list, tuple)) else [items])]
+    low, high = numbers * 2 if len(numbers) == 1 else numbers
+    if low > high:
+        raise ValueError
+    return low, high
+
+
 def _integer(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Integral)):
         raise TypeError
@@ -144,6 +155,7 @@ VALUE_OF: dict[Kind, Callable[[Any], Any]] = {
     Kind.TEXT: _text,
     Kind.IDS: _ids,
     Kind.GROUPS: _groups,
+    Kind.RANGE: _range,
     Kind.CHOICE: _text,
     Kind.INTEGER: _integer,
     Kind.NUMBER: _number,
@@ -159,6 +171,7 @@ EXPECTED: dict[Kind, str] = {
     Kind.CRS: "the name of a CRS",
     Kind.TEXT: "a text",
     Kind.IDS: "a list of ids separated by commas",
+    Kind.RANGE: "a number, or a range LOW,HIGH with the lower one first",
     Kind.GROUPS: "a list of groups of ids: A+B,C+D",
     Kind.CHOICE: "a text",
     Kind.INTEGER: "a whole number",

@@ -15,13 +15,16 @@ from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.filled_dems import fill_gaps
 from ...hrsi_engine.io.orthoimages import file_state
+from ...hrsi_engine.io.point_files import read_points
+from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.ortho.footprint import footprint_bounds, mean_gsd_m, share_of_ground, terrain_below, utm_of
 from ...hrsi_engine.ortho.grid import MapGrid, rounded_resolution
+from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurface
-from ..files.terrain import dem_datum, open_terrain
+from ..declarations.orthorectify import OrthorectifyOptions
+from ..files.terrain import open_terrain
 
 METRES_PER_DEGREE = 111_320.0
-SOURCES = ("dem", "height", "terrain_points")
 NOTABLE_HEIGHT_M = 10.0  # an error of the constant height that the warning speaks of
 
 
@@ -47,47 +50,47 @@ class BlockPlan:
     warnings: list[str]
 
 
-def open_ortho_terrain(options: Mapping[str, Any]) -> Terrain:
+def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
     """Return the terrain that the options name; exactly one source must be there."""
-    given = [name for name in SOURCES if options[name] is not None]
+    sources = {
+        "dem": options.terrain.dem.dem,
+        "height": options.terrain.height,
+        "terrain_points": options.terrain_points,
+    }
+    given = [name for name, source in sources.items() if source is not None]
     if not given:
         raise InputError(
-            "orthoimages need the height of the ground: give --dem FILE, --terrain-points FILE (ground_points of a "
-            "triangulation) or, for flat land, --height M"
+            "orthoimages need the height of the ground: give `dem` FILE, `terrain_points` FILE (ground_points of a "
+            "triangulation) or, for flat land, `height` M"
         )
     if len(given) > 1:
-        named = " and ".join(f"--{name.replace('_', '-')}" for name in given)
+        named = " and ".join(f"`{name}`" for name in given)
         raise InputError(f"{named} all say how high the ground is: give one of them")
-    if options["terrain_points"] is not None:
-        return _terrain_of_points(options)
-    surface = open_terrain(options)
+    if options.terrain_points is not None:
+        return _terrain_of_points(options.terrain_points, options)
+    surface = open_terrain(options.terrain)
     assert surface is not None
     if isinstance(surface, GridSurface):
-        cells = options["fill_gaps"]
-        identity = [*file_state(options["dem"]), dem_datum(options), cells]
+        cells, dem = options.fill_gaps, options.terrain.dem
+        identity = [*file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]
         if not cells:
             return Terrain(surface, identity)
         return Terrain(fill_gaps(surface, cells), identity, [f"gaps of the DEM up to {cells} cells were interpolated"])
-    return Terrain(surface, ["height", options["height"]])
+    return Terrain(surface, ["height", options.terrain.height])
 
 
-def _terrain_of_points(options: Mapping[str, Any]) -> Terrain:
-    from ...hrsi_engine.io.point_files import read_points
-    from ...hrsi_engine.io.point_files.find import split_spec
-    from ...hrsi_engine.ortho.point_surface import surface_of_points
-
-    spec = options["terrain_points"]
-    tables = read_points(spec, ground_crs=options["ground_crs"], height_datum=options["height_datum"], adjusted=True)
+def _terrain_of_points(spec: str, options: OrthorectifyOptions) -> Terrain:
+    tables = read_points(spec, ground_crs=options.ground_crs, height_datum=options.terrain.height_datum, adjusted=True)
     if tables.ground is None:
         raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
     surface, left_out = surface_of_points(tables.ground.ground, tables.ground.sigma_m[:, 1])
     warnings = ["the terrain was interpolated between points: what stands between them has no height of its own"]
     if left_out:
         warnings.append(f"{spec}: {left_out} points stand far above or below their neighbours and were left out")
-    return Terrain(surface, [*file_state(split_spec(spec)[0]), spec, options["height_datum"]], warnings)
+    return Terrain(surface, [*file_state(split_spec(spec)[0]), spec, options.terrain.height_datum], warnings)
 
 
-def plan_block(images: Sequence[Image], terrain: Terrain, options: Mapping[str, Any]) -> BlockPlan:
+def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
     """Return the grids of all images, and what the user should know."""
     _check_images(images)
     below = {image.id: terrain_below(image, terrain.surface) for image in images}
@@ -95,10 +98,10 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: Mapping[str, 
         if not len(ground):
             raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
     gsd = {image.id: mean_gsd_m(image, below[image.id]) for image in images}
-    crs = _crs(options["crs"], np.concatenate(list(below.values())))
-    resolution = options["resolution"] or rounded_resolution(min(gsd.values()) / _metres_per_unit(crs))
+    crs = _crs(options.crs, np.concatenate(list(below.values())))
+    resolution = options.resolution or rounded_resolution(min(gsd.values()) / _metres_per_unit(crs))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain)]
-    grids = _grids(images, terrain.surface, crs, resolution, options["extent"])
+    grids = _grids(images, terrain.surface, crs, resolution, options.extent)
     return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings)
 
 
@@ -119,10 +122,10 @@ def _crs(given: str | None, ground: np.ndarray) -> str:
     try:
         crs = pyproj.CRS.from_user_input(given)
     except pyproj.exceptions.CRSError:
-        raise InputError(f"--crs {given!r} is no coordinate reference system: give EPSG:code or WKT") from None
+        raise InputError(f"`crs` {given!r} is no coordinate reference system: give EPSG:code or WKT") from None
     crs = crs.sub_crs_list[0] if crs.sub_crs_list else crs
     if not (crs.is_projected or crs.is_geographic):
-        raise InputError(f"--crs {given!r} is neither projected nor geographic: choose another")
+        raise InputError(f"`crs` {given!r} is neither projected nor geographic: choose another")
     return str(crs.to_wkt())
 
 
@@ -162,13 +165,13 @@ def _grids(
     elif extent == "overlap":
         box = (*every[:, :2].max(axis=0), *every[:, 2:].min(axis=0))
         if box[0] >= box[2] or box[1] >= box[3]:
-            raise InputError("--extent overlap: there is no ground that all images show; use union or each")
+            raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
         box = _box(extent)
     grid = MapGrid.around(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:
-        raise InputError(f"--extent {extent} holds nothing of {', '.join(missed)}: leave them out or widen the extent")
+        raise InputError(f"`extent` {extent} holds nothing of {', '.join(missed)}: leave them out or widen the extent")
     return dict.fromkeys(bounds, grid)
 
 
@@ -178,5 +181,5 @@ def _box(extent: str) -> tuple[float, ...]:
     except ValueError:
         box = ()
     if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
-        raise InputError(f"--extent {extent!r}: give each, union, overlap, or west,south,east,north in the CRS")
+        raise InputError(f"`extent` {extent!r}: give each, union, overlap, or west,south,east,north in the CRS")
     return box

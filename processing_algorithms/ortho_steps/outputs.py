@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import Cancelled, InputError
 from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.threads import thread_count
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.ortho_warp import OrthoSource, Warp
 from ...hrsi_engine.io.orthoimages import (  # fmt: skip
@@ -29,12 +31,13 @@ from ...hrsi_engine.io.orthoimages import (  # fmt: skip
     write_orthoimage,
 )
 from ...hrsi_engine.io.output_dir import stage_folder
+from ...hrsi_engine.io.pages import write_page
 from ...hrsi_engine.io.report import write_report_json
 from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.ortho.grid import MapGrid
 from ...hrsi_engine.ortho.mapping import OrthoMapping
-from ..interface.declare import Context, Report
-from ..interface.threads import requested_threads
+from ..declarations.orthorectify import OrthorectifyOptions
+from ..interface.declare import Context, Report, settings_of
 from .inputs import BlockPlan
 
 ENDING = "_ortho.tif"
@@ -59,18 +62,18 @@ class Job:
         return self.mapping.grid
 
 
-def jobs_of(plan: BlockPlan, options: Mapping[str, Any]) -> list[Job]:
+def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[Job]:
     """Return the orthoimages of a plan."""
-    form = OrthoFormat(options["format"], options["compression"])
+    form = OrthoFormat(options.format, options.compression)
     jobs = []
     for image in plan.images:
         source = OrthoSource(image.path)
         grid = plan.grids[image.id]
-        mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options["error_px"])
+        mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px)
         scale = mapping.source_pixels_per_pixel()
-        warp = Warp(options["resampling"], scale, _nodata(options["nodata"], source))
-        path = os.path.join(options["output_dir"], image.id + ENDING)
-        made_from = _made_from(image, plan, warp, form, options["error_px"])
+        warp = Warp(options.resampling, scale, _nodata(options.nodata, source))
+        path = os.path.join(options.folder.output_dir, image.id + ENDING)
+        made_from = _made_from(image, plan, warp, form, options.error_px)
         jobs.append(Job(image, path, source, mapping, warp, form, made_from))
     return jobs
 
@@ -98,30 +101,30 @@ def _nodata(given: str | None, source: OrthoSource) -> float | None:
     try:
         value = float(given)
     except ValueError:
-        raise InputError(f"--nodata {given!r} is neither a number nor mask") from None
+        raise InputError(f"`nodata` {given!r} is neither a number nor mask") from None
     if not source.holds(value):
-        raise InputError(f"--nodata {given}: {source.path} has {source.type_name} pixels, which cannot hold it")
+        raise InputError(f"`nodata` {given}: {source.path} has {source.type_name} pixels, which cannot hold it")
     return value
 
 
-def check_folder(options: Mapping[str, Any], jobs: Sequence[Job]) -> None:
+def check_folder(options: OrthorectifyOptions, jobs: Sequence[Job]) -> None:
     """Raise `InputError` where the output directory holds something that may not be replaced."""
-    folder = Path(options["output_dir"])
+    folder = Path(options.folder.output_dir)
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file: give --output-dir a directory")
+        raise InputError(f"{folder} is a file: give `output_dir` a directory")
     inputs = {os.path.realpath(job.image.path) for job in jobs}
     for job in jobs:
         if os.path.realpath(job.path) in inputs:
-            raise InputError(f"{job.path} is an input and would be replaced: choose another --output-dir")
-    if options["overwrite"]:
+            raise InputError(f"{job.path} is an input and would be replaced: choose another `output_dir`")
+    if options.folder.overwrite:
         return
     others = [job.path for job in jobs if os.path.exists(job.path) and not _finished(job)]
     if others:
         raise InputError(
-            f"{others[0]} was made from other files or with other options: add --overwrite or choose another directory"
+            f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
         )
     if _foreign_report(folder):
-        raise InputError(f"{folder} already holds another result: add --overwrite or choose another directory")
+        raise InputError(f"{folder} already holds another result: add `overwrite` or choose another directory")
 
 
 def _foreign_report(folder: Path) -> bool:
@@ -138,10 +141,10 @@ def _finished(job: Job) -> bool:
     return stamp_of(job.path) == fingerprint(job.made_from)
 
 
-def make_all(jobs: Sequence[Job], options: Mapping[str, Any], context: Context) -> dict[str, Report]:
+def make_all(jobs: Sequence[Job], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
     """Make the orthoimages that are not there; return an entry for each image."""
-    Path(options["output_dir"]).mkdir(parents=True, exist_ok=True)
-    threads = requested_threads(options)
+    Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
+    threads = thread_count(options.common.threads)
     sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
     share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
     entries: dict[str, Report] = {}
@@ -175,24 +178,22 @@ def _entry(job: Job, status: str, figures: OrthoFigures | None, seconds: float) 
 
 
 def write_report(
-    plan: BlockPlan, entries: Mapping[str, Report], options: Mapping[str, Any], seconds: float, context: Context
+    plan: BlockPlan, entries: Mapping[str, Report], options: OrthorectifyOptions, seconds: float, context: Context
 ) -> Report:
     """Write ``report.json`` and, where wanted, ``report.html``; return the report."""
     warnings = [*plan.warnings, *_unknown_warnings(entries)]
     report: Report = {
         "schema": 1, "algorithm": "orthorectify", "version": VERSION, "seconds": {"total": round(seconds, 3)},
         "grid": {"crs": _crs_name(plan.crs), "wkt": plan.crs, "resolution": plan.resolution},
-        "resampling": options["resampling"], "error_px": options["error_px"],
+        "resampling": options.resampling, "error_px": options.error_px,
         "images": {name: {"gsd_m": plan.gsd_m[name], **entry} for name, entry in entries.items()},
         "warnings": warnings, "versions": versions(),
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }  # fmt: skip
     for text in warnings:
         context.log(f"warning: {text}")
-    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
-        if options["report"]:
-            from ...hrsi_engine.io.pages import write_page
-
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+        if options.report:
             write_page(str(folder / "report.html"), "orthoimages.html.j2", report)
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
@@ -202,15 +203,13 @@ def write_report(
 def _unknown_warnings(entries: Mapping[str, Report]) -> list[str]:
     return [
         f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
-        "nodata; --fill-gaps bridges small gaps of the DEM, another DEM large ones"
+        "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
         for name, entry in entries.items()
         if entry["unknown_pixels"]
     ]
 
 
 def _crs_name(wkt: str) -> str:
-    import pyproj
-
     crs = pyproj.CRS.from_wkt(wkt)
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else str(crs.name)

@@ -6,8 +6,8 @@ import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,8 +33,8 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     shift_statistics,
     window_centres,
 )
-from ..interface.declare import Context, Report
-from .layer_names import LAYERS, LAYERS_FILE
+from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
+from ..interface.declare import Context, Report, settings_of
 
 WGS84 = 4326
 MOST_MAPS = 12
@@ -69,26 +69,20 @@ class MatchedPair:
         return np.asarray(np.all([found.good for found in self.matches.values()], axis=0))
 
 
-def match_options(options: Mapping[str, Any]) -> MisregistrationOptions:
-    """Return the engine's options; windows have an even side."""
-    window = options["window"] + options["window"] % 2
-    return MisregistrationOptions(window, options["search"], options["min_correlation"], most=options["most"])
-
-
-def open_pairs(options: Mapping[str, Any]) -> tuple[list[Pair], list[str]]:
+def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
     """Return the pairs of orthoimages that overlap, and what the user should know."""
-    paths = list(options["images"])
-    if options["reference"] is None and len(paths) < 2:
-        raise InputError("one orthoimage has nothing to be compared with: name two or more, or --reference")
+    paths = list(options.images)
+    if options.reference is None and len(paths) < 2:
+        raise InputError("one orthoimage has nothing to be compared with: name two or more, or `reference`")
     warnings: list[str] = []
     base = open_ortho(paths[0])
     sets = {AFTER: [_on_base(path, base, warnings) for path in paths]}
-    if options["before"] is not None:
-        sets = {BEFORE: [_on_base(path, base, warnings) for path in _before(options["before"], paths)], **sets}
+    if options.before is not None:
+        sets = {BEFORE: [_on_base(path, base, warnings) for path in _before(options.before, paths)], **sets}
     names = [Path(path).stem for path in paths]
-    if options["reference"] is not None:
-        reference = _on_base(options["reference"], base, warnings)
-        names.append(Path(options["reference"]).stem)
+    if options.reference is not None:
+        reference = _on_base(options.reference, base, warnings)
+        names.append(Path(options.reference).stem)
         sets = {state: [*rasters, reference] for state, rasters in sets.items()}
         chosen = [(len(paths), k) for k in range(len(paths))]
     else:
@@ -103,7 +97,7 @@ def _before(folder: str, paths: Sequence[str]) -> list[str]:
     found = [os.path.join(folder, os.path.basename(path)) for path in paths]
     missing = [path for path in found if not os.path.exists(path)]
     if missing:
-        raise InputError(f"{missing[0]} does not exist: --before needs a folder with orthoimages of the same names")
+        raise InputError(f"{missing[0]} does not exist: `before` needs a folder with orthoimages of the same names")
     return found
 
 
@@ -118,12 +112,19 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> OrthoRaster:
     return regrid(ortho, base)
 
 
+def _offset(base: OrthoRaster, ortho: OrthoRaster) -> tuple[int, int]:
+    """Return column and row of an orthoimage's corner in the base, on whose pixels it lies."""
+    offset = offset_of(base, ortho)
+    assert offset is not None
+    return offset
+
+
 def _pair(
     names: tuple[str, str], sets: Mapping[str, Sequence[OrthoRaster]], i: int, j: int, base: OrthoRaster
 ) -> Pair | None:
     """Return the pair of the orthoimages i and j, None where they do not overlap in every state."""
     states = {state: (rasters[i], rasters[j]) for state, rasters in sets.items()}
-    offsets = {state: tuple(offset_of(base, ortho) for ortho in both) for state, both in states.items()}
+    offsets = {state: (_offset(base, both[0]), _offset(base, both[1])) for state, both in states.items()}
     corners = [
         (offset, ortho.raster.size)
         for state, both in states.items()
@@ -150,18 +151,16 @@ def match_pairs(
             first, second = (
                 _reader(ortho, offset, pair.area) for ortho, offset in zip(both, pair.offsets[state], strict=True)
             )
-            name = " - ".join(pair.names)
-            advance(here, 0.0, name)
+            tell = partial(advance, here, message=" - ".join(pair.names))
+            tell(0.0)
             common = common_shift(first, second, *pair.area[2:])
-            found_here = measure_shifts(
-                first, _shifted(second, common), centres, options, lambda f, p=here, n=name: advance(p, f, n), threads
-            )
+            found_here = measure_shifts(first, _shifted(second, common), centres, options, tell, threads)
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(MatchedPair(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):
         raise SolveError(
             "no window could be matched: the orthoimages show different things, or their shifts differ by more than "
-            "--search from place to place; raise --search, or lower --min-correlation"
+            "`search` from place to place; raise `search`, or lower `min_correlation`"
         )
     return found
 
@@ -182,20 +181,20 @@ def _shifted(read: Read, shift: np.ndarray) -> Read:
 
 
 def write_results(
-    found: Sequence[MatchedPair], options: Mapping[str, Any], warnings: list[str], context: Context
+    found: Sequence[MatchedPair], options: OrthoCheckOptions, warnings: list[str], context: Context
 ) -> Report:
     """Write report, layers and maps; return the report."""
     report: Report = {
         "schema": 1, "algorithm": "ortho-check", "version": VERSION, "states": list(found[0].matches),
         "pairs": [_entry(pair) for pair in found], "all": _together(found),
         "warnings": [*warnings, *_poor(found)], "versions": versions(),
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }  # fmt: skip
     for text in report["warnings"]:
         context.log(f"warning: {text}")
-    with stage_folder(options["output_dir"], context.inputs, options["overwrite"]) as folder:
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), _layers(found), progress=stage(context.progress, 0.9, 1.0))
-        if options["report"]:
+        if options.report:
             write_page(str(folder / "report.html"), "misregistration.html.j2", report, maps=_maps(found))
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")

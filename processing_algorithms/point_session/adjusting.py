@@ -84,9 +84,11 @@ def _image_residuals(result: Adjustment, left: Residuals) -> dict[tuple[str, str
 
 def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[float, float, float]]:
     points = result.block.known.nonzero()[0]
-    return {
-        str(result.block.points.ids[index]): tuple(float(value) for value in left.ground_m[index]) for index in points
-    }  # type: ignore[return-value]
+    found = {}
+    for index in points:
+        east, north, up = left.ground_m[index].tolist()
+        found[str(result.block.points.ids[index])] = (east, north, up)
+    return found
 
 
 def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[str, str], str]:

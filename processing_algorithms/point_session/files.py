@@ -43,8 +43,11 @@ def new_session(
 
     opened = _open_images(images)
     ids = [image.id for image in opened]
-    given = {"ground_crs": ground_crs, "height_datum": height_datum, "image_ids": ids}
-    tables = [read_points(source, **given) for source in (gcps, image_points) if source]
+    tables = [
+        read_points(source, ground_crs=ground_crs, height_datum=height_datum, image_ids=ids)
+        for source in (gcps, image_points)
+        if source
+    ]
     ground = tables[0].ground if gcps and tables else None
     measured = [table.image for table in tables if table.image is not None]
     return _session(opened, ground, measured[-1] if measured else None, "")
@@ -159,7 +162,9 @@ def _known_points(ground: GroundPoints) -> list[KnownPoint]:
     return [
         KnownPoint(
             str(ground.ids[row]),
-            *map(float, ground.ground[row]),
+            float(ground.ground[row, 0]),
+            float(ground.ground[row, 1]),
+            float(ground.ground[row, 2]),
             role=ROLES[1] if ground.role[row] == Role.CHECK else ROLES[0],
             sigma_xy=float(ground.sigma_m[row, 0]),
             sigma_h=float(ground.sigma_m[row, 1]),

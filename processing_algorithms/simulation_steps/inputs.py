@@ -1,23 +1,15 @@
-"""From the options of `simulate` to the arguments of the engine's `simulate_block`."""
+"""From the options of `simulate` to the views that the engine simulates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.simulation import (  # fmt: skip
-    SENSORS,
-    Noise,
-    OrientationError,
-    PointCounts,
-    SceneSpec,
-    SceneView,
-    Sensor,
-    along_track_views,
-    strip_views,
-)
+from ...hrsi_engine.simulation.sensors import SENSORS, OrientationError, Sensor
+from ...hrsi_engine.simulation.views import SceneView, along_track_views, strip_views
+from ..declarations.simulate import VendorErrorOptions, ViewOptions
 
 #: Options that give the vendor's error, and the field of `OrientationError` that each one sets.
 VENDOR_ERRORS = {
@@ -28,37 +20,22 @@ VENDOR_ERRORS = {
 }
 
 
-def arguments(options: Mapping[str, Any]) -> tuple[SceneSpec, tuple[SceneView, ...], PointCounts, Noise]:
-    """Return scene, views, numbers of points and noise."""
-    scene = SceneSpec(
-        options["lon"], options["lat"], options["height"], options["relief"], options["cliffs"], options["seed"]
-    )
-    points = PointCounts(options["gcps"], options["checks"], options["ties"])
-    noise = Noise(
-        image_px=options["noise_image"], gcp_xy_m=options["noise_gcp_xy"], gcp_h_m=options["noise_gcp_h"],
-        blunders=options["blunders"], gcp_blunders=options["gcp_blunders"], blunder_px=options["blunder_size"],
-        wrong_heights=options["wrong_heights"], wrong_height_m=options["wrong_height_size"],
-        vendor=options["vendor_error"],
-    )  # fmt: skip
-    return scene, views(options), points, noise
-
-
-def views(options: Mapping[str, Any]) -> tuple[SceneView, ...]:
+def make_views(options: ViewOptions, vendor: VendorErrorOptions) -> tuple[SceneView, ...]:
     """Return the views that the options describe; raises `InputError` for angles that do not match the images."""
-    sensor = SENSORS[options["sensor"]]
-    samples = options["size"]
-    size = (samples, options["lines"] or samples)
-    heading, images = options["heading"], options["images"]
-    if options["strips"] * options["places"] > 1:
-        taken = strip_views(sensor, options["strips"], options["places"], images, size, options["overlap"], heading)
+    sensor = SENSORS[options.sensor]
+    samples = options.size
+    size = (samples, options.lines or samples)
+    heading, images = options.heading, options.images
+    if options.strips * options.places > 1:
+        taken = strip_views(sensor, options.strips, options.places, images, size, options.overlap, heading)
     else:
         taken = along_track_views(sensor, images, size, heading_deg=heading)
-    angles = _numbers(options, "along", images) if options["along"] else None
-    error, jitter = _vendor_error(options), _jitter(options, sensor)
+    angles = _numbers("along", options.along, images) if options.along else None
+    error, jitter = _vendor_error(vendor), _jitter(vendor, sensor)
     return tuple(
         replace(
             view,
-            across_deg=options["across"],
+            across_deg=options.across,
             along_deg=view.along_deg if angles is None else angles[number % images],
             vendor_error=error,
             jitter=jitter,
@@ -67,28 +44,31 @@ def views(options: Mapping[str, Any]) -> tuple[SceneView, ...]:
     )
 
 
-def _numbers(options: Mapping[str, Any], key: str, count: int) -> Sequence[float]:
+def _numbers(argument: str, given: Sequence[str], count: int) -> tuple[float, ...]:
     """Return the numbers of an option such as ``1.5,0,-3``."""
-    given = options[key]
     try:
-        numbers = [float(text) for text in given]
+        numbers = tuple(float(text) for text in given)
     except ValueError:
-        numbers = []
+        numbers = ()
     if len(numbers) != count:
-        raise InputError(f"--{key.replace('_', '-')} is {','.join(given)}: give {count} numbers separated by commas")
+        raise InputError(f"`{argument}` is {','.join(given)}: give {count} numbers separated by commas")
     return numbers
 
 
-def _vendor_error(options: Mapping[str, Any]) -> OrientationError | None:
-    given = {field: tuple(_numbers(options, key, 3)) for key, field in VENDOR_ERRORS.items() if options[key]}
-    return OrientationError(**given) if given else None  # type: ignore[arg-type]
+def _vendor_error(options: VendorErrorOptions) -> OrientationError | None:
+    """Return the error of the vendor's orientation, None where it is to be random."""
+    given = {name: values for name in VENDOR_ERRORS if (values := getattr(options, name))}
+    if not given:
+        return None
+    found: dict[str, Any] = {VENDOR_ERRORS[name]: _numbers(name, values, 3) for name, values in given.items()}
+    return OrientationError(**found)
 
 
-def _jitter(options: Mapping[str, Any], sensor: Sensor) -> OrientationError:
+def _jitter(options: VendorErrorOptions, sensor: Sensor) -> OrientationError:
     """Return a vibration of roll and pitch, a quarter period apart."""
-    amplitude = options["jitter"] * sensor.detector_angle_rad
+    amplitude = options.jitter * sensor.detector_angle_rad
     return OrientationError(
         jitter_rad=(amplitude, amplitude, 0.0),
-        jitter_period_lines=options["jitter_period"],
+        jitter_period_lines=options.jitter_period,
         jitter_phase_rad=(0.0, 1.5708, 0.0),
     )

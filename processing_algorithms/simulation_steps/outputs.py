@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.foundation.progress import Progress, stage
+from ...hrsi_engine.foundation.threads import thread_count
 from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.ground.geodesy import WGS84_3D
 from ...hrsi_engine.io.layers import Layer, write_geopackage
@@ -21,20 +20,15 @@ from ...hrsi_engine.io.simulated_block import (  # fmt: skip
     write_image,
     write_image_points,
 )
-from ...hrsi_engine.simulation import (  # fmt: skip
-    SimulatedBlock,
-    multispectral_renderers,
-    multispectral_rpc,
-    orthophoto,
-    renderer,
-    truth_document,
-    truth_tables,
-)
-from ..interface.declare import Report
-from ..interface.threads import requested_threads
+from ...hrsi_engine.simulation.render import multispectral_renderers, orthophoto, renderer
+from ...hrsi_engine.simulation.synthesis import SimulatedBlock
+from ...hrsi_engine.simulation.truth_tables import truth_document, truth_tables
+from ...hrsi_engine.simulation.vendor import multispectral_rpc
+from ..declarations.simulate import SimulateOptions
+from ..interface.declare import Report, settings_of
 
 
-def block_report(simulated: SimulatedBlock, options: Mapping[str, Any]) -> Report:
+def block_report(simulated: SimulatedBlock, options: SimulateOptions) -> Report:
     """Return what the report says of the block: images with their RPC fits, and how many points there are."""
     truth, roles = simulated.truth, simulated.truth.role
     return {
@@ -54,7 +48,7 @@ def block_report(simulated: SimulatedBlock, options: Mapping[str, Any]) -> Repor
         "observations": len(truth.image_points.point),
         "blunders": int(truth.blunder.sum()),
         "wrong_heights": int(truth.wrong_height.sum()),
-        "settings": {key: value for key, value in options.items() if value is not None},
+        "settings": settings_of(options),
     }
 
 
@@ -73,19 +67,19 @@ def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]
     return ["dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg"]
 
 
-def write_cameras(folder: Path, simulated: SimulatedBlock, options: Mapping[str, Any], progress: Progress) -> list[str]:
+def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> list[str]:
     """Write images, or RPC files in their place, and the orthophoto; return the names of the files."""
-    threads = requested_threads(options)
-    count = len(simulated.views) + bool(options["ortho"])
+    threads = thread_count(options.common.threads)
+    count = len(simulated.views) + options.ortho
     names: list[str] = []
     for index, image in enumerate(simulated.block.images):
         part = stage(progress, index / count, (index + 1) / count)
-        if options["pixels"]:
-            names += _write_images(folder, simulated, index, bool(options["ms"]), threads, part)
+        if options.pixels:
+            names += _write_images(folder, simulated, index, options.ms, threads, part)
         else:
             names.append(f"{image.id}_RPC.TXT")
             write_rpc_text(str(folder / names[-1]), image.rpc)
-    if options["ortho"]:
+    if options.ortho:
         ortho = orthophoto(simulated.scene, simulated.scene.finest_gsd_m)
         names.append("orthophoto.tif")
         write_image(

@@ -368,7 +368,7 @@ def test_damaged_csv_names_what_is_wrong(tmp_path: Path, text: str, message: str
 
 def test_damaged_layers_name_what_is_wrong(tmp_path: Path) -> None:
     no_crs = write_layer(tmp_path / "n.gpkg", "GPKG", None, GROUND, {"id": IDS})
-    with pytest.raises(InputError, match="assign one to the layer, or give --ground-crs"):
+    with pytest.raises(InputError, match="assign one to the layer, or give `ground_crs`"):
         read_points(str(no_crs))
     assert_ground(read_points(str(no_crs), ground_crs="EPSG:4979").ground.ground)  # type: ignore[union-attr]
     text = write_layer(

@@ -288,8 +288,8 @@ def test_nothing_to_match():
 
 def test_wrong_use():
     window = true_pair("grass", 100).first
-    with pytest.raises(InputError, match="no interest point detector 'corners'"):
-        match_windows(window, window, ControlNetworkOptions(detectors=("corners",)))
+    with pytest.raises(InputError, match="no interest points 'corners'"):
+        match_windows(window, window, ControlNetworkOptions(detector="corners"))
     with pytest.raises(InputError, match="less than 32 x 32"):
         match_windows(window, window, None, Area(200, 200, 300, 300))
     with pytest.raises(Cancelled):

@@ -194,7 +194,7 @@ def test_pan_and_multispectral_centres_agree(large_objects: SimulatedBlock):
     pan, ms = (scenes.rendered(large_objects, "image_1", band) for band in ("pan", "green"))
     errors = {}
     for detector in ("centres", "harris"):
-        coarse, fine = (detect_interest_points(image, detector) for image in (ms, pan))
+        coarse, fine = (detect_interest_points(image, detector, scenes.CANDIDATES) for image in (ms, pan))
         there = scenes.carried(large_objects, coarse.xy, ms, pan)
         a, b = scenes.pairs(there, fine.xy, 4.0)
         same = scenes.alike(coarse.select(a), fine.select(b), 4.0)
@@ -218,7 +218,7 @@ def test_pan_and_multispectral_centres_agree(large_objects: SimulatedBlock):
 @EVERY_DETECTOR
 def test_real_images_have_points_in_every_quarter(real_data, name: str, detector: str):
     raster = GdalRaster(str(real_data / name))
-    found = detect_interest_points(raster, detector)
+    found = detect_interest_points(raster, detector, scenes.CANDIDATES)
     quarters = np.bincount((found.xy > np.array(raster.size) / 2.0) @ [1, 2], minlength=4)
     kinds = dict(zip(*np.unique(found.kind, return_counts=True), strict=True))
     print(f"{name} {detector}: {len(found)} points, quarters {quarters}, {kinds}")

@@ -22,7 +22,7 @@ def test_resolutions_are_round_and_never_much_coarser(gsd: float, resolution: fl
 
 @pytest.mark.parametrize("gsd", [0.0, -1.0, np.nan, np.inf])
 def test_no_resolution_without_a_pixel_size(gsd: float) -> None:
-    with pytest.raises(InputError, match="--resolution"):
+    with pytest.raises(InputError, match="`resolution`"):
         rounded_resolution(gsd)
 
 

@@ -12,7 +12,7 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.processing_algorithms.block_steps.dem_offset import offset_warning
-from hrsi.processing_algorithms.files.terrain import DemOptions
+from hrsi.processing_algorithms.interface.option_groups import DemOptions
 
 
 @pytest.fixture

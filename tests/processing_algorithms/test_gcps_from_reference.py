@@ -107,7 +107,7 @@ def test_command_line_and_errors(block, tmp_path, capsys):
     assert "matches agree to" in capsys.readouterr().out
     with pytest.raises(InputError, match="no coordinate reference system"):
         run("gcps-from-reference", **options(block, reference=given["images"][0], output_dir=str(tmp_path / "a")))
-    with pytest.raises(InputError, match="--dem"):
+    with pytest.raises(InputError, match="`dem`"):
         triangulate(block, tmp_path / "b", dem=None)
     written = run("write-rpc", images=given["images"][:1], write="sidecar", output_dir=str(tmp_path / "rpc"))
     alone = [written["images"]["image_1"]["output"]]
@@ -128,7 +128,7 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
         report=False, output_dir=str(tmp_path),
     )  # fmt: skip
     text = " ".join(report["warnings"])
-    assert ("the geoid is +28" in text and "--dem-datum" in text) == flagged
+    assert ("the geoid is +28" in text and "`dem_datum`" in text) == flagged
 
 
 def test_quickbird_positions_differ_as_the_geoid_says(real_data):

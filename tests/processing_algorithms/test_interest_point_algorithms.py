@@ -13,10 +13,11 @@ from osgeo import gdal, ogr
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
+from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
 from hrsi.hrsi_engine.measurement.registration import FORMS
+from hrsi.hrsi_engine.measurement.registration_options import REGISTRATION_MODELS
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interest_points import ALGORITHM, DETECTOR_SETS
-from hrsi.processing_algorithms.register import MODELS
+from hrsi.processing_algorithms.declarations.interest_points import ALGORITHM
 from hrsi.tests.measurement.test_targets import CENTRE, disc, image
 
 
@@ -38,7 +39,7 @@ def features(path: Path, layer: str) -> list[dict]:
 
 def test_choices_are_the_engine_s():
     assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
-    assert {form for form, _ in MODELS.values()} == set(FORMS)
+    assert {form for form, _ in REGISTRATION_MODELS.values()} == set(FORMS)
     assert next(param.default for param in ALGORITHM.params if param.name == "quality") == STRONG_QUALITY
 
 
@@ -120,7 +121,7 @@ def test_register_by_rpc(thesis_data: Path, tmp_path: Path):
 
 def test_what_is_missing_is_said(picture: Path, tmp_path: Path):
     for options, reason in (
-        ({"images": [picture]}, "give either --points"),
+        ({"images": [picture]}, "give either `points`"),
         ({"points": picture}, "need the images"),
     ):
         with pytest.raises(InputError, match=reason):

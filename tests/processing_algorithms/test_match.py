@@ -14,8 +14,9 @@ from osgeo import gdal, ogr
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS
+from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.match import ALGORITHM, DETECTOR_SETS
+from hrsi.processing_algorithms.match import summarise
 
 
 def write(path: Path, grey: np.ndarray, nodata: int | None = None) -> Path:
@@ -97,7 +98,7 @@ def test_no_match_is_a_status(files: list[Path], tmp_path: Path):
     report = run("match", images=[files[0], flat], output_dir=tmp_path / "out", threads=1)
     assert (report["status"], report["correspondences"]) == ("no match", 0)
     assert "second window has 0 interest points" in report["warnings"][0]
-    assert ALGORITHM.summarise(report) == report["warnings"][0]
+    assert summarise(report) == report["warnings"][0]
     assert rows_of(tmp_path / "out" / "match.gpkg", "correspondences") == []
     assert json.loads((tmp_path / "out" / "report.json").read_text())["rotation_deg"] is None
 
@@ -105,7 +106,7 @@ def test_no_match_is_a_status(files: list[Path], tmp_path: Path):
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"window_1": "1,2,3"}, "--window-1 '1,2,3' is not SAMPLE,LINE,SAMPLES,LINES"),
+        ({"window_1": "1,2,3"}, "`window_1` '1,2,3' is not SAMPLE,LINE,SAMPLES,LINES"),
         ({"window_2": "500,500,100,100"}, "less than 32 x 32 pixels in the image of 300 x 300"),
         ({"scale": "wide"}, "--scale 'wide' is not a number"),
         ({"scale": "2,1"}, "the lower one first"),

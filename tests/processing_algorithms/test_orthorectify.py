@@ -17,7 +17,10 @@ from hrsi.hrsi_engine.io.ortho_warp import RESAMPLING
 from hrsi.hrsi_engine.io.orthoimages import COMPRESSION, FORMATS
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
-from hrsi.processing_algorithms import orthorectify, run
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.declarations import orthorectify as declared
+from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
+from hrsi.processing_algorithms.interface.declare import made_options
 from hrsi.processing_algorithms.ortho_steps.inputs import open_ortho_terrain
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import LAT, LON
@@ -109,7 +112,7 @@ def test_terrain_points_of_a_block_layer_lie_where_they_were_adjusted(tmp_path: 
     lines += [f"{name},gcp,{x},{y},50,{x},{y},80" for name, x, y in rows[3:]]
     (tmp_path / "points.csv").write_text("\n".join(lines), encoding="utf-8")
     options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
-    terrain = open_ortho_terrain(options | {"height_datum": "ellipsoidal"})
+    terrain = open_ortho_terrain(made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal"}))
     assert surface_heights(terrain.surface, np.array([[LON + 0.005, LAT + 0.005]])) == pytest.approx(50.0)
 
 
@@ -123,7 +126,7 @@ def test_terrain_points_count_by_the_sigmas_of_their_adjusted_heights(tmp_path: 
     head = "id,role,lon,lat,height,sigma_height_m,sigma_h"
     (tmp_path / "points.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
-    terrain = open_ortho_terrain(options | {"height_datum": "ellipsoidal"})
+    terrain = open_ortho_terrain(made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal"}))
     places = np.random.default_rng(1).uniform([LON + 2e-4, LAT + 2e-4], [LON + 1.7e-3, LAT + 1.7e-3], (200, 2))
     assert np.abs(surface_heights(terrain.surface, places) - 50.0).max() < 0.2
 
@@ -308,7 +311,7 @@ def test_finished_orthoimages_are_kept(scene: Path, tmp_path: Path) -> None:
 
 def test_other_options_need_overwrite(scene: Path, tmp_path: Path) -> None:
     ortho(scene, tmp_path)
-    with pytest.raises(InputError, match="--overwrite"):
+    with pytest.raises(InputError, match="`overwrite`"):
         ortho(scene, tmp_path, resampling="bilinear")
     assert ortho(scene, tmp_path, resampling="bilinear", overwrite=True)["images"]["a"]["status"] == "made"
 
@@ -403,9 +406,9 @@ def test_an_rpc_file_alone_has_no_pixels(scene: Path, tmp_path: Path) -> None:
 
 
 def test_choices_are_the_engines() -> None:
-    assert set(orthorectify.RESAMPLING_CHOICES) == set(RESAMPLING)
-    assert set(orthorectify.FORMAT_CHOICES) == set(FORMATS)
-    assert set(orthorectify.COMPRESSION_CHOICES) == set(COMPRESSION)
+    assert set(declared.RESAMPLING_NAMES) == set(RESAMPLING)
+    assert set(declared.FORMAT_NAMES) == set(FORMATS)
+    assert set(declared.COMPRESSION_NAMES) == set(COMPRESSION)
 
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))

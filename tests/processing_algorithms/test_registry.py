@@ -9,7 +9,8 @@ import pytest
 import hrsi.processing_algorithms as processing_algorithms
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.interface.declare import COMMON_PARAMS, Algorithm, Kind
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, params_of
+from hrsi.processing_algorithms.interface.option_groups import Common
 from hrsi.processing_algorithms.interface.options import VALUE_OF, checked_options
 from hrsi.tests.sample_algorithm import SAMPLE
 
@@ -33,7 +34,7 @@ def test_options_are_declared_once_and_beside_the_common_ones(algorithm: Algorit
     names = [param.name for param in algorithm.params]
     assert len(set(names)) == len(names)
     assert not {"quiet", "json", "help"} & set(names)
-    assert set(COMMON_PARAMS) <= set(algorithm.params)
+    assert set(params_of(Common)) <= set(algorithm.params)
     assert sum(param.kind is Kind.IMAGES for param in algorithm.params) <= 1
 
 

@@ -117,7 +117,7 @@ def test_nobody_waits_for_a_person(scene: tuple[str, RPC], monkeypatch: pytest.M
     terminal.isatty = lambda: True  # type: ignore[method-assign]
     for stdin in (terminal, None):
         monkeypatch.setattr(sys, "stdin", stdin)
-        with pytest.raises(InputError, match="--points"):
+        with pytest.raises(InputError, match="`points`"):
             run("project", images=[scene[0]])
 
 
@@ -190,7 +190,7 @@ def test_rpc_info_says_that_overlap_depends_on_height(real_data: Path) -> None:
     images = [str(real_data / "ventoux_phr_pair" / name) for name in ("left_image.tif", "right_image.tif")]
     report = run("rpc-info", images=images)
     assert report["pairs"][0]["convergence_deg"] is None
-    assert "--dem or --height" in report["warnings"][0]
+    assert "`dem` or `height`" in report["warnings"][0]
     with pytest.raises(InputError, match="same id"):
         run("rpc-info", images=[images[0], images[0]])
 

@@ -13,14 +13,14 @@ from osgeo import ogr
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.simulation import SENSORS
+from hrsi.hrsi_engine.simulation.options import SENSOR_NAMES
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.simulate import SENSOR_CHOICES
 
 SMALL: dict[str, Any] = dict(size=300, gcps=4, checks=6, ties=30)
 
 
 def test_choices_are_the_engines():
-    assert tuple(SENSORS) == SENSOR_CHOICES
+    assert tuple(SENSORS) == SENSOR_NAMES
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +91,8 @@ def test_options_reach_the_block(tmp_path: Path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (dict(along="1,2,3"), "--along is 1,2,3: give 2 numbers"),
-        (dict(vendor_attitude="a,b,c"), "--vendor-attitude is a,b,c"),
+        (dict(along="1,2,3"), "`along` is 1,2,3: give 2 numbers"),
+        (dict(vendor_attitude="a,b,c"), "`vendor_attitude` is a,b,c"),
         (dict(lat=89.0), "is not a place"),
         (dict(sensor="landsat"), "not one of"),
     ],

@@ -12,9 +12,9 @@ from rpc_samples import sample_rpc, write_image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.processing_algorithms.declarations.write_rpc import ALGORITHM, OUTPUT_ENDINGS
 from hrsi.processing_algorithms.interface.declare import Context, Report
 from hrsi.processing_algorithms.interface.options import checked_options
-from hrsi.processing_algorithms.write_rpc import ALGORITHM, SUFFIXES
 
 OLD, NEW = sample_rpc(1), sample_rpc(2)
 
@@ -23,7 +23,7 @@ def run(*images: Path, **options: Any) -> Report:
     given = {"images": [str(image) for image in images]} | {
         key: str(value) if isinstance(value, Path) else value for key, value in options.items()
     }
-    return ALGORITHM.run(checked_options(ALGORITHM, given), Context(silent, lambda message: None))
+    return ALGORITHM.execute(checked_options(ALGORITHM, given), Context(silent, lambda message: None))
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def new(tmp_path: Path) -> Path:
     return tmp_path / "rpcs" / "image_RPC.TXT"
 
 
-@pytest.mark.parametrize("how", SUFFIXES)
+@pytest.mark.parametrize("how", OUTPUT_ENDINGS)
 @pytest.mark.parametrize("folder_of_rpcs", [False, True])
 def test_each_way(how: str, folder_of_rpcs: bool, image: Path, new: Path, tmp_path: Path) -> None:
     rpc = new.parent if folder_of_rpcs else new
@@ -51,7 +51,7 @@ def test_each_way(how: str, folder_of_rpcs: bool, image: Path, new: Path, tmp_pa
     assert "image_RPC.TXT" in entry["source"]
     assert report["schema"] == 1
     assert "image" in ALGORITHM.summarise(report)
-    suffix = SUFFIXES[how]
+    suffix = OUTPUT_ENDINGS[how]
     assert Path(entry["output"]) == (image if suffix is None else tmp_path / "out" / f"image{suffix}")
 
 
@@ -89,7 +89,7 @@ def test_refused_before_anything_is_written(image: Path, new: Path, tmp_path: Pa
     bare = tmp_path / "bare.tif"
     write_image(bare, None)
     refused = {
-        "needs --output-dir": lambda: run(image),
+        "needs `output_dir`": lambda: run(image),
         "one image": lambda: run(image, tmp_path / "second.tif", rpc=new, output_dir=tmp_path / "out"),
         "no such file": lambda: run(image, rpc=tmp_path / "none.txt", output_dir=tmp_path / "out"),
         "has no RPC": lambda: run(image, bare, output_dir=tmp_path / "out"),

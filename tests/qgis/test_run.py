@@ -26,8 +26,9 @@ from qgis.PyQt.QtCore import QTimer
 from hrsi.plugin.algorithm import DeclaredAlgorithm
 from hrsi.plugin.dependencies import pip_command, python_executable
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import OUTPUT_PARAMS
-from hrsi.tests.qgis.tiny import TINY
+from hrsi.processing_algorithms.interface.declare import made_options, settings_of
+from hrsi.tests.qgis import answer
+from hrsi.tests.qgis.tiny import TINY, TinyFields
 
 CANCEL_S = 1.0
 
@@ -56,18 +57,19 @@ class Listener(QgsProcessingFeedback):
 
 
 def test_defaults_reach_the_engine(run_tiny, tmp_path: Path) -> None:
-    expected = TINY.defaults() | {"images": ["a_RPC.TXT"], "output_dir": str(tmp_path / "out")}
-    assert run_tiny() == expected
+    given = {"images": ("a_RPC.TXT",), "output_dir": str(tmp_path / "out")}
+    assert run_tiny() == settings_of(made_options(TINY.options, TINY.defaults() | given))
 
 
 def test_given_values_reach_the_engine(run_tiny) -> None:
     options = run_tiny(
         IMAGES=["a_RPC.TXT", "b.tif"], MODEL="shift", MAX_ITERATIONS="7", SIGMA_IMAGE=0.25, REPORT=False,
-        GCP_IDS="H003, H022", GEOID="/grids/geoid", TIE_POINTS="none", OVERWRITE=True,
+        GCP_IDS="H003, H022", STRIPS="a+b,c", SCALE="0.5,2", GEOID="/grids/geoid", TIE_POINTS="none", OVERWRITE=True,
     )  # fmt: skip
     expected = {
         "images": ["a_RPC.TXT", "b.tif"], "model": "shift", "max_iterations": 7, "sigma_image": 0.25,
-        "report": False, "gcp_ids": ["H003", "H022"], "geoid": "/grids/geoid", "tie_points": "none",
+        "report": False, "gcp_ids": ["H003", "H022"], "strips": ["a+b", "c"], "scale": [0.5, 2.0],
+        "geoid": "/grids/geoid", "tie_points": "none",
         "overwrite": True,
     }  # fmt: skip
     assert {name: options[name] for name in expected} == expected
@@ -93,8 +95,7 @@ def test_temporary_output(run_tiny) -> None:
 
 
 def test_report_of_an_algorithm_without_output_folder(qgis_processing) -> None:
-    params = tuple(param for param in TINY.params if param not in OUTPUT_PARAMS)
-    no_folder = replace(TINY, declared=params, run=lambda options, context: {"algorithm": "tiny-test", "answer": 42})
+    no_folder = replace(TINY, options=TinyFields, module=answer.__name__)
     result = processing.run(DeclaredAlgorithm(no_folder).create(), {"IMAGES": ["a"]})
     assert json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["answer"] == 42
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from osgeo import ogr, osr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.options import nested, option
 from hrsi.hrsi_engine.foundation.progress import advance
-from hrsi.processing_algorithms.interface.declare import OUTPUT_PARAMS, Algorithm, Context, Kind, Param, Report
+from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
+from hrsi.processing_algorithms.interface.option_groups import ResultFolder
 
 STEP_S = 0.02
 STYLE = """<!DOCTYPE qgis><qgis version="3.22"><renderer-v2 type="RuleRenderer" symbollevels="0"><rules key="r">
@@ -63,23 +64,57 @@ def _write_points(path: Path) -> None:
     styles.CreateFeature(feature)
 
 
-def run_tiny(options: Mapping[str, Any], context: Context) -> Report:
+@dataclass(frozen=True, kw_only=True)
+class TinyFields:
+    """An option of every kind but the output folder."""
+
+    images: tuple[str, ...] = option(help="Images or RPC files", kind=Kind.IMAGES)
+    dem: str | None = option(None, "Heights", kind=Kind.RASTER)
+    gcps: str | None = option(None, "Ground points", kind=Kind.POINTS)
+    tie_points: str = option("auto", "Tie points", kind=Kind.POINTS, metavar="auto|none|FILE")
+    height_datum: str = option("layer", "Heights", metavar="layer|ellipsoidal|FILE")
+    ground_crs: str | None = option(None, "CRS of points", kind=Kind.CRS)
+    geoid: str | None = option(None, "Geoid grid", kind=Kind.FILE)
+    text: str = option("none", "Text")
+    gcp_ids: tuple[str, ...] | None = option(None, "Control points")
+    strips: tuple[tuple[str, ...], ...] = option((), "Images of one strip")
+    scale: tuple[float, float] = option((0.8, 1.25), "Ratio of the pixels")
+    model: str = option("auto", "Model", choices=("auto", "shift", "affine"))
+    max_iterations: int = option(10, "Iterations", minimum=1, maximum=99, advanced=True)
+    sigma_image_px: float = option(0.5, "Sigma of a measurement", name="sigma-image", unit="px", minimum=0.0)
+    wait: float | None = option(None, "Time to wait, beside `sigma_image_px`", unit="s")
+    report: bool = option(True, "Write a report")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TinyOptions(TinyFields):
+    """An option of every kind."""
+
+    folder: ResultFolder = nested(ResultFolder)
+
+
+def run(options: TinyOptions, context: Context) -> Report:
     """Report the options; ``wait`` seconds pass in steps that can be cancelled."""
-    _fail_as_asked(options["text"])
-    steps = max(1, round((options["wait"] or 0.0) / STEP_S))
+    _fail_as_asked(options.text)
+    steps = max(1, round((options.wait or 0.0) / STEP_S))
     for step in range(steps):
         advance(context.progress, step / steps, "waiting")
         time.sleep(STEP_S)
     context.log("waited")
-    report = {"schema": 1, "algorithm": "tiny-test", "options": dict(options)}
-    if options["text"] in REASONS:
-        report["verdict"] = {"level": options["text"], "sentence": "2 images", "reasons": REASONS[options["text"]]}
-    if options["output_dir"]:
-        folder = Path(options["output_dir"])
+    report = {"schema": 1, "algorithm": "tiny-test", "options": settings_of(options)}
+    if options.text in REASONS:
+        report["verdict"] = {"level": options.text, "sentence": "2 images", "reasons": REASONS[options.text]}
+    if options.folder.output_dir:
+        folder = Path(options.folder.output_dir)
         folder.mkdir(parents=True, exist_ok=True)
         _write_points(folder / "tiny.gpkg")
         (folder / "report.json").write_text(json.dumps(report), encoding="utf-8")
     return report
+
+
+def summarise(report: Report) -> str:
+    """Return the algorithm's name."""
+    return f"algorithm {report['algorithm']}"
 
 
 TINY = Algorithm(
@@ -88,24 +123,7 @@ TINY = Algorithm(
     group="Tests",
     summary="Says what it was given",
     help="First paragraph.\n\nSecond with a < sign.",
-    declared=(
-        Param("images", Kind.IMAGES, "Images or RPC files", required=True),
-        Param("dem", Kind.RASTER, "Heights"),
-        Param("gcps", Kind.POINTS, "Ground points"),
-        Param("tie-points", Kind.POINTS, "Tie points", default="auto", metavar="auto|none|FILE"),
-        Param("height-datum", Kind.TEXT, "Heights", default="layer", metavar="layer|ellipsoidal|FILE"),
-        Param("ground-crs", Kind.CRS, "CRS of points"),
-        Param("geoid", Kind.FILE, "Geoid grid"),
-        Param("text", Kind.TEXT, "Text", default="none"),
-        Param("gcp-ids", Kind.IDS, "Control points"),
-        Param("model", Kind.CHOICE, "Model", default="auto", choices=("auto", "shift", "affine")),
-        Param("max-iterations", Kind.INTEGER, "Iterations", default=10, minimum=1, maximum=99, advanced=True),
-        Param("sigma-image", Kind.NUMBER, "Sigma of a measurement", default=0.5, unit="px", minimum=0.0),
-        Param("wait", Kind.NUMBER, "Time to wait", unit="s"),
-        Param("report", Kind.FLAG, "Write a report", default=True),
-        *OUTPUT_PARAMS,
-    ),
-    run=run_tiny,
-    summarise=lambda report: f"algorithm {report['algorithm']}",
+    options=TinyOptions,
+    module=__name__,
     layers=("tiny.gpkg|layername=points", "tiny.gpkg|layername=not_written"),
 )

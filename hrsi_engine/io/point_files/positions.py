@@ -21,7 +21,7 @@ Surface = Callable[[np.ndarray], np.ndarray]
 
 #: Fields of HRSI's own layers, whose geometry is the adjusted position: the surveyed one, lon, lat, ellipsoidal height.
 SURVEYED = ("survey_lon", "survey_lat", "survey_height")
-_ADD_HEIGHTS = "add a field 'height' or points with z, or name a DEM with --dem"
+_ADD_HEIGHTS = "add a field 'height' or points with z, or name a DEM with `dem`"
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ def _given_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
     if table.geometry is not None:
         x, y, z, crs = *table.geometry.T, table.crs or reference.ground_crs
         if table.crs and reference.ground_crs:
-            warnings.append(f"{table.source}: has a CRS of its own, --ground-crs is not used for it")
+            warnings.append(f"{table.source}: has a CRS of its own, `ground_crs` is not used for it")
     else:
         x, y = (fields["x"], fields["y"]) if prefer_xy or "lon" not in fields else (fields["lon"], fields["lat"])
         z = np.full(len(table), np.nan)
         crs = reference.ground_crs or ("" if x is fields.get("x") else "EPSG:4326")
     if not crs:
-        raise InputError(f"{table.source}: names no CRS: assign one to the layer, or give --ground-crs EPSG:…")
+        raise InputError(f"{table.source}: names no CRS: assign one to the layer, or give `ground_crs` EPSG:…")
     if "height" in fields:
         z = _field_heights(table, z, warnings)
     return np.column_stack([x, y, z]), crs, warnings
@@ -113,7 +113,7 @@ def _is_geographic(crs: str) -> bool:
     try:
         return bool(pyproj.CRS.from_user_input(crs).is_geographic)
     except pyproj.exceptions.CRSError:
-        raise InputError(f"--ground-crs {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
+        raise InputError(f"`ground_crs` {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
 def _require_whole(table: PointTable, xyz: np.ndarray, present: np.ndarray) -> None:
@@ -166,7 +166,7 @@ def _to_ellipsoidal(
             return _transform(table, xyz, crs), []
         return _transform(table, xyz, crs), [
             f"{table.source}: says nothing about its heights; they are taken as ellipsoidal "
-            f"(--height-datum ellipsoidal|egm96|egm2008|FILE says what they are)"
+            f"(`height_datum` ellipsoidal|egm96|egm2008|FILE says what they are)"
         ]
     ground = _transform(table, xyz, _horizontal(crs))
     if height_datum != "ellipsoidal":

@@ -2,6 +2,7 @@
 
 Layers, each importing only those above it::
 
+    options        how two windows are matched
     thresholds     tolerances from the radius of local maxima, slope and incidence (eqs. 3.4-3.6)
     polar          distance and direction of leaves from their root
     assignment     one-to-one assignment
@@ -17,7 +18,13 @@ Layers, each importing only those above it::
     matching       all of it: `match_windows`
 """
 
-from .matching import ControlNetworkMatch, ControlNetworkOptions, match_windows
-from .super_points import AMBIGUOUS, FOUND, NO_MATCH
+from ...foundation.lazy_names import lazy_names
 
-__all__ = ["AMBIGUOUS", "FOUND", "NO_MATCH", "ControlNetworkMatch", "ControlNetworkOptions", "match_windows"]
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "ControlNetworkOptions",
+        "matching": "ControlNetworkMatch match_windows",
+        "super_points": "AMBIGUOUS FOUND NO_MATCH",
+    },
+)

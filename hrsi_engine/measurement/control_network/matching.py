@@ -9,9 +9,18 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent, stage
-from ..interest_points import DETECTORS, Area, CornerOptions, DetectionOptions, inside
+from ..interest_points.detectors import inside
+from ..interest_points.options import (
+    CANDIDATE_QUALITY,
+    DETECTOR_SETS,
+    CentreOptions,
+    CornerOptions,
+    DetectionOptions,
+)
+from ..interest_points.windows import Area
 from .growth import GrowthOptions, Stage, grown
 from .network import Network
+from .options import ControlNetworkOptions
 from .refinement import Positions, refine_matches
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
@@ -24,93 +33,24 @@ REDUCED_FROM = 1.25  # ratio of pixel sizes above which the finer window is redu
 LARGEST_WINDOW_PX = 8192 * 8192
 
 
-@dataclass(frozen=True)
-class ControlNetworkOptions:
-    """How two windows are matched.
+def tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) -> Tolerance:
+    """Return the tolerances of position and angle for a slope, by default the steepest expected one."""
+    window_px = options.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
+    both = options.incidence_deg, options.incidence_deg
+    return tolerance_of(window_px, both, options.max_slope_deg if slope_deg is None else slope_deg)
 
-    Parameters
-    ----------
-    detectors : tuple of str
-        Of `DETECTORS`.
-    radius_px : float
-        Of the local maxima.
-    share : float
-        Of the local maxima that become interest points.
-    incidence_deg, max_slope_deg : float
-        What the tolerances allow for (thesis eq. 3.6).
-    scales : tuple of float
-        Lowest and highest ratio of the first image's pixel size to the second's.
-    reach_px : float
-        Leaves of a super-point network farther from their root do not count.
-    correlation : float
-        Least correlation of two interest points' surroundings.
-    consistency_px : float
-        Most that a correspondence may differ from its neighbours, beyond their own spread.
-    least : int
-        Correspondences below which there is no match.
-    mask_saturated : bool
-        Of the detectors: leave out saturated areas.
-    threads : int
-        Of the detectors.
-    """
 
-    detectors: tuple[str, ...] = ("harris",)
-    radius_px: float = 3.0
-    share: float = 0.9
-    incidence_deg: float = 10.0
-    max_slope_deg: float = 5.0
-    scales: tuple[float, float] = (1.0, 1.0)
-    reach_px: float = 200.0
-    correlation: float = 0.6
-    consistency_px: float = 1.5
-    least: int = 12
-    mask_saturated: bool = True
-    threads: int = 1
+def growth_options(options: ControlNetworkOptions) -> GrowthOptions:
+    """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
+    gentle, steep = tolerance(options), tolerance(options, max(STEEP_DEG, options.max_slope_deg))
+    stages = Stage(gentle, NEAR_PX), Stage(steep, NEAR_PX), Stage(steep, FAR_PX)
+    return GrowthOptions(stages, options.correlation, options.consistency_px)
 
-    def tolerance(self, slope_deg: float | None = None) -> Tolerance:
-        """Return the tolerances of position and angle for a slope, by default the steepest expected one.
 
-        Parameters
-        ----------
-        slope_deg : float, optional
-            Of the ground; by default the steepest expected one.
-
-        Returns
-        -------
-        Tolerance
-            Of position and angle, by the distance from the root.
-        """
-        window_px = self.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
-        both = self.incidence_deg, self.incidence_deg
-        return tolerance_of(window_px, both, self.max_slope_deg if slope_deg is None else slope_deg)
-
-    def growth(self) -> GrowthOptions:
-        """Return how the network grows.
-
-        Returns
-        -------
-        GrowthOptions
-            On gentle ground, then up and down steep ground, then across gaps.
-        """
-        gentle, steep = self.tolerance(), self.tolerance(max(STEEP_DEG, self.max_slope_deg))
-        stages = Stage(gentle, NEAR_PX), Stage(steep, NEAR_PX), Stage(steep, FAR_PX)
-        return GrowthOptions(stages, self.correlation, self.consistency_px)
-
-    def seeding(self, scales: tuple[float, float]) -> SeedOptions:
-        """Return how the network begins.
-
-        Parameters
-        ----------
-        scales : tuple of float
-            Lowest and highest ratio between the two windows' pixels.
-
-        Returns
-        -------
-        SeedOptions
-            How super points are matched.
-        """
-        tolerance = self.tolerance()
-        return SeedOptions(tolerance, self.reach_px, scale_ladder(*scales, tolerance.gradient), self.correlation)
+def seed_options(options: ControlNetworkOptions, scales: tuple[float, float]) -> SeedOptions:
+    """Return how the network begins, for scales between the two windows' pixels."""
+    allowed = tolerance(options)
+    return SeedOptions(allowed, options.reach_px, scale_ladder(*scales, allowed.gradient), options.correlation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,9 +150,8 @@ def match_windows(
         When ``progress`` asks to stop.
     """
     options = options or ControlNetworkOptions()
-    for name in options.detectors:
-        if name not in DETECTORS:
-            raise InputError(f"no interest point detector {name!r}: choose one of {', '.join(DETECTORS)}")
+    if options.detector not in DETECTOR_SETS:
+        raise InputError(f"no interest points {options.detector!r}: choose one of {', '.join(DETECTOR_SETS)}")
     usual = float(np.sqrt(options.scales[0] * options.scales[1]))
     reductions = [max(ratio, 1.0) if ratio >= REDUCED_FROM else 1.0 for ratio in (1.0 / usual, usual)]
     views = [
@@ -237,8 +176,9 @@ def _view(
             "choose windows of at most 8192 x 8192, or use tie-points for whole scenes with RPCs"
         )
     corners = CornerOptions(radius_px=options.radius_px, interest_share=options.share)
-    settings = DetectionOptions(corners=corners, mask_saturated=options.mask_saturated, threads=options.threads)
-    return network_window(raster, area, options.detectors, settings, reduction, progress)
+    centres = CentreOptions(quality=CANDIDATE_QUALITY)
+    settings = DetectionOptions(corners, centres, mask_saturated=options.mask_saturated, threads=options.threads)
+    return network_window(raster, area, DETECTOR_SETS[options.detector], settings, reduction, progress)
 
 
 def match_views(
@@ -248,8 +188,8 @@ def match_views(
     """Match two windows with their interest points; ``scales`` are those between the windows' own pixels."""
     seen: list[SuperMatch] = []
     best: ControlNetworkMatch | None = None
-    for seed in seeds(first, second, options.seeding(scales), seen, stage(progress, 0.0, 0.4)):
-        network = grown(seed.network, first, second, options.growth(), stage(progress, 0.4, 0.9))
+    for seed in seeds(first, second, seed_options(options, scales), seen, stage(progress, 0.0, 0.4)):
+        network = grown(seed.network, first, second, growth_options(options), stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
         found = _result(seed, *refine_matches(network, first, second, options.consistency_px), first, second)
         if best is None or len(found) > len(best):
@@ -303,4 +243,4 @@ def _why(first: NetworkWindow, second: NetworkWindow, most: int) -> str:
         if len(view.xy) < 20:
             return f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"
     found = f" ({most} correspondences are too few)" if most else ""
-    return f"no common control network was found{found}: check that both windows show the same place at --scale"
+    return f"no common control network was found{found}: check that both windows show the same place at `scale`"

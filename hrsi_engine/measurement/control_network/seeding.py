@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.progress import Progress, advance, silent, stage
-from ..interest_points import InterestPoints, spread_over_grid
+from ..interest_points.points import InterestPoints, spread_over_grid
 from .grey_values import patch_correlation
 from .growth import consistent
 from .local_affine import similarity_matrix

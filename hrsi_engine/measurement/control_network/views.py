@@ -11,8 +11,10 @@ import numpy as np
 
 from ...block.block import ArrayRaster, Raster
 from ...foundation.progress import Progress, silent, stage
-from ..interest_points import Area, DetectionOptions, InterestPoints, detect_interest_points
-from ..interest_points.points import join_points
+from ..interest_points.detectors import detect_interest_points
+from ..interest_points.options import DetectionOptions
+from ..interest_points.points import InterestPoints, join_points
+from ..interest_points.windows import Area
 from ..window_matching.windows import MatchImage
 
 WINDOW_SMOOTH_PX = 0.7  # before least-squares matching, against noise

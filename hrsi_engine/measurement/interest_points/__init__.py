@@ -2,6 +2,7 @@
 
 Layers, each importing only those above it::
 
+    options          what to look for
     windows          images of any size in overlapping windows, masks
     statistics       what an image is like; grey values relative to their surroundings
     corners          Harris and Förstner strengths, sub-pixel peaks
@@ -13,14 +14,14 @@ Layers, each importing only those above it::
     detectors        `DETECTORS` and `detect_interest_points`
 """
 
-from .corners import CornerOptions
-from .detectors import DETECTORS, DetectionOptions, Detector, detect_interest_points, inside
-from .gravity_centres import STRONG_QUALITY, CentreOptions
-from .points import InterestPoints, spread_over_grid
-from .windows import Area
+from ...foundation.lazy_names import lazy_names
 
-__all__ = [
-    "DETECTORS", "STRONG_QUALITY", "Area", "CentreOptions", "CornerOptions", "DetectionOptions", "Detector",
-    "InterestPoints",
-    "detect_interest_points", "inside", "spread_over_grid",
-]  # fmt: skip
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "DETECTOR_SETS STRONG_QUALITY CentreOptions CornerOptions DetectionOptions",
+        "detectors": "DETECTORS Detector detect_interest_points inside",
+        "points": "InterestPoints spread_over_grid",
+        "windows": "Area",
+    },
+)

@@ -8,12 +8,12 @@ Interest points are local maxima of the strength above the threshold TB, super p
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from .options import CornerOptions
 from .statistics import HALO_PX as STATISTICS_HALO_PX
 from .statistics import ImageStatistics, normalise
 from .windows import DetectionWindow
@@ -21,23 +21,6 @@ from .windows import DetectionWindow
 DERIVATIVE_PX, PATCH_PX = 1.0, 2.0  # standard deviations of the Gaussians of derivative and patch
 SUPPORT_PX = 12  # what the strength at a pixel depends on
 ROUNDNESS = 0.5  # Förstner's q: 1 where the gradients have no direction, 0 on an edge
-
-
-@dataclass(frozen=True)
-class CornerOptions:
-    """How corners are found.
-
-    kappa : weight of the trace in Harris's strength, 0.04 … 0.06; radius_px : of the local maximum
-    interest_threshold, super_threshold : TB and TA on the strength of the normalised image; None takes them from the
-    image: TB is exceeded by ``interest_share`` of all local maxima, TA by ``super_share``
-    """
-
-    kappa: float = 0.04
-    radius_px: float = 4.0
-    interest_threshold: float | None = None
-    super_threshold: float | None = None
-    interest_share: float = 0.5
-    super_share: float = 0.07
 
 
 class Tensor(NamedTuple):

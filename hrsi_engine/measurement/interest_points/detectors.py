@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from typing import Protocol
@@ -18,44 +18,18 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
-from .corners import CornerOptions, Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
+from ...foundation.threads import thread_count
+from .corners import Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
 from .corners import corner_halo_px as corner_halo_px
-from .gravity_centres import Centre, CentreOptions, gravity_centres
+from .gravity_centres import Centre, gravity_centres
 from .gravity_centres import centre_halo_px as centre_halo_px
+from .options import CornerOptions, DetectionOptions
 from .points import CORNER, SUPER, InterestPoints, join_points, no_points, spread_over_grid
 from .statistics import ImageStatistics, image_statistics, sample_areas
 from .windows import Area, DetectionWindow, cores, read_window
 
 SMALLEST_IMAGE_PX = 32
 SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
-
-
-@dataclass(frozen=True)
-class DetectionOptions:
-    """What to look for, and how much of it.
-
-    Parameters
-    ----------
-    corners : CornerOptions
-        Of the corner detectors.
-    centres : CentreOptions
-        Of the gravity centres.
-    per_cell : int, optional
-        Most points of each kind of detector in a cell; by default all.
-    cell_px : float
-        Side of a cell.
-    mask_saturated : bool
-        Leave out saturated areas.
-    threads : int
-        Windows worked on at the same time.
-    """
-
-    corners: CornerOptions = field(default_factory=CornerOptions)
-    centres: CentreOptions = field(default_factory=CentreOptions)
-    per_cell: int | None = None
-    cell_px: float = 256.0
-    mask_saturated: bool = True
-    threads: int = 1
 
 
 class Detector(Protocol):
@@ -216,11 +190,11 @@ def detect_interest_points(
         return find(read_window(raster, core, halo, statistics.saturation))
 
     parts, areas = [], cores(region)
-    for number, found in enumerate(_in_order(of_core, areas, options.threads)):
+    for number, found in enumerate(_in_order(of_core, areas, thread_count(options.threads))):
         parts.append(found)
         advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")
     points = join_points(parts)
-    if options.per_cell is not None:
+    if options.per_cell:
         points = points.select(spread_over_grid(points, options.cell_px, options.per_cell))
     return points
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .level_regions import EVEN, compact_regions
+from .options import CentreOptions
 from .outlines import Outlines, Slopes, bilinear, measure_outlines
 from .shapes import POLYGON_TOLERANCE, SHAPES, SIDES_SHARE, Shapes, size_tolerance
 from .statistics import HALO_PX as STATISTICS_HALO_PX
@@ -29,23 +30,8 @@ BESIDE_PX = 2.5  # the surroundings begin so far outside the edge
 SAME_OUTLINE_PX, SAME_RADIUS = 0.75, 0.06  # centre, and logarithm of the mean radius, of outlines taken as one
 SAME_CENTRE = 0.1  # share of the diameter
 OBJECT_MARGIN_PX = 24  # what a window needs around half of the largest object
-STRONG_QUALITY = 0.75  # as super points among corners: what another view has too
-CANDIDATE_QUALITY = 0.5  # what matching gets: the partner of a strong one may be weaker
 SUPPORT_OF_SCORE_1, CONTRAST_OF_SCORE_1, SIGMA_OF_SCORE_0_PX = 4, 8.0, 0.25
 CLOSED_OF_SCORE_0 = 0.65
-
-
-@dataclass(frozen=True)
-class CentreOptions:
-    """How gravity centres are found: diameters in px, the smallest contrast in local standard deviations, the quality.
-
-    Of the centres of `STRONG_QUALITY` and better another view has nine in ten, and nearly all among its candidates.
-    """
-
-    smallest_px: float = 5.0
-    largest_px: float = 160.0
-    contrast: float = 0.8
-    quality: float = CANDIDATE_QUALITY
 
 
 class Centre(NamedTuple):

@@ -13,12 +13,14 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
-from ..interest_points.gravity_centres import STRONG_QUALITY, Centre, CentreOptions, gravity_centres
+from ..interest_points.gravity_centres import Centre, gravity_centres
+from ..interest_points.options import STRONG_QUALITY, CentreOptions
 from ..interest_points.statistics import ImageStatistics, image_statistics
 from ..interest_points.windows import Area, DetectionWindow, read_window
 from .edge_points import EdgePoints, find_edge_points, straight_segments
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
 from .line_corner import Corner, Line, fit_line, intersect_lines, split_into_lines
+from .options import TargetOptions
 
 TARGET_CENTER, TARGET_CORNER = "center", "corner"
 WORST_SIGMA_PX = 0.5
@@ -32,23 +34,6 @@ ROUNDED_PX = 1.5  # and from here on: nearer, the corner is rounded by the senso
 END_NEAR_PX = 4.0  # an edge begins at most so far from the corner
 NEAR_EDGE_PX = 0.6  # edge points farther from their line are stray
 STATISTICS_PX = 256  # half side of the area whose statistics hold for a target
-
-
-@dataclass(frozen=True)
-class TargetOptions:
-    """Where a target may be, and how large.
-
-    Parameters
-    ----------
-    search_px : float
-        How far from the approximate position.
-    largest_px, smallest_px : float
-        Diameter of its object.
-    """
-
-    search_px: float = 15.0
-    largest_px: float = 80.0
-    smallest_px: float = 5.0
 
 
 @dataclass(frozen=True, eq=False)

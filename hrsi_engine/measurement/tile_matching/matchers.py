@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from ...block.block import ArrayRaster
-from ..control_network.matching import ControlNetworkOptions as NetworkOptions
 from ..control_network.matching import match_windows
+from ..control_network.options import ControlNetworkOptions as NetworkOptions
 from .features import SIFT_CONTRAST, root_sift, stretch_to_byte
 from .options import TileMatchOptions
 from .patch_finder import distinct_places, seek
@@ -72,14 +72,14 @@ def find_patches(first: ImageTile, second: ImageTile, reach_px: float, options: 
 
 
 def find_by_network(
-    detectors: tuple[str, ...], first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions
+    detector: str, first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions
 ) -> CandidateMatches:
     """Control networks (thesis chapter 3) of the given interest points: geometry first, then grey values.
 
     Both windows have nearly the same geometry here, so that only what differs by height is left to the tolerances.
     """
     rasters = ArrayRaster(first.pixels, first.valid), ArrayRaster(second.pixels, second.valid)
-    result = match_windows(rasters[0], rasters[1], NetworkOptions(detectors=detectors))
+    result = match_windows(rasters[0], rasters[1], NetworkOptions(detector=detector, threads=1))
     return _near(result.positions.first + first.origin_px, result.positions.second + second.origin_px, reach_px)
 
 
@@ -103,6 +103,6 @@ MATCHERS: dict[str, Finder] = {
     "sift": find_sift,
     "akaze": find_akaze,
     "patches": find_patches,
-    "control-network": partial(find_by_network, ("harris",)),
-    "centres": partial(find_by_network, ("centres",)),
+    "control-network": partial(find_by_network, "harris"),
+    "centres": partial(find_by_network, "centres"),
 }

@@ -1,0 +1,39 @@
+"""How windows of two orthoimages are matched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..foundation.options import describe_fields, option
+
+
+@describe_fields
+@dataclass(frozen=True)
+class MisregistrationOptions:
+    """How windows are matched.
+
+    Parameters
+    ----------
+    max_sigma_px : float, optional
+        Standard deviation of a shift above which it does not count.
+    """
+
+    window_px: int = option(
+        48, "Side of a window, even", name="window", minimum=16, maximum=512, unit="px", metavar="PX"
+    )
+    search_px: int = option(
+        8,
+        "Largest difference of a window's shift from the one common to the pair",
+        name="search",
+        minimum=1,
+        maximum=256,
+        unit="px",
+        metavar="PX",
+    )
+    min_correlation: float = option(
+        0.6, "Windows less alike than this do not count", minimum=0.0, maximum=1.0, advanced=True
+    )
+    max_sigma_px: float = 0.1
+    most: int = option(
+        40, "Windows along the longer side of the common ground", minimum=1, maximum=1000, advanced=True, metavar="N"
+    )

@@ -1,0 +1,110 @@
+"""What a simulated block should be like: the scene, how many points, and their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..foundation.errors import InputError
+from ..foundation.options import describe_fields, option
+
+#: Sensors (`sensors.SENSORS`).
+SENSOR_NAMES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
+
+
+@describe_fields
+@dataclass(frozen=True)
+class SceneSpec:
+    """What a scene should be like; the same spec and views always give the same scene.
+
+    Parameters
+    ----------
+    half_extent_m, post_m, scale : float, optional
+        Half the side, spacing of the terrain, scale of the landscape; by default they follow from the views.
+    change : float, optional
+        0 … 1, how much of the ground looks different at a `SceneView.date` other than 0.
+    """
+
+    lon_deg: float = option(5.45, "Longitude of the scene's centre", name="lon", unit="deg", metavar="DEG")
+    lat_deg: float = option(43.53, "Latitude of the scene's centre", name="lat", unit="deg", metavar="DEG")
+    mean_height_m: float = option(250.0, "Mean ellipsoidal height", name="height", unit="m", metavar="M")
+    relief_m: float = option(100.0, "Range of heights of the hills", name="relief", minimum=0.0, unit="m", metavar="M")
+    cliff_m: float = option(0.0, "Height of cliffs; 0 makes none", name="cliffs", minimum=0.0, unit="m", metavar="M")
+    seed: int = option(1, "The same seed and options give the same block", minimum=0, metavar="N")
+    half_extent_m: float | None = None
+    post_m: float | None = None
+    scale: float | None = None
+    change: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (-180.0 <= self.lon_deg <= 180.0 and -85.0 <= self.lat_deg <= 85.0):
+            raise InputError(
+                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place: give degrees, latitude within 85"
+            )
+        if self.relief_m < 0.0 or self.cliff_m < 0.0:
+            raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")
+        if not 0.0 <= self.change <= 1.0:
+            raise InputError(f"change {self.change} of the scene between dates: give a share of 0 to 1")
+
+
+@describe_fields
+@dataclass(frozen=True)
+class PointCounts:
+    """How many points a block gets; every tie point is on two images or more."""
+
+    gcps: int = option(10, "Number of GCPs, each a disc on the ground", minimum=0, metavar="N")
+    checks: int = option(50, "Number of check points", minimum=0, metavar="N")
+    ties: int = option(200, "Number of tie points", minimum=0, metavar="N")
+
+
+@describe_fields
+@dataclass(frozen=True)
+class Noise:
+    """Errors of the measurements; standard deviations of normal errors, and shares of gross ones."""
+
+    image_px: float = option(
+        0.3, "Standard deviation of image coordinates", name="noise-image", minimum=0.0, unit="px", metavar="PX"
+    )
+    gcp_xy_m: float = option(
+        0.1,
+        "Standard deviation of each horizontal coordinate of known points",
+        name="noise-gcp-xy",
+        minimum=0.0,
+        unit="m",
+        metavar="M",
+    )
+    gcp_h_m: float = option(
+        0.15,
+        "Standard deviation of the height of known points",
+        name="noise-gcp-h",
+        minimum=0.0,
+        unit="m",
+        metavar="M",
+    )
+    blunders: float = option(
+        0.0, "Share of tie measurements that are gross errors", minimum=0.0, maximum=1.0, metavar="SHARE"
+    )
+    gcp_blunders: float = option(
+        0.0, "Share of GCP measurements that are gross errors", minimum=0.0, maximum=1.0, metavar="SHARE"
+    )
+    blunder_px: float = option(
+        30.0, "Mean size of gross errors", name="blunder-size", minimum=0.0, unit="px", advanced=True, metavar="PX"
+    )
+    wrong_heights: float = option(0.0, "Share of GCPs with a wrong height", minimum=0.0, maximum=1.0, metavar="SHARE")
+    wrong_height_m: float = option(
+        25.0, "Size of wrong heights", name="wrong-height-size", minimum=0.0, unit="m", advanced=True, metavar="M"
+    )
+    vendor: float = option(
+        1.0,
+        "Errors of the vendor's orbit and attitude, as a multiple of the sensor's usual ones; 0 gives exact RPCs",
+        name="vendor-error",
+        minimum=0.0,
+        metavar="FACTOR",
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("image_px", "gcp_xy_m", "gcp_h_m", "vendor"):
+            if getattr(self, name) < 0.0:
+                raise InputError(f"simulation noise {name} is {getattr(self, name)}: give 0 or more")
+        for name in ("blunders", "gcp_blunders", "wrong_heights"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"simulation share {name} is {getattr(self, name)}: give 0 to 1")

@@ -1,0 +1,39 @@
+"""`adjust`: the block adjustment from existing image points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.foundation.options import nested, option
+from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.option_groups import BlockOutput, DemOptions, PointFiles, images_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustAlgorithmOptions:
+    """What `adjust` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nested(PointFiles)
+    tie_points: str | None = option(
+        None, "Further image points, measured on two or more images", kind=Kind.POINTS, metavar="FILE"
+    )
+    dem: DemOptions = nested(DemOptions)
+    adjustment: AdjustOptions = nested(AdjustOptions)
+    output: BlockOutput = nested(BlockOutput)
+
+
+ALGORITHM = Algorithm(
+    name="adjust",
+    title="Adjust block",
+    group="Triangulation",
+    summary="Bundle block adjustment from existing image points",
+    help=(
+        "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
+        "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
+    ),
+    options=AdjustAlgorithmOptions,
+    module=algorithm_module(__name__),
+    layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
+)

@@ -1,0 +1,51 @@
+"""`gcps-from-reference`: GCPs by matching raw images to a reference orthoimage and DEM."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.foundation.options import nested, option
+from ..interface.declare import Algorithm, algorithm_module
+from ..interface.option_groups import RequiredDem, RequiredReference, ResultFolder, height_datum_option, images_option
+
+LAYERS_FILE, LAYER = "gcps.gpkg", "gcps"
+
+
+@dataclass(frozen=True, kw_only=True)
+class GcpsFromReferenceOptions:
+    """What `gcps-from-reference` takes."""
+
+    images: tuple[str, ...] = images_option("Images with RPC and pixels")
+    reference: RequiredReference = nested(RequiredReference)
+    dem: RequiredDem = nested(RequiredDem)
+    height_datum: str = height_datum_option()
+    sigma_dem: float | None = option(
+        None,
+        "Standard deviation of the DEM's heights; by default from the size of its cells",
+        minimum=1e-6,
+        unit="m",
+        metavar="M",
+    )
+    folder: ResultFolder = nested(ResultFolder)
+
+
+ALGORITHM = Algorithm(
+    name="gcps-from-reference",
+    title="GCPs from reference image",
+    group="Image points",
+    summary="GCPs by matching raw images to a reference orthoimage and DEM",
+    help=(
+        "Finds textured places of an orthoimage in raw images, to a fraction of a pixel: RPC and DEM predict what each "
+        "image should show, and matching finds it there. RPCs may be off by hundreds of pixels, the orthoimage may be "
+        "of another season or sensor and coarser than the images. Matches that do not follow one bias of the image "
+        "are left out. The GCPs have their position from the orthoimage, their height from the DEM (above the "
+        "ellipsoid), and sigmas such that all points of the reference together count as four independent ones of its "
+        "accuracy, because errors of an orthoimage are alike over wide areas. A reference that lies farther beside the "
+        "RPCs than ERR_BIAS and its own sigma explain is named.\n\n"
+        "The layer gcps is ready for adjust and triangulate; triangulate with its `reference` does both in one go."
+    ),
+    options=GcpsFromReferenceOptions,
+    module=algorithm_module(__name__),
+    layers=(f"{LAYERS_FILE}|layername={LAYER}",),
+    packages=("cv2",),
+)  # fmt: skip

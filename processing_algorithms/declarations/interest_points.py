@@ -1,0 +1,46 @@
+"""`interest-points`: corners, super points and gravity centres of images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, DetectionOptions
+from ..interface.declare import Algorithm, algorithm_module
+from ..interface.option_groups import ResultFolder, TerrainOptions, band_option, images_option, window_option
+
+LAYERS_FILE, LAYER = "interest_points.gpkg", "interest_points"
+
+
+@dataclass(frozen=True, kw_only=True)
+class InterestPointsOptions:
+    """What `interest-points` takes."""
+
+    images: tuple[str, ...] = images_option("Images, with or without RPC")
+    detector: str = option("all", "What to find", choices=tuple(DETECTOR_SETS))
+    window: str | None = window_option("Only this window of the image")
+    band: int = band_option()
+    detection: DetectionOptions = nested(DetectionOptions)
+    terrain: TerrainOptions = nested(TerrainOptions)
+    folder: ResultFolder = nested(ResultFolder)
+
+
+ALGORITHM = Algorithm(
+    name="interest-points",
+    title="Detect interest points",
+    group="Image points",
+    summary="Corners, super points and gravity centres of images as a point layer",
+    help=(
+        "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, tanks, "
+        "roofs, pools, ponds, trees, plots. Positions are to a fraction of a pixel and come with their standard "
+        "deviation, size, orientation and quality. Thresholds follow from each image's own statistics, relative to "
+        "the surroundings of every pixel, so that forest, field and city all deliver points. Images of any size are "
+        "read in overlapping windows; the result does not depend on them. Nodata and saturated areas are left out.\n\n"
+        "The layer lies at the points' ground positions where the image has an RPC (at its mean height, a given "
+        "height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of the first pixel."
+    ),
+    options=InterestPointsOptions,
+    module=algorithm_module(__name__),
+    packages=("cv2",),
+    layers=(f"{LAYERS_FILE}|layername={LAYER}",),
+)  # fmt: skip

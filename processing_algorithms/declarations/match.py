@@ -1,0 +1,55 @@
+"""`match`: two images, or a window of each, without RPC, by control networks (thesis chapter 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.foundation.options import nested
+from ...hrsi_engine.measurement.control_network.options import ControlNetworkOptions
+from ..interface.declare import Algorithm, algorithm_module
+from ..interface.option_groups import (
+    ResultFolder,
+    TerrainOptions,
+    band_option,
+    images_option,
+    report_option,
+    window_option,
+)
+
+LAYERS_FILE, LAYER = "match.gpkg", "correspondences"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchAlgorithmOptions:
+    """What `match` takes."""
+
+    images: tuple[str, ...] = images_option("Images, with or without RPC")
+    window_1: str | None = window_option("Only this window of the first image")
+    window_2: str | None = window_option("Only this window of the second image")
+    band: int = band_option("Band of the images")
+    matching: ControlNetworkOptions = nested(ControlNetworkOptions)
+    terrain: TerrainOptions = nested(TerrainOptions)
+    folder: ResultFolder = nested(ResultFolder)
+    report: bool = report_option("Write report.html with a picture of both windows")
+
+
+ALGORITHM = Algorithm(
+    name="match",
+    title="Match two images",
+    group="Image points",
+    summary="Corresponding points of two images or windows without RPC, by control networks",
+    help=(
+        "Finds hundreds to thousands of corresponding points in two images of the same ground, whatever their "
+        "rotation: the strongest interest points form a network whose shape is looked for in the other image; all "
+        "others are found from its nodes, compared by their grey values and measured to a fraction of a pixel. No RPC "
+        "is needed. "
+        "Where the texture repeats, so that the network fits in several places, the status is 'ambiguous'; where it "
+        "fits nowhere, 'no match'; then there are no correspondences.\n\n"
+        "Windows are read as a whole: choose them with `window_1` and `window_2` in large images. Sample 0, line 0 is "
+        "the CENTRE of the first pixel."
+    ),
+    options=MatchAlgorithmOptions,
+    module=algorithm_module(__name__),
+    packages=("cv2",),
+    layers=(f"{LAYERS_FILE}|layername={LAYER}",),
+)  # fmt: skip

@@ -1,0 +1,102 @@
+"""`orthorectify`: orthoimages of a whole block on one map grid, through GDAL's warper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.foundation.options import nested, option
+from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.option_groups import (
+    POINTS,
+    Common,
+    ResultFolder,
+    TerrainOptions,
+    ground_crs_option,
+    images_option,
+    report_option,
+)
+
+#: GDAL's kernels (`io.ortho_warp.RESAMPLING`).
+RESAMPLING_NAMES = (
+    "near", "bilinear", "cubic", "cubicspline", "lanczos", "average", "rms", "mode", "max", "min", "med", "q1", "q3",
+)  # fmt: skip
+#: Formats and compressions (`io.orthoimages`).
+FORMAT_NAMES, COMPRESSION_NAMES = ("cog", "gtiff"), ("deflate", "lzw", "zstd", "none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrthorectifyOptions:
+    """What `orthorectify` takes."""
+
+    images: tuple[str, ...] = images_option("Images with RPC")
+    terrain: TerrainOptions = nested(TerrainOptions)
+    terrain_points: str | None = option(
+        None,
+        "Points whose heights make the terrain, instead of a DEM: the layer ground_points of a triangulation",
+        kind=Kind.POINTS,
+        metavar=POINTS,
+    )
+    ground_crs: str | None = ground_crs_option()
+    fill_gaps: int = option(
+        0,
+        "Interpolate gaps of the DEM up to so many of its cells wide; 0 leaves them nodata",
+        minimum=0,
+        maximum=1000,
+        unit="cells",
+        advanced=True,
+        metavar="N",
+    )
+    crs: str | None = option(
+        None, "CRS of the orthoimages; by default the UTM zone of the block's middle", metavar="CRS"
+    )
+    resolution: float | None = option(
+        None,
+        "Pixel size, in units of the CRS; by default the finest pixel of the block on the ground, rounded",
+        minimum=1e-9,
+        metavar="R",
+    )
+    extent: str = option(
+        "each",
+        "each: what the image shows; union or overlap: of all images; or west,south,east,north in the CRS. Widened to "
+        "whole pixels",
+        metavar="each|union|overlap|W,S,E,N",
+    )
+    resampling: str = option("cubic", "GDAL's resampling kernel", choices=RESAMPLING_NAMES)
+    error_px: float = option(
+        0.05,
+        "Largest error of a pixel's position in the image; 0 computes every pixel exactly",
+        minimum=0.0,
+        maximum=10.0,
+        unit="px",
+        metavar="PX",
+    )
+    nodata: str | None = option(
+        None,
+        "Value of pixels that the image does not show, or mask for a mask band; by default the image's own, else a "
+        "mask where the image has one, else 0 (NaN for floating point)",
+        metavar="VALUE|mask",
+    )
+    format: str = option(
+        "cog", "Cloud-optimised GeoTIFF with overviews, or a plain tiled GeoTIFF", choices=FORMAT_NAMES
+    )
+    compression: str = option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
+    folder: ResultFolder = nested(ResultFolder)
+    report: bool = report_option()
+    common: Common = nested(Common)
+
+
+ALGORITHM = Algorithm(
+    name="orthorectify",
+    title="Orthorectify block",
+    group="Orthoimages",
+    summary="Orthoimages from (refined) RPCs and a DEM, all on one map grid",
+    help=(
+        "Makes an orthoimage of every image with GDAL's warper: all bands, data type and nodata kept, as "
+        "cloud-optimised GeoTIFF. All pixels lie on one lattice, so that the orthoimages of a block register pixel to "
+        "pixel. Heights of the DEM are brought to the ellipsoid. Positions are right to `error_px`; the report states "
+        "what was found at random pixels. Orthoimages that were made before from the same files with the same options "
+        "are kept, so a stopped run goes on where it was. Ground hidden from the sensor shows what hides it."
+    ),
+    options=OrthorectifyOptions,
+    module=algorithm_module(__name__),
+)  # fmt: skip

@@ -1,0 +1,40 @@
+"""`rpc-info`: how images see the ground and each other, and whether their RPCs are sound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.foundation.options import nested
+from ..interface.declare import Algorithm, algorithm_module
+from ..interface.option_groups import Common, OptionalFolder, TerrainOptions, images_option
+
+LAYERS_FILE = "rpc_info.gpkg"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RpcInfoOptions:
+    """What `rpc-info` takes."""
+
+    images: tuple[str, ...] = images_option()
+    terrain: TerrainOptions = nested(TerrainOptions)
+    folder: OptionalFolder = nested(OptionalFolder)
+    common: Common = nested(Common)
+
+
+ALGORITHM = Algorithm(
+    name="rpc-info",
+    title="RPC information",
+    group="RPC",
+    summary="Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity",
+    help=(
+        "Says for each image where it lies, the ground size of a pixel along line and sample, the incidence angle (at "
+        "the ground, between the ray to the satellite and the vertical) and the azimuth (from the target to the "
+        "satellite, clockwise from north); and for each pair the convergence angle, B/H (distance of the two rays at "
+        "unit height above the ground) and which share of each image the other one sees on the terrain. Overlap "
+        "depends on the terrain's height: give a DEM or a height. Warns of RPCs that are damaged, swapped, used "
+        "beyond their heights, or of another image."
+    ),
+    options=RpcInfoOptions,
+    module=algorithm_module(__name__),
+    layers=(f"{LAYERS_FILE}|layername=images",),
+)  # fmt: skip

@@ -1,0 +1,57 @@
+"""`triangulate`: the main job, from images and ground points to refined RPCs, residual layers and a report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.foundation.options import nested, option
+from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.option_groups import (
+    BlockOutput,
+    DemOptions,
+    PointFiles,
+    ReferenceImage,
+    SearchOptions,
+    images_option,
+)
+
+AUTOMATIC_TIES, NO_TIES = "auto", "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriangulateOptions:
+    """What `triangulate` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nested(PointFiles)
+    tie_points: str = option(
+        AUTOMATIC_TIES,
+        f"{AUTOMATIC_TIES} finds them in the images, {NO_TIES} does without, FILE reads them",
+        kind=Kind.POINTS,
+        metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
+    )
+    dem: DemOptions = nested(DemOptions)
+    reference: ReferenceImage = nested(ReferenceImage)
+    search: SearchOptions = nested(SearchOptions)
+    adjustment: AdjustOptions = nested(AdjustOptions)
+    output: BlockOutput = nested(BlockOutput)
+
+
+ALGORITHM = Algorithm(
+    name="triangulate",
+    title="Triangulate block",
+    group="Triangulation",
+    summary="Tie points and GCPs to refined RPCs, residual layers and a report",
+    help=(
+        "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
+        "CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points agree. "
+        "GCPs may also come from an orthoimage (`reference`, with `dem`). "
+        "Without any GCP the block is held where its RPCs put it, and the images fit one another. "
+        "The refined images are ready for gdalwarp -rpc."
+    ),
+    options=TriangulateOptions,
+    module=algorithm_module(__name__),
+    layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
+    packages=("cv2", "dask"),
+)

@@ -1,0 +1,216 @@
+"""Options that several algorithms share, as dataclasses that theirs are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...hrsi_engine.block.default_sigmas import Defaults
+from ...hrsi_engine.foundation.options import nested, option, threads_option
+from ...hrsi_engine.measurement.reference.options import ReferenceOptions
+from ...hrsi_engine.measurement.tie_options import TieOptions
+from .declare import Kind
+
+DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
+POINTS = "FILE[|layername=L]"
+WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
+
+
+def images_option(help: str = "Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom)") -> Any:
+    """Return the field of the images, the positional arguments."""
+    return option(help=help, kind=Kind.IMAGES, metavar="IMAGE")
+
+
+def report_option(help: str = "Write report.html") -> Any:
+    """Return the field that asks for a page."""
+    return option(True, help)
+
+
+def band_option(help: str = "Band of the image") -> Any:
+    """Return the field of a band."""
+    return option(1, help, minimum=1)
+
+
+def window_option(help: str) -> Any:
+    """Return the field of a window of an image."""
+    return option(None, help, metavar=WINDOW)
+
+
+# ---- where results go ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every algorithm takes."""
+
+    threads: int = threads_option()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultFolder:
+    """Where results go."""
+
+    output_dir: str = option(
+        help="Directory for the results; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
+    )
+    overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
+
+
+@dataclass(frozen=True)
+class OptionalFolder:
+    """Where results go, if anywhere."""
+
+    output_dir: str | None = option(
+        None,
+        "Directory for report and layers; without it the result is only printed",
+        kind=Kind.OUTPUT_DIR,
+        metavar="DIR",
+    )
+    overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockOutput:
+    """What is written of an adjusted block, and where."""
+
+    folder: ResultFolder = nested(ResultFolder)
+    write: str = option(
+        "copy",
+        "Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with `restore` brings "
+        "the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC file without image gets a "
+        "new _RPC.TXT",
+        choices=("copy", "in-place", "vrt", "sidecar", "none"),
+    )
+    force_write: bool = option(
+        False, "Write the refined RPCs although the verdict on the result is unusable", advanced=True
+    )
+    residual_crs: str = option("both", "Coordinate systems of the residual layers", choices=("both", "wgs84", "utm"))
+    report: bool = report_option()
+    common: Common = nested(Common)
+
+
+# ---- heights ---------------------------------------------------------------------------------------------------------
+
+
+def ground_crs_option() -> Any:
+    """Return the field of the CRS of ground points."""
+    return option(
+        None, "CRS of ground points whose file does not name one (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS"
+    )
+
+
+def height_datum_option() -> Any:
+    """Return the field of what heights refer to."""
+    return option(
+        "layer",
+        "What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96, egm2008 or a "
+        "geoid grid file",
+        metavar=DATUMS,
+    )
+
+
+@dataclass(frozen=True)
+class DemOptions:
+    """A DEM of the ground."""
+
+    dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+    dem_datum: str | None = option(
+        None,
+        "What the heights of the DEM refer to, where it is not what `height_datum` says",
+        advanced=True,
+        metavar=DATUMS,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequiredDem(DemOptions):
+    """A DEM that has to be named."""
+
+    dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """How high the ground is: a DEM or one height."""
+
+    dem: DemOptions = nested(DemOptions)
+    height: float | None = option(None, "Ellipsoidal height of the ground, instead of a DEM", unit="m", metavar="M")
+    height_datum: str = height_datum_option()
+
+
+# ---- points ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PointFiles:
+    """Files of ground and image points, and which points are control."""
+
+    gcps: str | None = option(
+        None, "Ground points with known position: a vector layer or CSV", kind=Kind.POINTS, metavar=POINTS
+    )
+    image_points: str | None = option(
+        None,
+        "Where points were measured on the images; ground positions in it are not used",
+        kind=Kind.POINTS,
+        metavar="FILE",
+    )
+    gcp_ids: tuple[str, ...] | None = option(
+        None, "These points are control, all other known points are check points", metavar="A,B,…"
+    )
+    check_ids: tuple[str, ...] | None = option(
+        None,
+        "These points are check points; with `gcp_ids` too, all other known points take no part",
+        metavar="A,B,…",
+    )
+    ground_crs: str | None = ground_crs_option()
+    height_datum: str = height_datum_option()
+    sigmas: Defaults = nested(Defaults)
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How tie points are found, by whom, and where what is finished is kept."""
+
+    search: TieOptions = nested(TieOptions)
+    scheduler: str | None = option(
+        None,
+        "Address of a Dask scheduler whose workers find the tie points (they must see the images under the same "
+        "paths); by default threads of this machine do",
+        advanced=True,
+        metavar="tcp://HOST:PORT",
+    )
+    work_dir: str | None = option(
+        None,
+        "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "
+        "which a run that was stopped leaves behind, and a finished run removes",
+        advanced=True,
+        metavar="DIR",
+    )
+    threads: int = threads_option()
+
+
+@dataclass(frozen=True)
+class ReferenceImage:
+    """A reference orthoimage, and how it is read, trusted and matched."""
+
+    reference: str | None = option(
+        None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
+    )
+    reference_sigma: float | None = option(
+        None,
+        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size",
+        minimum=1e-6,
+        unit="m",
+        metavar="M",
+    )
+    reference_band: int = option(1, "Band of the reference", minimum=1, advanced=True, metavar="N")
+    matching: ReferenceOptions = nested(ReferenceOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequiredReference(ReferenceImage):
+    """A reference orthoimage that has to be named."""
+
+    reference: str = option(
+        help="Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
+    )
