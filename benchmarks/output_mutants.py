@@ -94,12 +94,12 @@ MUTANTS = (
         "(weight > 0.0).sum(axis=1)", "tests/measurement/test_ellipse.py",
     ),
     Mutant(
-        "rivals from half of the misfit", "adjustment/snooping.py", "EQUALLY_LIKELY = 0.98", "EQUALLY_LIKELY = 0.5",
+        "rivals from half of the misfit", "adjustment/blunders/control.py", "LIKE * best)", "0.5 * best)",
         "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
-        "no rivals at all", "adjustment/snooping.py", "EQUALLY_LIKELY = 0.98", "EQUALLY_LIKELY = 1.0",
-        "tests/adjustment/test_rival_gcps.py",
+        "no rivals at all", "adjustment/blunders/control.py", "self.explained(other)[0] >= needed",
+        "self.explained(other)[0] >= 2.0 * best", "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
         "sigma0 dropped from what residuals are judged by", "results/residuals.py", "return max(result.sigma0, 1.0)",
