@@ -9,7 +9,6 @@ import numpy as np
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ..residuals import by_image
 from .evidence import Evidence
 
 MANY_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
@@ -136,10 +135,14 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
     """
     result, block = evidence.result, evidence.result.block
     used = evidence.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    where, xy = block.measurements.image[used], block.measurements.xy[used]
+    count = np.bincount(where, minlength=len(block.images))
+    sums = [np.bincount(where, xy[:, axis], minlength=len(block.images)) for axis in (0, 1)]
     beyond = np.zeros(len(block.images))
-    for index, rows in by_image(block, used):
+    for index in np.flatnonzero(count).tolist():
         image = block.images[index]
-        places = np.vstack([block.measurements.xy[rows].mean(axis=0), image.outline_px(1)])
+        middle = np.array([[sums[0][index], sums[1][index]]]) / count[index]
+        places = np.concatenate([middle, image.outline_px(1)])
         ground = image.rpc.localize(places, image.rpc.height_off).ground
         at = result.cameras.model.equations(image, places)(result.cameras.values[index], ground)
         variance = at.by_values @ result.cameras.covariance[index] @ at.by_values.swapaxes(1, 2)

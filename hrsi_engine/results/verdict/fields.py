@@ -16,9 +16,11 @@ from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
 from .significance import RISK
 
-MOST_ROWS = 4000  # of an image: enough for every field that matters
+MOST_ROWS = 1000  # of an image: enough for every field that matters
 FEWEST_ROWS = 12
 MODELS = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
+POWERS = IMAGE_SPACE[MODELS[-1]].powers.tolist()  # those of all the others are among them
+COLUMNS = {name: [POWERS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in MODELS}
 SAME_FIELD = 0.8  # share of what the richest model explains from which a simpler one does
 
 
@@ -34,8 +36,12 @@ class ResidualField:
 
 def residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualField]:
     """Return the significant fields in the residuals of the ``chosen`` measurements (mask), the largest first."""
+    count = np.bincount(result.block.measurements.image[chosen])
+    step = max(1, int(count[count > 0].min(initial=0)) // MOST_ROWS) if len(count) else 1
+    thinned = np.zeros_like(chosen)
+    thinned[::step] = chosen[::step]
     found = []
-    for index, rows in by_image(result.block, chosen):
+    for index, rows in by_image(result.block, thinned):
         rows = rows[:: max(1, len(rows) // MOST_ROWS)]
         if len(rows) >= FEWEST_ROWS:
             image = result.block.images[index]
@@ -46,15 +52,20 @@ def residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualFiel
 
 
 def _field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:
-    """Return the field of one image, None where there is none beyond chance; ``position (n, 2)`` from -1 to 1."""
-    total = float(np.sum(residual**2))
+    """Return the field of one image, None where there is none beyond chance; ``position (n, 2)`` from -1 to 1.
+
+    A polynomial with the monomials T explains r'T (T'T)^-1 T'r of the squares r'r; the models are nested.
+    """
+    u, v = position.T
+    terms = np.stack([u**i * v**j for i, j in POWERS])
+    normal, right = terms @ terms.T, terms @ residual
     explained = {}
-    for name in MODELS:
-        terms = np.prod(position[:, None, :] ** IMAGE_SPACE[name].powers, axis=2)
-        coefficients, _, rank, _ = np.linalg.lstsq(terms, residual, rcond=None)
-        explained[name] = float(np.sum((terms @ coefficients) ** 2))
-        freedom, left = 2.0 * rank, 2.0 * (len(residual) - rank)
-    richest = explained[MODELS[-1]]
+    for name, columns in COLUMNS.items():
+        solved, *_ = np.linalg.lstsq(normal[np.ix_(columns, columns)], right[columns], rcond=None)
+        explained[name] = float(np.sum(right[columns] * solved))
+    total, richest = float(np.sum(residual**2)), explained[MODELS[-1]]
+    freedom = 2.0 * np.linalg.matrix_rank(normal)
+    left = 2.0 * len(residual) - freedom
     if not total > richest:
         return None
     ratio = (richest / freedom) / ((total - richest) / left)

@@ -18,7 +18,7 @@ from ..residuals import by_image, unit_sigma
 from .evidence import Evidence
 from .significance import RISK, chi_square_limit, is_significant
 
-LARGE_MISFIT, RUINED_MISFIT = 3.5, 10.0  # times the standard deviation that is expected
+LARGE_MISFIT, RUINED_MISFIT = 3.5, 7.0  # times the standard deviation that is expected
 RUINED_ERROR = 10.0  # the same of check points against prediction
 MOST_CONDITION = 1e12  # of the normal equations of a point: rays that do not intersect
 ALONE = 4.0  # times the fields that its image has: a GCP that is wrong by more than the camera is

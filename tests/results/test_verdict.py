@@ -1,0 +1,276 @@
+"""Every reason after the adjustment, from blocks whose truth is known: what is wrong is named, and nothing else is."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hrsi.hrsi_engine.adjustment.options import AdjustOptions
+from hrsi.hrsi_engine.adjustment.result import Adjustment
+from hrsi.hrsi_engine.adjustment.solver import adjust
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.foundation.reasons import Level, Reason
+from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.refinement.model import RefinedRPC
+from hrsi.hrsi_engine.results.residuals import residuals
+from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
+from hrsi.hrsi_engine.results.verdict.verdict import brief
+
+SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
+
+
+def sound(seed: int = 1, **changes) -> Block:
+    """Return a block whose errors are those that its sigmas say: shifts of images, noise of points."""
+    return simulated_blocks.block(seed=seed, **{"drift": 0.0, "ties": 60} | changes)[0]
+
+
+def evidence_of(block: Block, options: AdjustOptions = SNOOPING, fit_px: float = 0.0) -> Evidence:
+    result = adjust(block, options)
+    return Evidence(result, residuals(result), [RefinedRPC(image.rpc, fit_px) for image in block.images])
+
+
+def reasons_of(block: Block, options: AdjustOptions = SNOOPING) -> dict[str, Reason]:
+    return {reason.code: reason for reason in find_reasons(evidence_of(block, options))}
+
+
+def rows_of(block: Block, role: Role) -> np.ndarray:
+    return np.flatnonzero(block.points.role == role)
+
+
+def moved(block: Block, rows: np.ndarray, metres: tuple[float, float, float]) -> Block:
+    """Return the block with other surveyed positions of some points."""
+    ground = block.points.ground.copy()
+    ground[rows] = moved_ground(ground[rows], np.tile(metres, (len(rows), 1)))
+    return replace(block, points=replace(block.points, ground=ground))
+
+
+def mismatched(block: Block, share: float, seed: int = 5) -> Block:
+    """Return the block with a share of its tie points measured at wrong places of their first image."""
+    rng = np.random.default_rng(seed)
+    ties = rng.permutation(rows_of(block, Role.TIE))
+    rows = block.measurements
+    wrong = np.isin(rows.point, ties[: round(share * len(ties))]) & (rows.image == 0)
+    xy = rows.xy + np.where(wrong[:, None], rng.uniform(-200.0, 200.0, rows.xy.shape), 0.0)
+    return replace(block, measurements=replace(rows, xy=xy))
+
+
+def without(block: Block, rows: np.ndarray) -> Block:
+    return block.with_measurements(~rows)
+
+
+# ---- nothing wrong --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gcps", [0, 1, 4, 10])
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_sound_blocks_have_no_reason(seed: int, gcps: int):
+    assert reasons_of(sound(seed, gcps=gcps, bias_px=2.0)) == {}  # without GCPs 5 px are expected of an RPC
+
+
+# ---- known points ---------------------------------------------------------------------------------------------------
+
+
+def test_gcps_that_disagree_are_told_though_ties_fit():
+    block = sound()
+    found = reasons_of(moved(block, rows_of(block, Role.GCP)[::2], (16.0, 0.0, 0.0)))
+    assert found["control-misfit"].level is Level.UNUSABLE
+    assert set(found["control-misfit"].points) <= set(block.points.ids[rows_of(block, Role.GCP)])
+
+
+def test_a_single_wrong_gcp_is_left_out_and_the_rest_is_used():
+    block = sound()
+    wrong = rows_of(block, Role.GCP)[3:4]
+    found = reasons_of(moved(block, wrong, (0.0, 12.0, 0.0)))
+    assert found.keys() == {"control-left-out"}
+    assert found["control-left-out"].level is Level.DOUBTFUL
+    assert found["control-left-out"].points == (str(block.points.ids[wrong[0]]),)
+
+
+def test_gcps_far_off_bend_the_images_though_all_fits():
+    block = sound()
+    result = reasons_of(moved(block, np.flatnonzero(block.known), (2400.0, 0.0, 0.0)))
+    assert result["correction-too-large"].level is Level.UNUSABLE  # 24 priors of 100 px
+    assert result["correction-too-large"].images == tuple(image.id for image in block.images)
+
+
+def test_check_points_of_another_datum():
+    block = sound()
+    found = reasons_of(moved(block, rows_of(block, Role.CHECK), (0.0, 0.0, 20.0)))
+    assert found.keys() == {"check-misfit"} and found["check-misfit"].level is Level.UNUSABLE
+
+
+def test_a_lone_check_point_is_named():
+    block = sound()
+    wrong = rows_of(block, Role.CHECK)[4:5]
+    found = reasons_of(moved(block, wrong, (5.0, 0.0, 0.0)))
+    assert found.keys() == {"check-point-off"}
+    assert found["check-point-off"].points == (str(block.points.ids[wrong[0]]),)
+
+
+# ---- ties -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("share", "level"), [(0.1, None), (0.4, Level.DOUBTFUL)])
+def test_many_wrong_ties_are_told(share: float, level: Level | None):
+    """Each of them is seen by three images, and leaves some measurements: a third of four in ten are wrong."""
+    found = reasons_of(mismatched(sound(ties=150), share))
+    assert (found["ties-left-out"].level if "ties-left-out" in found else None) is level
+    assert found.keys() <= {"ties-left-out"}
+
+
+def test_ties_of_which_most_are_wrong_are_unusable():
+    block = sound(ties=150)
+    rng = np.random.default_rng(2)
+    tie = (block.points.role == Role.TIE)[block.measurements.point]
+    xy = block.measurements.xy + np.where(tie[:, None], rng.uniform(-200.0, 200.0, (len(tie), 2)), 0.0)
+    found = reasons_of(replace(block, measurements=replace(block.measurements, xy=xy)))
+    assert max(reason.level for reason in found.values()) is Level.UNUSABLE
+
+
+def test_link_whose_ties_do_not_fit():
+    """Half of the ties join images 0 and 1 only; these are wrong, the others hold the block."""
+    block = sound(ties=300)
+    rows = block.measurements
+    pair = np.isin(rows.point, rows_of(block, Role.TIE)[:40])
+    block = without(block, pair & (rows.image == 2))
+    some = np.isin(block.measurements.point, rows_of(block, Role.TIE)[40:])
+    block = without(block, some & (block.measurements.image == 1))  # the others join 0 and 2
+    rng = np.random.default_rng(3)
+    rows = block.measurements
+    wrong = np.isin(rows.point, rows_of(block, Role.TIE)[:40]) & (rows.image == 1)
+    xy = rows.xy + np.where(wrong[:, None], rng.uniform(-150.0, 150.0, rows.xy.shape), 0.0)
+    found = reasons_of(replace(block, measurements=replace(rows, xy=xy)))
+    named = [found[code] for code in ("link-left-out", "ties-left-out") if code in found]
+    assert named and {"image1"} <= set(named[0].images)
+
+
+def test_image_held_by_two_ties_and_image_held_by_none():
+    block = sound(gcps=4, checks=0, ties=20)
+    rows = block.measurements
+    kept = np.isin(rows.point, rows_of(block, Role.TIE)[:2])
+    few = reasons_of(without(block, (rows.image == 2) & ~kept))
+    assert few.keys() == {"few-ties"} and few["few-ties"].images == ("image2",)
+    none = reasons_of(without(block, rows.image == 2))
+    assert none.keys() == {"image-not-held"} and none["image-not-held"].images == ("image2",)
+
+
+def test_part_without_control():
+    block = sound(gcps=6, checks=0, ties=40, count=4, bias_px=2.0)
+    rows = block.measurements
+    tie = (block.points.role == Role.TIE)[rows.point]
+    first = np.isin(rows.point, rows_of(block, Role.TIE)[:20])
+    apart = np.where(rows.image < 2, tie & ~first, ~tie | first)
+    found = reasons_of(without(block, apart))
+    assert found.keys() == {"part-without-control"}
+    assert set(found["part-without-control"].images) == {"image2", "image3"}
+
+
+def test_gcps_in_a_corner_do_not_hold_an_affine():
+    """One image: a drift known from GCPs within a tenth of its sides is not known at the far corner; a shift is."""
+    block = sound(gcps=1500, checks=0, ties=0, count=1)
+    rows = block.measurements
+    reach = 0.1 * np.ptp(rows.xy, axis=0)
+    near = (rows.xy < rows.xy.min(axis=0) + reach).all(axis=1)
+    near &= np.cumsum(near) <= 5
+    corner = without(block, ~near)
+    assert near.sum() == 5
+    assert reasons_of(corner, replace(SNOOPING, model="affine")).keys() == {"extrapolation"}
+    assert reasons_of(corner) == {}
+
+
+# ---- solution -------------------------------------------------------------------------------------------------------
+
+
+def test_drift_that_a_shift_leaves_is_measured_and_its_model_named():
+    """Known drifts of an image: the RMS of what a shift leaves of them is found to 15 %."""
+    block, _, errors = simulated_blocks.block(gcps=60, checks=0, ties=0, drift=3e-3, count=1, seed=4)
+    evidence = evidence_of(block, AdjustOptions(model="shift", reject_sigma=0.0, sigma_drift=0.0))
+    image = block.images[0]
+    field = (block.measurements.xy - image.centre_px) @ errors[0][:, 1:].T
+    field -= field.mean(axis=0)
+    (found,) = evidence.fields
+    assert found.rms_px == pytest.approx(np.sqrt(np.mean(np.sum(field**2, axis=1))), rel=0.15)
+    assert found.model == "affine"
+    assert "systematic-residuals" in {reason.code for reason in find_reasons(evidence)} or found.rms_px < 4.0
+
+
+def test_small_field_is_a_note_and_no_reason():
+    block = simulated_blocks.block(gcps=300, checks=0, ties=0, drift=2e-4, count=1, noise_px=0.1, seed=8)[0]
+    evidence = evidence_of(block)
+    assert find_reasons(evidence) == []
+    assert any("affine" in note for note in field_notes(evidence))
+
+
+def test_stopped_iterations():
+    block = sound(drift=1e-3)
+    assert reasons_of(block, AdjustOptions(model="affine", max_iterations=1)).keys() >= {"not-converged"}
+
+
+@pytest.mark.parametrize(("fit_px", "level"), [(0.01, None), (0.5, Level.DOUBTFUL), (2.0, Level.UNUSABLE)])
+def test_rpc_that_is_not_its_model(fit_px: float, level: Level | None):
+    found = {reason.code: reason.level for reason in find_reasons(evidence_of(sound(), fit_px=fit_px))}
+    assert found.get("rpc-unlike-model") is level
+
+
+def test_residuals_beyond_all_sigmas():
+    block = sound()
+    xy = block.measurements.xy + np.random.default_rng(1).normal(0.0, 8.0, block.measurements.xy.shape)
+    found = reasons_of(replace(block, measurements=replace(block.measurements, xy=xy)), AdjustOptions(model="shift"))
+    assert found["residuals-too-large"].level is Level.UNUSABLE
+    needed = re.search(r"a sigma of ([\d.]+) px instead of 0.3 px", found["residuals-too-large"].message)
+    assert float(needed[1]) == pytest.approx(8.0, rel=0.15)  # GCPs have their survey's sigma too
+
+
+# ---- the verdict ----------------------------------------------------------------------------------------------------
+
+
+def test_a_named_cause_stands_alone():
+    block = sound()
+    wrong = evidence_of(moved(block, rows_of(block, Role.GCP)[::2], (16.0, 0.0, 0.0)))
+    cause = Reason("height-datum", Level.UNUSABLE, "heights", "convert them")
+    assert find_reasons(wrong, [cause]) == [cause]
+    hint = replace(cause, level=Level.DOUBTFUL)
+    assert {reason.code for reason in find_reasons(wrong, [hint])} > {"height-datum"}
+
+
+def test_level_is_the_worst_and_stands_first():
+    doubtful, unusable = Reason("one", Level.DOUBTFUL, "m", "a"), Reason("other", Level.UNUSABLE, "m", "a")
+    assert Verdict.of("s", []).level is Level.OK
+    verdict = Verdict.of("s", [doubtful, unusable, doubtful])
+    assert verdict.level is Level.UNUSABLE
+    assert [reason["level"] for reason in verdict.entry()["reasons"]] == ["unusable", "doubtful", "doubtful"]
+
+
+def report(result: Adjustment) -> dict:
+    from hrsi.hrsi_engine.results.figures import block_report
+
+    refined = [RefinedRPC(image.rpc, 0.0) for image in result.block.images]
+    return block_report(result, residuals(result), refined)
+
+
+def test_sentence_tells_what_was_reached():
+    figures = report(adjust(sound(), SNOOPING))
+    ce90, predicted = figures["check"]["ce90_m"], figures["check"]["predicted"]["ce90_m"]
+    assert reached(figures) == (
+        f"3 images tied to {brief(figures['ties']['rmse_px'])} px; 10 GCPs, 10 check points: "
+        f"CE90 {brief(ce90)} m (predicted {brief(predicted)}), LE90 {brief(figures['check']['le90_m'])} m"
+    )
+
+
+def test_sentence_without_gcps_and_check_points_says_what_is_predicted():
+    figures = report(adjust(sound(gcps=0, checks=0), SNOOPING))
+    text = reached(figures)
+    assert text.startswith("3 images tied to ")
+    assert f"; no GCPs, no check points: predicted CE90 {brief(figures['parts'][0]['ce90_m'])} m" in text
+
+
+@given(st.floats(1e-3, 1e5))
+def test_brief_figures_are_right_to_a_twentieth(value: float):
+    """Two digits that count, or two decimals: five per cent, or half of the last decimal."""
+    assert float(brief(value)) == pytest.approx(value, rel=0.051, abs=0.0051)
