@@ -18,9 +18,9 @@ from .significance import RISK
 
 MOST_ROWS = 1000  # of an image: enough for every field that matters
 FEWEST_ROWS = 12
-MODELS = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
-POWERS = IMAGE_SPACE[MODELS[-1]].powers.tolist()  # those of all the others are among them
-COLUMNS = {name: [POWERS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in MODELS}
+NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
+MONOMIALS = IMAGE_SPACE[NESTED[-1]].powers.tolist()  # those of all the others are among them
+COLUMNS_OF_MODEL = {name: [MONOMIALS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in NESTED}
 SAME_FIELD = 0.8  # share of what the richest model explains from which a simpler one does
 
 
@@ -57,13 +57,13 @@ def _field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualFi
     A polynomial with the monomials T explains r'T (T'T)^-1 T'r of the squares r'r; the models are nested.
     """
     u, v = position.T
-    terms = np.stack([u**i * v**j for i, j in POWERS])
+    terms = np.stack([u**i * v**j for i, j in MONOMIALS])
     normal, right = terms @ terms.T, terms @ residual
     explained = {}
-    for name, columns in COLUMNS.items():
+    for name, columns in COLUMNS_OF_MODEL.items():
         solved, *_ = np.linalg.lstsq(normal[np.ix_(columns, columns)], right[columns], rcond=None)
         explained[name] = float(np.sum(right[columns] * solved))
-    total, richest = float(np.sum(residual**2)), explained[MODELS[-1]]
+    total, richest = float(np.sum(residual**2)), explained[NESTED[-1]]
     freedom = 2.0 * np.linalg.matrix_rank(normal)
     left = 2.0 * len(residual) - freedom
     if not total > richest:
@@ -71,5 +71,5 @@ def _field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualFi
     ratio = (richest / freedom) / ((total - richest) / left)
     if special.fdtrc(freedom, left, ratio) > RISK:
         return None
-    model = next(name for name in MODELS if explained[name] >= SAME_FIELD * richest)
+    model = next(name for name in NESTED if explained[name] >= SAME_FIELD * richest)
     return ResidualField(image, float(np.sqrt(richest / len(residual))), float(np.sqrt(total / len(residual))), model)
