@@ -24,21 +24,32 @@ def missing_package_message(error: ImportError) -> str | None:
     if package in ("", __name__.partition(".")[0]):
         return None
     if package in SYSTEM_NAMES:
-        return (
-            f"The Python package {package} cannot be loaded ({error}): install {SYSTEM_NAMES[package]} from where your "
-            "QGIS comes from (apt, OSGeo4W), not with pip, and restart QGIS"
-        )
+        return f"The Python package {package} cannot be loaded ({error}): {_system_advice(package)}"
     pip_name = PIP_NAMES.get(package, package)
     return f"The Python package {pip_name} cannot be loaded ({error}): run  {pip_command(pip_name)}  and restart QGIS"
 
 
 def absence_note(packages: Iterable[str]) -> str:
-    """Return what to tell before anything is run about packages (import names) that are not there; empty if all are."""
-    absent = [PIP_NAMES.get(name, name) for name in packages if importlib.util.find_spec(name) is None]
-    if not absent:
-        return ""
-    commands = "; ".join(map(pip_command, absent))
-    return f"What it does with pixels needs {' and '.join(absent)}, missing here: run  {commands}  and restart QGIS."
+    """Return what to tell before anything is run about packages (import names) that are not there; empty if all are.
+
+    Those of `SYSTEM_NAMES` every algorithm needs.
+    """
+    notes = [f"It needs {name}, missing here: {_system_advice(name)}." for name in SYSTEM_NAMES if _is_missing(name)]
+    absent = [PIP_NAMES.get(name, name) for name in packages if _is_missing(name)]
+    if absent:
+        commands = "; ".join(map(pip_command, absent))
+        needed = " and ".join(absent)
+        notes.append(f"What it does with pixels needs {needed}, missing here: run  {commands}  and restart QGIS.")
+    return " ".join(notes)
+
+
+def _is_missing(package: str) -> bool:
+    return importlib.util.find_spec(package) is None
+
+
+def _system_advice(package: str) -> str:
+    """Say how to install a package of `SYSTEM_NAMES`."""
+    return f"install {SYSTEM_NAMES[package]} where your QGIS comes from (apt, OSGeo4W), not with pip, and restart QGIS"
 
 
 def pip_command(pip_name: str) -> str:

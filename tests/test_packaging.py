@@ -16,7 +16,8 @@ from types import ModuleType
 import pytest
 
 from hrsi.hrsi_engine.foundation.version import VERSION
-from hrsi.plugin.dependencies import missing_package_message
+from hrsi.plugin import dependencies
+from hrsi.plugin.dependencies import absence_note, missing_package_message
 
 
 @pytest.fixture(scope="module")
@@ -130,10 +131,18 @@ def test_modules_open_with_a_docstring(repository: Path):
 
 @pytest.mark.parametrize(
     ("package", "advice"),
-    [("shapely", "install python3-shapely from where your QGIS comes from"), ("cv2", "pip install -c .* opencv")],
+    [("shapely", "install python3-shapely where your QGIS comes from"), ("cv2", "pip install -c .* opencv")],
 )
 def test_advice_on_a_missing_package(package: str, advice: str):
     """A wheel of Shapely would bring a second GEOS into QGIS."""
     message = missing_package_message(ModuleNotFoundError("No module", name=package))
     assert message is not None and re.search(advice, message)
     assert ("pip install" in message) == (package == "cv2")
+
+
+def test_note_on_a_missing_package(monkeypatch: pytest.MonkeyPatch):
+    """Said before anything is run: what every algorithm needs, and what this one needs."""
+    assert absence_note(("json",)) == ""
+    monkeypatch.setattr(dependencies, "_is_missing", lambda package: package in ("shapely", "cv2"))
+    assert "install python3-shapely where" in absence_note(())
+    assert "pip" in absence_note(("cv2",)).partition("What it does with pixels needs opencv-python-headless")[2]

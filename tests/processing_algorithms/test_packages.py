@@ -1,4 +1,4 @@
-"""Algorithms that reach OpenCV say so: it is the one package that a QGIS may lack."""
+"""Algorithms that reach OpenCV say so: a QGIS may lack it, and not all need it as they do Shapely."""
 
 from __future__ import annotations
 
