@@ -39,7 +39,6 @@ REGISTRY: dict[str, Algorithm] = {
         tie_points,
         adjust,
         refine_rpc,
-        simulate,
         write_rpc,
         rpc_info,
         project,
@@ -49,9 +48,10 @@ REGISTRY: dict[str, Algorithm] = {
         interest_points,
         match,
         measure_targets,
-        register,
         orthorectify,
         ortho_check,
+        simulate,
+        register,
     )
 }
 

@@ -24,7 +24,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        chosen = model_choice.choose(block, options.adjustment)
+        chosen = model_choice.choose_model_of_options(block, options.adjustment)
         how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")

@@ -18,7 +18,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     terrain = ortho_inputs.open_ortho_terrain(options)
     plan = ortho_inputs.plan_block(images, terrain, options)
     jobs = ortho_outputs.jobs_of(plan, options)
-    ortho_outputs.check_folder(options, jobs)
+    ortho_outputs.check_ortho_folder(options, jobs)
     entries = ortho_outputs.make_all(jobs, options, context)
     return ortho_outputs.write_report(plan, entries, options, time.monotonic() - start, context)
 

@@ -30,14 +30,14 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     file = None if options.tie_points in (NO_TIES, AUTOMATIC_TIES) else options.tie_points
     reading = context.stage(0.4, 0.5)
     sigma_dem_m = options.adjustment.sigma_dem_m
-    block, more, entries = reference_control.read_block(
+    block, more, entries = reference_control.read_reference_block(
         images, options.points, options.dem, file, found, options.reference, sigma_dem_m, reading
     )
     how = options.adjustment
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        chosen = model_choice.choose(block, options.adjustment)
+        chosen = model_choice.choose_model_of_options(block, options.adjustment)
         how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")

@@ -44,6 +44,8 @@ BEFORE = "54ff169"
 DRAWN_BEFORE: dict[str, float] = {"rooms": 34, "arrows between rooms": 124, "circles of files": 3}
 #: Names that a contract asks of every module of its kind: algorithms, and formats of files.
 CONTRACT_NAMES = {"ALGORITHM", "run", "summarise", "READER", "read", "text_of", "WRITTEN_BY"}
+#: … and what an algorithm calls its files and layers.
+CONTRACT_NAMES |= {"LAYERS_FILE", "LAYER", "POINTS_LAYER", "TABLE_FILE", "PAGE_FILE"}
 PARTICIPLE = re.compile(r"_*[a-z]+ed$")
 #: … which end so and are verbs.
 VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed"}

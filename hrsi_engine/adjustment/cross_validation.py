@@ -12,7 +12,7 @@ import numpy as np
 
 from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import ground_difference_m
-from .delivery import delivered
+from .delivery import deliver
 from .gauss_newton import GaussNewton, Solution
 from .problem import Problem
 from .result import CrossValidation
@@ -43,7 +43,7 @@ def cross_validate(
             problem.options.tolerance, silent,
         )  # fmt: skip
         survey = observations.survey[point : point + 1]
-        predicted = delivered(problem, loop, without).ground[point : point + 1]
+        predicted = deliver(problem, loop, without).ground[point : point + 1]
         error[number] = ground_difference_m(survey, predicted)[0]
         if rays[point] < 2:
             error[number, 2] = np.nan

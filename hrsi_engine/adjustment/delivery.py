@@ -30,7 +30,7 @@ class Delivered(NamedTuple):
     residual: np.ndarray
 
 
-def delivered(problem: Problem, loop: GaussNewton, solution: Solution) -> Delivered:
+def deliver(problem: Problem, loop: GaussNewton, solution: Solution) -> Delivered:
     """Return the cameras of the model, and the points by them."""
     camera, p = problem.camera, len(problem.model.parameters)
     if camera is problem.model or not isinstance(camera, ImagePolynomial):

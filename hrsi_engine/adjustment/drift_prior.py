@@ -18,7 +18,7 @@ from .gauss_newton import GaussNewton, Solution
 from .precision import Precision
 from .result import VarianceComponent
 
-LEAST_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
+LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
 MOST_CHANGE = 5.0  # in one round
 
 
@@ -46,7 +46,7 @@ class DriftPrior:
         squares = float(np.sum(weight * solution.state.values**2))
         freedom = float(np.sum(np.where(free, 1.0 - weight * precise.parameters, 0.0)))
         self.sums = (squares, freedom, int(free.sum()))
-        if not freedom >= LEAST_FREEDOM:
+        if not freedom >= LEAST_DRIFT_FREEDOM:
             return 0.0
         ratio = float(np.clip(np.sqrt(squares / freedom), 1.0 / MOST_CHANGE, MOST_CHANGE))
         self.factor *= ratio
@@ -62,6 +62,6 @@ class DriftPrior:
         return (
             VarianceComponent(
                 "drift of the images", count, freedom, self.factor, self.factor * sigma, "px/px",
-                freedom >= LEAST_FREEDOM,
+                freedom >= LEAST_DRIFT_FREEDOM,
             ),
         )  # fmt: skip

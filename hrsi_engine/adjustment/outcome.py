@@ -8,7 +8,7 @@ import numpy as np
 
 from ..foundation.errors import list_ids
 from ..ground.geodesy import ground_difference_m
-from .delivery import Delivered, delivered
+from .delivery import Delivered, deliver
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision, deletion_tests
 from .problem import Problem
@@ -24,7 +24,7 @@ from .result import (
 )
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
-MANY_LEFT_OUT = 0.02  # share of the DEM's heights
+MANY_HEIGHTS_LEFT_OUT = 0.02  # share of the DEM's heights
 HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
 
 
@@ -61,7 +61,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     sums = _sums(problem, loop, solution, shares)
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = shares[:, own]
-    cameras = delivered(problem, loop, solution)
+    cameras = deliver(problem, loop, solution)
     rows, points, camera = observations.rows, observations.points, observations.camera_of_image
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.surveyed | ~observations.contributing_points
@@ -243,7 +243,7 @@ def _undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) 
 
 def _dem_warnings(agreement: DemAgreement | None) -> list[str]:
     """Name a DEM many of whose heights do not fit the block."""
-    if agreement is None or agreement.left_out <= MANY_LEFT_OUT * agreement.points:
+    if agreement is None or agreement.left_out <= MANY_HEIGHTS_LEFT_OUT * agreement.points:
         return []
     return [
         f"{agreement.left_out} of {agreement.points} heights of the DEM do not fit the points and are left out "

@@ -20,7 +20,7 @@ from .gauss_newton import GaussNewton, Solution
 
 #: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
 NON_CENTRALITY = 4.13
-LEAST_REDUNDANCY = 1e-3  # below, a residual says nothing of its own observation
+LEAST_OWN_REDUNDANCY = 1e-3  # below, a residual says nothing of its own observation
 #: What holds 90 % of normal errors: a circle, of the radial RMSE (NSSDA), and a band to both sides, of the RMSE.
 CIRCLE_90, LINE_90 = 1.5175, 1.6449
 
@@ -72,7 +72,7 @@ def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarr
     """Return by how much the weighted sum of squares falls when an image point is left out, ``(n,)``.
 
     v' Qv^-1 v of residuals ``(n, 2)``; under normal errors chi² with two degrees of freedom. Directions in which less
-    than `LEAST_REDUNDANCY` of an error shows are not tested.
+    than `LEAST_OWN_REDUNDANCY` of an error shows are not tested.
     """
     a, d, b = cofactors[:, 0, 0] * weight, cofactors[:, 1, 1] * weight, cofactors[:, 0, 1] * weight
     middle, half = 0.5 * (a + d), np.hypot(0.5 * (a - d), b)
@@ -83,7 +83,7 @@ def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarr
         (middle + half, residual[:, 0] * cosine + residual[:, 1] * sine),
         (middle - half, residual[:, 1] * cosine - residual[:, 0] * sine),
     ):
-        testable = share > LEAST_REDUNDANCY
+        testable = share > LEAST_OWN_REDUNDANCY
         total[testable] += weight[testable] * x[testable] ** 2 / share[testable]
     return total
 
@@ -97,7 +97,7 @@ def survey_tests(miss_m: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) 
     scale = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(1, 2)  # its square root
     share, axes = np.linalg.eigh(scale @ cofactors @ scale)
     along = np.einsum("kij,ki->kj", axes, np.einsum("kij,kj->ki", scale, miss_m))
-    return np.where(share > LEAST_REDUNDANCY, along**2 / np.maximum(share, LEAST_REDUNDANCY), 0.0).sum(axis=1)
+    return np.where(share > LEAST_OWN_REDUNDANCY, along**2 / np.maximum(share, LEAST_OWN_REDUNDANCY), 0.0).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ..block.block import Block, Image
-from ..foundation.errors import NAMED, InputError, SolveError, list_ids
+from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..refinement.image_space import ImagePolynomial, with_drift
 from ..refinement.model import UNFOLLOWED_DRIFT, Priors, RefinementModel, priors_of
 from ..refinement.models import MODELS
@@ -94,11 +94,11 @@ class Problem:
             fresh.mixed,
         )
         return Weighting(
-            image, priors, self.observations.contributing_points & determined(self.observations, image, survey)
+            image, priors, self.observations.contributing_points & find_determined(self.observations, image, survey)
         )
 
 
-def determined(observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray) -> np.ndarray:
+def find_determined(observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray) -> np.ndarray:
     """Return which points have a survey or at least two measurements of any weight, ``(m,)``."""
     rays = np.add.reduceat(image_weight > 0.0, observations.first[:-1], dtype=np.int64)
     return (rays >= 2) | ((survey_weight > 0.0).any(axis=1) & (rays >= 1))
@@ -106,9 +106,9 @@ def determined(observations: Observations, image_weight: np.ndarray, survey_weig
 
 def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
     """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
-    model = choose(MODELS, options.model, "model")
-    choose(WEIGHTS, options.robust, "robust weight function")
-    choose(GROUPINGS, options.variance_groups, "grouping of image points")
+    model = choose_entry(MODELS, options.model, "model")
+    choose_entry(WEIGHTS, options.robust, "robust weight function")
+    choose_entry(GROUPINGS, options.variance_groups, "grouping of image points")
     for group in options.sensor_images:
         _image_indices(block, group, "a group of images of one sensor")
     observations = select(block, options.check_as_ties)
@@ -130,14 +130,16 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     priors, weak = point_priors(observations, ground, options.dem, options.sigma_dem_m)
     image_weight = 1.0 / observations.sigma_px**2
-    contributes = observations.contributing_points & determined(observations, image_weight, observations.survey_weight)
+    contributes = observations.contributing_points & find_determined(
+        observations, image_weight, observations.survey_weight
+    )
     return Problem(
         block, observations, model, camera, options, pattern, equations, prior_weight, parts, State(start, ground),
         Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)),
     )  # fmt: skip
 
 
-def choose(table: Mapping[str, Entry], name: str, what: str) -> Entry:
+def choose_entry(table: Mapping[str, Entry], name: str, what: str) -> Entry:
     """Return an entry by name; raises `InputError` that lists the names."""
     if name not in table:
         raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
@@ -190,11 +192,11 @@ def _part_warnings(observations: Observations, parts: Sequence[Part]) -> list[st
         warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
     rest = [part for part in parts if part.gcps or part.ties]
     if len(rest) > 1:
-        listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:NAMED])
+        listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:IDS_NAMED])
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
     free = [part for part in rest if not part.gcps]
     if free:
-        listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:NAMED])
+        listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
         warnings.append(f"no GCP holds {listed}: its position follows from the RPCs' own accuracy (priors)")
     return warnings
 

@@ -22,7 +22,7 @@ from .observations import Observations
 from .precision import Precision
 from .result import VarianceComponent
 
-LEAST_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
+LEAST_GROUP_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
 ROUNDS = 15
 SETTLED = 0.01  # relative change of a sigma
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
@@ -150,7 +150,7 @@ class Sigmas:
 
     def update(self, sums: np.ndarray) -> float:
         """Correct the factors; return the largest relative change."""
-        usable = (sums[:, 1] >= LEAST_FREEDOM) & (sums[:, 0] > 0.0)
+        usable = (sums[:, 1] >= LEAST_GROUP_FREEDOM) & (sums[:, 0] > 0.0)
         ratio = np.ones(len(sums))
         ratio[usable] = np.clip(np.sqrt(sums[usable, 0] / sums[usable, 1]), 0.2, 5.0)
         self.factor *= ratio
@@ -181,7 +181,7 @@ def summary(
     return tuple(
         VarianceComponent(
             name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
-            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= LEAST_FREEDOM),
+            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= LEAST_GROUP_FREEDOM),
         )
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0

@@ -241,13 +241,17 @@ def assemble(
         Ids that do not exist or contradict each other.
     """
     defaults = defaults or Defaults()
-    _require_unique([image.id for image in images])
+    image_ids = [image.id for image in images]
+    twice = sorted({name for name in image_ids if image_ids.count(name) > 1})
+    if twice:
+        raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
     rows = _concatenate([table for table in image_points if len(table)])
     warnings: list[str] = []
     image_index = _image_indices(rows, images)
     ids, point_index = unique_ids(rows.ids)
-    known, unmeasured = _measured_only(known, ids)
+    measured = np.isin(known.ids, ids)
+    known, unmeasured = known.select(measured), known.ids[~measured]
     if len(unmeasured):
         warnings.append(
             f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured)}"
@@ -260,12 +264,6 @@ def assemble(
     measurements = _without_repetitions(measurements, ids, warnings)
     _require_finite(measurements, ids, images)
     return Block(tuple(images), points, measurements, tuple(warnings))
-
-
-def _require_unique(image_ids: list[str]) -> None:
-    twice = sorted({name for name in image_ids if image_ids.count(name) > 1})
-    if twice:
-        raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
 
 
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
@@ -319,11 +317,6 @@ def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
             f"{list_ids(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
-
-
-def _measured_only(known: GroundPoints, ids: np.ndarray) -> tuple[GroundPoints, np.ndarray]:
-    measured = np.isin(known.ids, ids)
-    return known.select(measured), known.ids[~measured]
 
 
 def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:

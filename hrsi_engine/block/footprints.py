@@ -38,7 +38,7 @@ def footprints_at(image: Image, heights_m: np.ndarray) -> list[Polygon]:
 
 def footprint_between(image: Image, low_m: float, high_m: float) -> Polygon:
     """Return a polygon that holds the footprints of an image at all heights between two."""
-    hull = MultiPoint(_joined(_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
+    hull = MultiPoint(_join(_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
     return hull if hull.geom_type == "Polygon" else Polygon()
 
 
@@ -54,14 +54,14 @@ def polygon_of(ground: np.ndarray) -> Polygon:
 
     An outline that crosses itself, as that of a broken RPC may, is replaced by its convex hull.
     """
-    ring = _joined(ground)
+    ring = _join(ground)
     if len(ring) < 3:
         return Polygon()
     polygon = Polygon(ring)
     return polygon if polygon.is_valid else polygon.convex_hull
 
 
-def _joined(ground: np.ndarray) -> np.ndarray:
+def _join(ground: np.ndarray) -> np.ndarray:
     """Return finite lon, lat ``(k, 2)``, the longitudes within half a turn of the first."""
     lonlat = ground[np.isfinite(ground).all(axis=1), :2]
     if len(lonlat):

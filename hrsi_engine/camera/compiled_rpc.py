@@ -56,7 +56,7 @@ def project(
     constants, polynomials, derivatives = rpcs
     sx, sy, sz = constants[i, 3], constants[i, 4], constants[i, 5]
     terms[0] = 1.0
-    terms[1] = ellipsoid.wrapped(lon - constants[i, 0]) * sx
+    terms[1] = ellipsoid.wrap_once(lon - constants[i, 0]) * sx
     terms[2] = (lat - constants[i, 1]) * sy
     terms[3] = (height - constants[i, 2]) * sz
     for k in range(4, 20):

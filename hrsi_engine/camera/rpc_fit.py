@@ -227,7 +227,7 @@ def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
     parts = (rpc.samp_off, rpc.samp_scale, rpc.samp_num, rpc.samp_den), (
         rpc.line_off, rpc.line_scale, rpc.line_num, rpc.line_den,
     )  # fmt: skip
-    sample, line = _folded_row(matrix[0], parts), _folded_row(matrix[1], parts)
+    sample, line = _fold_row(matrix[0], parts), _fold_row(matrix[1], parts)
     if sample is None or line is None:
         return None
     return replace(
@@ -240,7 +240,7 @@ def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
 _Part = tuple[float, float, np.ndarray, np.ndarray]  # OFF, SCALE, numerator, denominator of an image coordinate
 
 
-def _folded_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
+def _fold_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
     """Return the polynomials of ``row[0] + row[1] * sample + row[2] * line``, None where no RPC is exactly that."""
     involved = [(factor, part) for factor, part in zip(row[1:], parts, strict=True) if factor != 0.0]
     if not involved:

@@ -78,19 +78,7 @@ def block_map_svg(data: BlockMap) -> str:
     places = np.vstack([*rings.values(), data.lonlat[here]]) if rings or len(here) else np.empty((0, 2))
     if not len(places):
         return ""
-    view, height = _fitted_view(places)
-    arrow_scale = _arrow_scale(data.residual_en_m)
-    parts = [
-        *_footprints(rings, view),
-        *_points(data, here, view, arrow_scale),
-        *_scales(view.units_per_metre, arrow_scale, height),
-    ]
-    size = f'viewBox="0 0 {_WIDTH:.0f} {height + 50.0:.0f}"'
-    return f'<svg class="map" {size} role="img" aria-label="Map of the block">\n' + "\n".join(parts) + "\n</svg>"
-
-
-def _fitted_view(places: np.ndarray) -> tuple[_View, float]:
-    """Return a view that shows all places, and the drawing's height."""
+    # A view that shows all places, and the drawing's height
     longitudes = np.unwrap(places[:, 0], period=360.0)
     frame = LocalFrame(float(longitudes.mean()), float(places[:, 1].mean()))
     local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
@@ -98,14 +86,18 @@ def _fitted_view(places: np.ndarray) -> tuple[_View, float]:
     extent = np.maximum(high - low, 1.0)
     scale = min((_WIDTH - 2.0 * _MARGIN) / extent[0], (_WIDTH - 2.0 * _MARGIN) / extent[1])
     slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # a tall block stands in the middle
-    return _View(frame, low[0] - slack / 2.0, high[1], scale), extent[1] * scale + 2.0 * _MARGIN
-
-
-def _arrow_scale(residual_m: np.ndarray) -> float | None:
-    """Return drawing units per metre of residual; None without residuals."""
-    length = np.linalg.norm(residual_m[np.isfinite(residual_m).all(axis=1)], axis=1)
+    view, height = _View(frame, low[0] - slack / 2.0, high[1], scale), extent[1] * scale + 2.0 * _MARGIN
+    # Drawing units per metre of residual; None without residuals
+    length = np.linalg.norm(data.residual_en_m[np.isfinite(data.residual_en_m).all(axis=1)], axis=1)
     typical = float(np.percentile(length, 90.0)) if len(length) else 0.0
-    return _ARROW / typical if typical > 0.0 else None
+    arrow_scale = _ARROW / typical if typical > 0.0 else None
+    parts = [
+        *_footprints(rings, view),
+        *_points(data, here, view, arrow_scale),
+        *_scales(view.units_per_metre, arrow_scale, height),
+    ]
+    size = f'viewBox="0 0 {_WIDTH:.0f} {height + 50.0:.0f}"'
+    return f'<svg class="map" {size} role="img" aria-label="Map of the block">\n' + "\n".join(parts) + "\n</svg>"
 
 
 def _footprints(rings: Mapping[str, np.ndarray], view: _View) -> Iterable[str]:

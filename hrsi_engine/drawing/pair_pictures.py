@@ -56,11 +56,21 @@ def pair_svg(first: PictureSide, second: PictureSide) -> str:
     scale = LONGEST_PX / float(max(*first.grey.shape, *second.grey.shape))
     sizes = [np.array(side.grey.shape[::-1]) * scale for side in (first, second)]
     width, height = sizes[0][0] + PICTURES_GAP + sizes[1][0], max(size[1] for size in sizes)
-    colours, numbered = _colours(first), _number_points(first)
+    # The rows of some correspondences spread over the window: the first one of every cell
+    cell = np.floor((first.points - first.origin) / (max(first.grey.shape) / LABEL_CELLS)).astype(int)
+    number_points = (
+        np.sort(np.unique(cell, axis=0, return_index=True)[1])[:NUMBERED_PAIRS] if len(cell) else np.empty(0, dtype=int)
+    )
+    colours, numbered = _colours(first), number_points
     parts = [f'<svg class="plot" viewBox="0 0 {width:.1f} {height:.1f}">']
     for left, side, size in zip((0.0, sizes[0][0] + PICTURES_GAP), (first, second), sizes, strict=True):
         places = (side.points - side.origin + 0.5) * scale + (left, 0.0)
-        parts += [_image(side, scale, left, size), *_marks(places, colours), *_numbers(places[numbered])]
+        radius = 3.4 if len(places) < 800 else 1.9
+        marks = [
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>'
+            for (x, y), colour in zip(places, colours, strict=True)
+        ]
+        parts += [_image(side, scale, left, size), *marks, *_numbers(places[numbered])]
     return "".join([*parts, "</svg>"])
 
 
@@ -80,22 +90,6 @@ def _colours(side: PictureSide) -> list[str]:
     share = (side.points - side.origin) / np.maximum(np.array(side.grey.shape[::-1]), 1)
     rgb = [colorsys.hls_to_rgb(0.85 * float(x), 0.4 + 0.3 * float(y), 1.0) for x, y in np.clip(share, 0.0, 1.0)]
     return ["#" + "".join(f"{round(255 * channel):02x}" for channel in colour) for colour in rgb]
-
-
-def _marks(places: np.ndarray, colours: list[str]) -> list[str]:
-    radius = 3.4 if len(places) < 800 else 1.9
-    return [
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>'
-        for (x, y), colour in zip(places, colours, strict=True)
-    ]
-
-
-def _number_points(side: PictureSide) -> np.ndarray:
-    """Return the rows of some correspondences spread over the window: the first one of every cell."""
-    cell = np.floor((side.points - side.origin) / (max(side.grey.shape) / LABEL_CELLS)).astype(int)
-    return (
-        np.sort(np.unique(cell, axis=0, return_index=True)[1])[:NUMBERED_PAIRS] if len(cell) else np.empty(0, dtype=int)
-    )
 
 
 def _numbers(places: np.ndarray) -> list[str]:

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable
 
-NAMED = 8  # most ids in a message
+IDS_NAMED = 8  # most ids in a message
 
 
-def list_ids(ids: Iterable[object], most: int = NAMED) -> str:
+def list_ids(ids: Iterable[object], most: int = IDS_NAMED) -> str:
     """Return ids for a message, a long list shortened."""
     listed = [str(item) for item in ids]
     return ", ".join(listed[:most]) + (f" … ({len(listed)} in all)" if len(listed) > most else "")

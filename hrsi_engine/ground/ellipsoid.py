@@ -27,7 +27,7 @@ Couple = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
 
 
-def wrapped(difference_deg: Number) -> Number:
+def wrap_once(difference_deg: Number) -> Number:
     """Return longitude differences in [-180, 180): 359.9 becomes -0.1."""
     return difference_deg - 360.0 * np.floor((difference_deg + 180.0) / 360.0)
 
@@ -81,4 +81,4 @@ def axes(lon_deg: Number, lat_deg: Number) -> tuple[Triple[Number], Triple[Numbe
 
 
 #: What compiled loops call.
-ELLIPSOID_FORMULAS = (wrapped, curvature_radii, metres_of_a_degree, geocentric, geodetic, axes)
+ELLIPSOID_FORMULAS = (wrap_once, curvature_radii, metres_of_a_degree, geocentric, geodetic, axes)

@@ -47,7 +47,7 @@ def metres_per_degree(ground: np.ndarray) -> np.ndarray:
 
 def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
     """Return longitude differences in [-180, 180): 359.9 becomes -0.1."""
-    return ellipsoid.wrapped(difference_deg)
+    return ellipsoid.wrap_once(difference_deg)
 
 
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:

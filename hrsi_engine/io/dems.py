@@ -100,11 +100,8 @@ class _DemReader:
         known = (mask != 0) & np.isfinite(heights)
         heights[~known] = np.nan
         if self._undulations is not None and known.any():
-            heights[known] += self._undulations(self._positions(row, column, known))
+            # Lon, lat, 0 of the known cells of a window
+            i, j = np.nonzero(known)
+            lonlat = self._place.to_lonlat(np.column_stack([column + j, row + i]).astype(np.float64))
+            heights[known] += self._undulations(np.column_stack([lonlat, np.zeros(len(lonlat))]))
         return heights
-
-    def _positions(self, row: int, column: int, known: np.ndarray) -> np.ndarray:
-        """Return lon, lat, 0 of the known cells of a window."""
-        i, j = np.nonzero(known)
-        lonlat = self._place.to_lonlat(np.column_stack([column + j, row + i]).astype(np.float64))
-        return np.column_stack([lonlat, np.zeros(len(lonlat))])

@@ -9,13 +9,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
-from .layer_styles import Style, default_styles
+from .layer_styles import default_styles
 from .layers import Layer, create_layer, create_style_table, insert_rows, insert_styles, write_geopackage
 
 _WAIT_S = 5.0  # for another program that is writing
@@ -37,7 +37,10 @@ def replace_layers(path: str, layers: Sequence[Layer]) -> None:
             database.execute("BEGIN IMMEDIATE")
             for layer in layers:
                 _replace(database, layer)
-            _replace_styles(database, layers, styles)
+            # Replace the default styles of the layers; those that the user stored under names of their own stay
+            for name in styles:
+                database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
+            insert_styles(database, layers, styles)
             database.execute("COMMIT")
     except sqlite3.Error as error:
         raise OutputError(f"{path}: cannot be written ({error}): close other programs that write into it") from None
@@ -68,13 +71,6 @@ def _replace(database: sqlite3.Connection, layer: Layer) -> None:
             database.execute(f'ALTER TABLE "{layer.name}" ADD COLUMN "{name}" {sql_type}')
     for _ in insert_rows(database, layer, empty_first=True):
         pass
-
-
-def _replace_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
-    """Replace the default styles of the layers; those that the user stored under names of their own stay."""
-    for name in styles:
-        database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
-    insert_styles(database, layers, styles)
 
 
 def layer_names(path: str) -> dict[str, int]:

@@ -143,15 +143,11 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
         layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
     )
     for name, column in layer.fields.items():
-        definition = ogr.FieldDefn(name, _field_type(column))
+        kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
+        definition = ogr.FieldDefn(name, kinds.get(column.dtype.kind, ogr.OFTString))
         if column.dtype.kind == "b":
             definition.SetSubType(ogr.OFSTBoolean)
         table.CreateField(definition)
-
-
-def _field_type(column: np.ndarray) -> int:
-    kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
-    return kinds.get(column.dtype.kind, ogr.OFTString)
 
 
 def insert_rows(database: sqlite3.Connection, layer: Layer, empty_first: bool = False) -> Iterator[None]:
@@ -214,18 +210,14 @@ def _bounds(layer: Layer) -> np.ndarray:
 def _blobs(layer: Layer, rows: slice) -> list[bytes | None]:
     if layer.geometry == "Polygon":
         return [_polygon_blob(polygon, layer.crs) for polygon in layer.coordinates[rows]]
-    return _point_blobs(np.asarray(layer.coordinates, dtype=np.float64)[rows], layer.geometry == "PointZ", layer.crs)
-
-
-def _point_blobs(xyz: np.ndarray, has_z: bool, crs: int) -> list[bytes | None]:
-    """Return GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
-
-    Source: OGC 12-128r18, clause 2.1.3.
-    """
+    # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
+    # Source: OGC 12-128r18, clause 2.1.3.
+    xyz = np.asarray(layer.coordinates, dtype=np.float64)[rows]
+    has_z = layer.geometry == "PointZ"
     axes = 3 if has_z else 2
     layout = [("magic", "S2"), ("version", "u1"), ("flags", "u1"), ("srs", "<i4"), ("order", "u1"), ("type", "<u4")]
     blobs = np.zeros(len(xyz), dtype=[*layout, ("coordinates", "<f8", (axes,))])
-    blobs["magic"], blobs["flags"], blobs["srs"], blobs["order"] = b"GP", 1, crs, 1
+    blobs["magic"], blobs["flags"], blobs["srs"], blobs["order"] = b"GP", 1, layer.crs, 1
     blobs["type"] = 1001 if has_z else 1
     blobs["coordinates"] = xyz[:, :axes]
     values: list[bytes | None] = blobs.view(f"V{blobs.itemsize}").tolist()

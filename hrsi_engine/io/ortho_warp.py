@@ -132,7 +132,17 @@ def warp_chunk(
     if window is None:
         return None
     whole = not source.has_gaps and _is_inside(source.size, positions)
-    image = _in_memory(source, window, warp)
+    # A window of the image as a dataset in memory, its mask as an alpha band
+    sample, line, samples, lines = window.tolist()
+    bands, mask = source.read(sample, line, samples, lines)
+    image = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
+    for number, values in enumerate(bands, 1):
+        image.GetRasterBand(number).WriteArray(values)
+    if mask is not None:
+        image.AddBand(source.data_type)
+        opaque = 1 if source.data_type != gdal.GDT_Byte else 255
+        image.GetRasterBand(len(bands) + 1).WriteArray((mask != 0) * opaque)
+        image.GetRasterBand(len(bands) + 1).SetColorInterpretation(gdal.GCI_AlphaBand)
     target = _target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
@@ -155,21 +165,6 @@ def _image_window(size: tuple[int, int], positions: np.ndarray, reach: int) -> n
         return None
     low, high = np.clip(np.floor(low) - reach, 0, size), np.clip(np.ceil(high) + reach + 1, 0, size)
     return np.r_[low, high - low].astype(int) if (high > low).all() else None
-
-
-def _in_memory(source: OrthoSource, window: np.ndarray, warp: Warp) -> gdal.Dataset:
-    """Return a window of the image as a dataset in memory, its mask as an alpha band."""
-    sample, line, samples, lines = window.tolist()
-    bands, mask = source.read(sample, line, samples, lines)
-    dataset = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
-    for number, values in enumerate(bands, 1):
-        dataset.GetRasterBand(number).WriteArray(values)
-    if mask is not None:
-        dataset.AddBand(source.data_type)
-        opaque = 1 if source.data_type != gdal.GDT_Byte else 255
-        dataset.GetRasterBand(len(bands) + 1).WriteArray((mask != 0) * opaque)
-        dataset.GetRasterBand(len(bands) + 1).SetColorInterpretation(gdal.GCI_AlphaBand)
-    return dataset
 
 
 def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
@@ -253,17 +248,13 @@ def _pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: bool) 
     if warp.nodata is None:
         return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
     if (whole or valid is not None) and not np.isnan(warp.nodata):
-        _keep_from(warp.nodata, values, valid)  # elsewhere GDAL does so
+        # Move grey values that equal nodata by one step, of pixels that are valid
+        same = values == warp.nodata
+        if valid is not None:
+            same &= valid
+        if same.any():
+            values[same] = _next_to(warp.nodata, values.dtype)
     return Pixels(values, None)
-
-
-def _keep_from(nodata: float, values: np.ndarray, valid: np.ndarray | None) -> None:
-    """Move grey values that equal nodata by one step, of pixels that are valid."""
-    same = values == nodata
-    if valid is not None:
-        same &= valid
-    if same.any():
-        values[same] = _next_to(nodata, values.dtype)
 
 
 def _next_to(nodata: float, dtype: np.dtype) -> float:

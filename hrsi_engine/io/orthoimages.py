@@ -261,25 +261,23 @@ def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp
     dataset.SetProjection(grid.crs)
     dataset.SetGeoTransform(grid.geotransform)
     for number, origin in enumerate(source.bands, 1):
-        _describe(source.dataset.GetRasterBand(origin), dataset.GetRasterBand(number))
+        # Give a band the name, meaning, scale, offset and unit of another
+        old = source.dataset.GetRasterBand(origin)
+        new = dataset.GetRasterBand(number)
+        new.SetDescription(old.GetDescription())
+        new.SetColorInterpretation(old.GetColorInterpretation())
+        if old.GetScale() is not None:
+            new.SetScale(old.GetScale())
+        if old.GetOffset() is not None:
+            new.SetOffset(old.GetOffset())
+        if old.GetUnitType():
+            new.SetUnitType(old.GetUnitType())
         if warp.nodata is not None:
             dataset.GetRasterBand(number).SetNoDataValue(warp.nodata)
     if warp.nodata is None:
         with config_option(*INTERNAL_MASK):
             dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
     return dataset
-
-
-def _describe(old: gdal.Band, new: gdal.Band) -> None:
-    """Give a band the name, meaning, scale, offset and unit of another."""
-    new.SetDescription(old.GetDescription())
-    new.SetColorInterpretation(old.GetColorInterpretation())
-    if old.GetScale() is not None:
-        new.SetScale(old.GetScale())
-    if old.GetOffset() is not None:
-        new.SetOffset(old.GetOffset())
-    if old.GetUnitType():
-        new.SetUnitType(old.GetUnitType())
 
 
 def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:

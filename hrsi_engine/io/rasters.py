@@ -120,19 +120,6 @@ def file_stamp(path: str) -> tuple[int, ...]:
     return status.st_size, status.st_mtime_ns, status.st_ino
 
 
-def _dataset_of(path: str, stamp: tuple[int, ...]) -> gdal.Dataset:
-    """Return the calling thread's GDAL dataset of a file; the least used ones are closed."""
-    datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset] | None
-    datasets = getattr(_open_datasets, "by_path", None)
-    if datasets is None:
-        datasets = _open_datasets.by_path = OrderedDict()
-    dataset = datasets.pop((path, stamp), None) or open_raster(path)
-    datasets[path, stamp] = dataset
-    while len(datasets) > OPEN_PER_THREAD:
-        datasets.popitem(last=False)
-    return dataset
-
-
 @atexit.register
 def close_images() -> None:
     """Close the images that the calling thread has open; they are opened again when they are read.
@@ -162,7 +149,16 @@ class GdalRaster:
     @property
     def dataset(self) -> gdal.Dataset:
         """The calling thread's GDAL dataset."""
-        return _dataset_of(self.path, self.stamp)
+        # The calling thread's GDAL dataset of a file; the least used ones are closed
+        datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset] | None
+        datasets = getattr(_open_datasets, "by_path", None)
+        if datasets is None:
+            datasets = _open_datasets.by_path = OrderedDict()
+        dataset = datasets.pop((self.path, self.stamp), None) or open_raster(self.path)
+        datasets[self.path, self.stamp] = dataset
+        while len(datasets) > OPEN_PER_THREAD:
+            datasets.popitem(last=False)
+        return dataset
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
         """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).

@@ -28,7 +28,13 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bou
     """
     if not len(rowids):
         return
-    order = _tile(bounds)
+    # The order that puts neighbours together: vertical slices, each from bottom to top
+    x, y = bounds[:, :2].sum(axis=1), bounds[:, 2:].sum(axis=1)
+    slices = int(np.ceil(np.sqrt(len(x) / _MOST_CELLS)))
+    by_x = np.argsort(x, kind="stable")
+    strip = np.empty(len(x), dtype=np.int64)
+    strip[by_x] = np.arange(len(x)) * slices // len(x)
+    order = np.lexsort((y, strip))
     levels = [(rowids[order], _rounded_outwards(bounds[order]))]
     while len(levels[-1][0]) > _MOST_CELLS:
         levels.append(_parents(levels[-1][1]))
@@ -37,9 +43,15 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bou
         node = first[depth] + _node_of(len(ids))
         child = ids if depth == 0 else first[depth - 1] + ids
         top = depth if depth == len(levels) - 1 else 0
-        database.executemany(
-            f'INSERT OR REPLACE INTO "{rtree}_node" (nodeno, data) VALUES (?, ?)', _nodes(node, child, boxes, top)
-        )
+        # Number and content of a level's nodes
+        starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
+        content = np.zeros(len(starts), dtype=_NODE)
+        content["depth"], content["cells"] = top, np.diff(np.r_[starts, len(node)])
+        row, place = node - node[0], np.arange(len(node)) - starts[node - node[0]]
+        content["cell"]["id"][row, place] = child
+        content["cell"]["bounds"][row, place] = boxes
+        nodes = list(zip(node[starts].tolist(), content.view(f"V{_NODE.itemsize}").tolist(), strict=True))
+        database.executemany(f'INSERT OR REPLACE INTO "{rtree}_node" (nodeno, data) VALUES (?, ?)', nodes)
         ascending = np.argsort(child)  # SQLite appends to the table's end
         table, key, value = ("rowid", "rowid", "nodeno") if depth == 0 else ("parent", "nodeno", "parentnode")
         database.executemany(
@@ -56,16 +68,6 @@ def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
     for shadow in ("node", "rowid", "parent"):
         database.execute(f'DELETE FROM "{rtree}_{shadow}"')
     database.execute(f'INSERT INTO "{rtree}_node" (nodeno, data) VALUES ({_ROOT}, zeroblob(?))', (size,))
-
-
-def _tile(bounds: np.ndarray) -> np.ndarray:
-    """Return the order that puts neighbours together: vertical slices, each from bottom to top."""
-    x, y = bounds[:, :2].sum(axis=1), bounds[:, 2:].sum(axis=1)
-    slices = int(np.ceil(np.sqrt(len(x) / _MOST_CELLS)))
-    by_x = np.argsort(x, kind="stable")
-    strip = np.empty(len(x), dtype=np.int64)
-    strip[by_x] = np.arange(len(x)) * slices // len(x)
-    return np.lexsort((y, strip))
 
 
 def _rounded_outwards(bounds: np.ndarray) -> np.ndarray:
@@ -95,14 +97,3 @@ def _parents(boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _first_numbers(counts: list[int]) -> list[int]:
     """Return the number of each level's first node; the root, alone on the last level, is node 1."""
     return [_ROOT + 1 + sum(counts[:depth]) for depth in range(len(counts) - 1)] + [_ROOT]
-
-
-def _nodes(node: np.ndarray, child: np.ndarray, boxes: np.ndarray, depth: int) -> list[tuple[int, bytes]]:
-    """Return number and content of a level's nodes."""
-    starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
-    content = np.zeros(len(starts), dtype=_NODE)
-    content["depth"], content["cells"] = depth, np.diff(np.r_[starts, len(node)])
-    row, place = node - node[0], np.arange(len(node)) - starts[node - node[0]]
-    content["cell"]["id"][row, place] = child
-    content["cell"]["bounds"][row, place] = boxes
-    return list(zip(node[starts].tolist(), content.view(f"V{_NODE.itemsize}").tolist(), strict=True))

@@ -189,7 +189,7 @@ def _within(residual: np.ndarray, sigma: np.ndarray, used: np.ndarray, reject_si
     return relative <= reject_sigma * max(typical, 1e-9)
 
 
-def carried_by_rpcs(first: RPC, second: RPC, first_px: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
+def carry_by_rpcs(first: RPC, second: RPC, first_px: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
     """Return where points ``(n, 2)`` of the first image, at ellipsoidal heights, appear in the second, ``(n, 2)``."""
     ground, _ = first.localize(first_px, height_m)
     return second.project(ground)

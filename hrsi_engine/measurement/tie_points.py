@@ -122,7 +122,16 @@ def find_tie_points(
     room = {k: points_of_a_cell(search.options, image) for k, image in enumerate(images)}
     points, ground = joining.to_image_points(good, images, search.options.cells, room)
     summaries = _summaries(pairs, good, images)
-    return TiePoints(points, ground, summaries, _warnings(images, search.usable, pairs, summaries, points))
+    # Name the images without any tie point, and the pairs that overlap and gave nothing
+    tied = set(points.image_ids.tolist())
+    lonely = [images[index].id for index in search.usable if images[index].id not in tied]
+    warnings = [
+        f"{name}: no tie points: it overlaps no other image, or shows nothing that the others show" for name in lonely
+    ]
+    for pair in summaries:
+        if not pair.matches and pair.first not in lonely and pair.second not in lonely:
+            warnings.append(f"{pair.first} and {pair.second}: no matches")
+    return TiePoints(points, ground, summaries, tuple(warnings))
 
 
 class _EstimatedPair(NamedTuple):
@@ -200,21 +209,18 @@ class _Search:
 
     def matches(self, pairs: Sequence[_EstimatedPair], progress: Progress) -> joining.BlockMatches:
         """Return the matches of all windows of all references."""
-        parts = self._star_parts(pairs)
-        wanted = [part.key for part in parts]
-        found: dict[str, Result] = {}
-        if parts:
-            found = run_parts(parts, wanted, self._scheduler, self._keeper, progress)
-        return joining.collect_matches([(part.job.number, found[part.key]) for part in parts])
-
-    def _star_parts(self, pairs: Sequence[_EstimatedPair]) -> list[WorkPart]:
         partners: dict[int, list[Partner]] = {}
         for pair in pairs:
             if pair.estimate is not None:
                 step = overlaps.resolution_step(self.images[pair.first], self.images[pair.second])
                 partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
                 partners.setdefault(pair.first, []).append(partner)
-        return [part for number, own in partners.items() for part in self._parts_of(number, own)]
+        parts = [part for number, own in partners.items() for part in self._parts_of(number, own)]
+        wanted = [part.key for part in parts]
+        found: dict[str, Result] = {}
+        if parts:
+            found = run_parts(parts, wanted, self._scheduler, self._keeper, progress)
+        return joining.collect_matches([(part.job.number, found[part.key]) for part in parts])
 
     def _parts_of(self, number: int, partners: list[Partner]) -> list[WorkPart]:
         image = self.images[number]
@@ -248,22 +254,3 @@ def _summaries(
         )
         for pair in pairs
     )  # fmt: skip
-
-
-def _warnings(
-    images: Sequence[Image],
-    usable: Sequence[int],
-    pairs: Sequence[_EstimatedPair],
-    summaries: Sequence[PairSummary],
-    points: ImagePoints,
-) -> tuple[str, ...]:
-    """Name the images without any tie point, and the pairs that overlap and gave nothing."""
-    tied = set(points.image_ids.tolist())
-    lonely = [images[index].id for index in usable if images[index].id not in tied]
-    warnings = [
-        f"{name}: no tie points: it overlaps no other image, or shows nothing that the others show" for name in lonely
-    ]
-    for pair in summaries:
-        if not pair.matches and pair.first not in lonely and pair.second not in lonely:
-            warnings.append(f"{pair.first} and {pair.second}: no matches")
-    return tuple(warnings)

@@ -43,13 +43,6 @@ class ChunkMapping(NamedTuple):
     unknown: int
 
 
-def _spread_columns(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return values ``(k, rows, n)`` at some shares of the way from each column of ``(k, rows, m)`` to the next one."""
-    result = np.diff(values, axis=2)[..., None] * shares
-    result += values[:, :, :-1, None]
-    return result.reshape(*values.shape[:2], -1)
-
-
 def _spread_rows(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Return values ``(k, n, columns)`` at some shares of the way from each row of ``(k, m, columns)`` to the next."""
     result = np.diff(values, axis=1)[:, :, None] * shares[:, None]
@@ -150,7 +143,10 @@ class _Chunk:
         """Yield some rows of nodes after the other, with their positions ``(2, rows, columns)``."""
         columns, rows = _nodes_along(self.window, step)
         shares = (np.arange(0, LATTICE, step) + offset) / LATTICE
-        across = _spread_columns(self.lattice, shares)[:, :, :columns]
+        # Values ``(k, rows, n)`` at some shares of the way from each column of ``(k, rows, m)`` to the next one
+        result = np.diff(self.lattice, axis=2)[..., None] * shares
+        result += self.lattice[:, :, :-1, None]
+        across = result.reshape(*self.lattice.shape[:2], -1)[:, :, :columns]
         lines = max(1, MAPPED_AT_A_TIME // (columns * len(shares)))  # of the lattice
         for top in range(0, -(-rows // len(shares)), lines):
             part = slice(top * len(shares), min((top + lines) * len(shares), rows))
@@ -245,9 +241,15 @@ class OrthoMapping:
         if not chunk.known:
             count = self._count_unknown(window, np.zeros((2, 2), dtype=bool))
             return ChunkMapping(np.full((2, 2, 2), np.nan), LATTICE, np.empty(0), count) if count else None
-        checks = _random_pixels(window)
+        # Pixels of a window, the same ones every time
+        rng = np.random.default_rng([window.column, window.row])
+        checks = rng.integers(0, [window.columns, window.rows], (CHECKED_PIXELS, 2)).astype(np.float64)
         truth = self.exact(checks + (window.column, window.row))
-        step = _first_step(chunk.cells_per_pixel())
+        # The largest step that does not pass over whole cells of the surface
+        cells_per_pixel = chunk.cells_per_pixel()
+        step = LATTICE
+        while step > 1 and step * cells_per_pixel > 1.0:
+            step //= 2
         while True:
             nodes = chunk.nodes(step)
             known = np.isfinite(nodes[0])
@@ -316,20 +318,6 @@ class OrthoMapping:
         height = float(np.nanmean(heights)) if np.isfinite(heights).any() else self._height_m
         at = self.rpc.project(np.column_stack([lonlat, np.full(3, height)]))
         return float(np.sqrt(abs(np.linalg.det(at[1:] - at[0]))))
-
-
-def _first_step(cells_per_pixel: float) -> int:
-    """Return the largest step that does not pass over whole cells of the surface."""
-    step = LATTICE
-    while step > 1 and step * cells_per_pixel > 1.0:
-        step //= 2
-    return step
-
-
-def _random_pixels(window: GridWindow) -> np.ndarray:
-    """Return pixels of a window, the same ones every time."""
-    rng = np.random.default_rng([window.column, window.row])
-    return rng.integers(0, [window.columns, window.rows], (CHECKED_PIXELS, 2)).astype(np.float64)
 
 
 def _bilinear(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:

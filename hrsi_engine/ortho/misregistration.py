@@ -217,25 +217,21 @@ def _refine(
         if np.hypot(*step[:2]) < SHIFT_CLOSURE_PX:
             break
     variance = float(weight @ misfit**2 / weight.sum())
-    Q = _covariance(A * weight, N) * variance
-    sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
-    if sigma > options.max_sigma_px:
-        return _fail(WindowOutcome.UNSTEADY, best)
-    return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
-
-
-def _covariance(weighted: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Return the cofactors of the unknowns ``(4, 4)`` for noise that was white before the smoothing.
-
-    Its correlation after that is a Gaussian of sqrt(2) times the width; neighbours do not count as observations of
-    their own.
-    """
+    # The cofactors of the unknowns ``(4, 4)`` for noise that was white before the smoothing.
+    # Its correlation after that is a Gaussian of sqrt(2) times the width; neighbours do not count as observations of
+    # their own.
+    weighted = A * weight
     side = round(np.sqrt(weighted.shape[1]))
     spread = np.stack(
         [cv2.GaussianBlur(row.reshape(side, side), (0, 0), np.sqrt(2.0) * SHIFT_SMOOTH_PX) for row in weighted]
     )
     inverse = np.linalg.inv(N)
-    return np.asarray(inverse @ (4.0 * np.pi * SHIFT_SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
+    covariance = np.asarray(inverse @ (4.0 * np.pi * SHIFT_SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
+    Q = covariance * variance
+    sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
+    if sigma > options.max_sigma_px:
+        return _fail(WindowOutcome.UNSTEADY, best)
+    return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
 
 
 def _weights(side: int) -> np.ndarray:

@@ -73,7 +73,17 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     keep = _plausible(xy, ground[:, 2], variance)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
-    return _grid_nodes(points, scale), int(np.sum(~keep))
+    # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
+    extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
+    reach = np.minimum(MARGIN_SPACINGS * spacing, extent.max())
+    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(extent + 2.0 * reach) / MOST_SURFACE_CELLS)))
+    low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
+    columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
+    x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
+    heights = _heights(points, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
+    step = cell_m / scale
+    grid_nodes = GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
+    return grid_nodes, int(np.sum(~keep))
 
 
 def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
@@ -126,19 +136,6 @@ class _Points:
     @property
     def spacing_m(self) -> float:
         return float(np.sqrt(np.prod(np.maximum(np.ptp(self.xy, axis=0), 1.0)) / len(self.xy)))
-
-
-def _grid_nodes(points: _Points, scale: np.ndarray) -> GridSurface:
-    """Return the surface on a grid of degrees; ``scale (2,)`` is metres per degree."""
-    extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
-    reach = np.minimum(MARGIN_SPACINGS * spacing, extent.max())
-    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(extent + 2.0 * reach) / MOST_SURFACE_CELLS)))
-    low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
-    columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
-    x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
-    heights = _heights(points, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
-    step = cell_m / scale
-    return GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
 
 
 def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:

@@ -103,7 +103,7 @@ def correct_by_ground(
     terms : (n, m), where the monomials are written
     a : the point, or all of them
     """
-    x = ellipsoid.wrapped(lon - constants[i, 0]) / constants[i, 3]
+    x = ellipsoid.wrap_once(lon - constants[i, 0]) / constants[i, 3]
     y, z = (lat - constants[i, 1]) / constants[i, 4], (height - constants[i, 2]) / constants[i, 5]
     sample, sample_x, sample_y, sample_z = 0.0, 0.0, 0.0, 0.0
     line, line_x, line_y, line_z = 0.0, 0.0, 0.0, 0.0

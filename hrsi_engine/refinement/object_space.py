@@ -24,7 +24,7 @@ from .ground_area import ground_area, px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
 from .refit import refit
 
-AXES = ("east", "north", "up")
+GROUND_AXES = ("east", "north", "up")
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ def _frame(image: Image) -> tuple[LocalFrame, float]:
 
 
 def _correction(name: str, title: str, entries: list[tuple[int, int]], least_points: int) -> GroundCorrection:
-    names = tuple(f"{AXES[axis]}_{('0', *AXES)[by]}" for axis, by in entries)
+    names = tuple(f"{GROUND_AXES[axis]}_{('0', *GROUND_AXES)[by]}" for axis, by in entries)
     return GroundCorrection(name, title, names, np.array(entries), least_points)
 
 

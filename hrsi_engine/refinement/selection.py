@@ -40,7 +40,7 @@ GENERIC_CANDIDATES = ("generic-position", "generic-shift", "generic-affine")
 JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
 PARSIMONY = 0.05  # significance that a more complex model's better prediction must have
 SIGNIFICANCE = 1e-3  # of the worst of all GCPs
-LEAST_REDUNDANCY = 4.0  # left after a GCP is taken out, for a model to judge it
+LEAST_REDUNDANCY_LEFT = 4.0  # left after a GCP is taken out, for a model to judge it
 LEAST_DEVIATION = 4.0  # in sigmas of the GCP; smaller ones do no harm
 DISAGREEMENT = 5.0  # in sigmas, beyond which too few GCPs are said to disagree
 WITHOUT_CONTROL = "shift"
@@ -243,7 +243,7 @@ def _outliers(name: str, image: Image, control: Control) -> dict[int, tuple[floa
     failed = 0
     for _ in range(max(1, (len(control) - 1) // 3)):
         found = _estimate_or_none(name, image, control.select(left))
-        if found is None or found.redundancy - 2.0 < LEAST_REDUNDANCY:
+        if found is None or found.redundancy - 2.0 < LEAST_REDUNDANCY_LEFT:
             break
         worst, ratio = _worst(found, len(control))
         deviation = float(np.linalg.norm(found.left_out_px[worst]))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..block.block import Image
-from ..block.points import Role
+from ..block.points import ROLE_LABELS
 from ..drawing.block_figures import ImageVectors, OutlierChip, ReportFigures
 from ..drawing.target_chips import TargetChip
 from .outliers import is_outlier, measurement_statistic
@@ -16,10 +16,9 @@ from .statistics import normalised_residuals, tie_coverage
 MOST_VECTORS = 250  # on one image
 MOST_IMAGES = 24  # those with the largest residuals
 MOST_COVERAGES = 60  # the emptiest
-MOST_CHIPS = 24
+MOST_REPORT_CHIPS = 24
 CHIP_HALF_PX = 24
 MOST_VALUES = 400_000  # of a histogram
-LABELS = np.array([role.label for role in Role])
 
 
 def report_figures(result: Adjustment, left: Residuals) -> ReportFigures:
@@ -30,13 +29,13 @@ def report_figures(result: Adjustment, left: Residuals) -> ReportFigures:
     emptiest = sorted(coverage, key=lambda name: int((coverage[name] > 0).sum()))[:MOST_COVERAGES]
     return ReportFigures(
         vectors=_vectors(result, residual, statistic),
-        normalised={axis: _thinned(values) for axis, values in normalised_residuals(result).items()},
+        normalised={axis: _thin(values) for axis, values in normalised_residuals(result).items()},
         coverage={name: coverage[name] for name in emptiest} if has_ties else {},
         outliers=_outlier_chips(result, residual, statistic),
     )
 
 
-def _thinned(values: np.ndarray) -> np.ndarray:
+def _thin(values: np.ndarray) -> np.ndarray:
     return values[:: max(1, len(values) // MOST_VALUES)]
 
 
@@ -58,7 +57,7 @@ def _image_vectors(
     result: Adjustment, index: int, part: np.ndarray, residual: np.ndarray, statistic: np.ndarray
 ) -> ImageVectors:
     rows, image = result.block.measurements, result.block.images[index]
-    groups = LABELS[result.block.points.role[rows.point[part]]].astype("U8")
+    groups = ROLE_LABELS[result.block.points.role[rows.point[part]]].astype("U8")
     groups[is_outlier(statistic[part])] = "outlier"
     ties = np.flatnonzero(groups == "tie")
     others = np.flatnonzero(groups != "tie")[:MOST_VECTORS]
@@ -74,7 +73,7 @@ def _image_vectors(
 def _outlier_chips(result: Adjustment, residual: np.ndarray, statistic: np.ndarray) -> list[OutlierChip]:
     """Return chips of the worst measurements whose images have pixels."""
     rows = result.block.measurements
-    worst = np.argsort(-statistic)[: 10 * MOST_CHIPS]
+    worst = np.argsort(-statistic)[: 10 * MOST_REPORT_CHIPS]
     chips = []
     for row in worst[is_outlier(statistic[worst])].tolist():
         image = result.block.images[rows.image[row]]
@@ -82,7 +81,7 @@ def _outlier_chips(result: Adjustment, residual: np.ndarray, statistic: np.ndarr
             continue
         name = str(result.block.points.ids[rows.point[row]])
         chips.append(OutlierChip(name, image.id, _chip(image, rows.xy[row], residual[row])))
-        if len(chips) == MOST_CHIPS:
+        if len(chips) == MOST_REPORT_CHIPS:
             break
     return chips
 

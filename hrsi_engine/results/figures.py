@@ -15,13 +15,28 @@ from ..refinement.model import RefinedRPC
 from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
-NAMED = 6  # most measurements in a warning
+MEASUREMENTS_NAMED = 6  # most measurements in a warning
 GROSS_SIGMAS = 10.0  # beyond, an error is worth a warning of its own
 NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
-    """Return the report's entries about the adjustment; paths, times and settings are the caller's."""
+    """Return the report's entries about the adjustment; paths, times and settings are the caller's.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+    left : Residuals
+        What it left over.
+    refined : sequence of RefinedRPC
+        The RPCs that are written, one an image.
+
+    Returns
+    -------
+    dict
+        Entries by their names in ``report.json``, ready for JSON.
+    """
     rows = dict(by_image(result.block, np.ones(len(result.block.measurements), dtype=bool)))
     return {
         "model": result.model.name,
@@ -97,7 +112,20 @@ def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
 
 
 def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    """Return the figures of the known points, by their role."""
+    """Return the figures of the known points, by their role.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+    left : Residuals
+        What it left over.
+
+    Returns
+    -------
+    dict
+        ``control`` and ``check``, in metres and pixels as their keys say.
+    """
     return {"control": _known_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
 
 
@@ -179,9 +207,9 @@ def rejection_warnings(result: Adjustment) -> list[str]:
         return []
     worst = [
         f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
-        for entry in _rejected(result)["measurements"][: min(gross, NAMED)]
+        for entry in _rejected(result)["measurements"][: min(gross, MEASUREMENTS_NAMED)]
     ]
     return [
         f"{out.sum()} image points ({100.0 * out.mean():.2g} %) do not fit their points and are left out, {gross} of "
-        f"them by more than {GROSS_SIGMAS:g} sigma: {', '.join(worst)}{' …' if gross > NAMED else ''}"
+        f"them by more than {GROSS_SIGMAS:g} sigma: {', '.join(worst)}{' …' if gross > MEASUREMENTS_NAMED else ''}"
     ]

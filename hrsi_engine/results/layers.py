@@ -7,17 +7,31 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.footprints import footprint
 from ..drawing.block_map import BlockMap
-from ..ground.geodesy import to_projected, utm_epsg
+from ..ground.geodesy import WGS84, to_projected, utm_epsg
 from ..io.layers import Layer
 from .residuals import Residuals
 from .tables import Table, ground_points_table, image_points_table, images_table, positions, residuals_table
 
-WGS84 = 4326
 RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 
 def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list[Layer]:
-    """Return the layers of ``block.gpkg``; ``residual_crs`` is both, wgs84 or utm."""
+    """Return the layers of ``block.gpkg``.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+    left : Residuals
+        What it left over.
+    residual_crs : str
+        Layers of residuals to make: ``both``, ``wgs84`` or ``utm``.
+
+    Returns
+    -------
+    list of Layer
+        Footprints, points, measurements and residuals.
+    """
     middle = _middle(result)
     left_over = residuals_table(result, left)
     footprints = images_table(result, float(middle[2]))

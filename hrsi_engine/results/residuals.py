@@ -32,12 +32,17 @@ class Residuals:
 
     Parameters
     ----------
-    ground_m, ground_sigma_m : (points, 3) survey - computed, and what it is judged by
-    measured_px, measured_sigma_px : (measurements, 2) the residual that is shown and judged, and what it is judged by:
-        of known points ``at_known_px``, of all others at the adjusted position
-    at_known_px : (measurements, 2) observed - refined camera at the known position
-    before_px : (measurements, 2) the same with the vendor's cameras
-    tie_before_px : (measurements, 2) of tie points, vendor's cameras, points intersected with them
+    ground_m, ground_sigma_m : (points, 3) ndarray
+        Survey - computed (east, north, up), and what it is judged by.
+    measured_px, measured_sigma_px : (measurements, 2) ndarray
+        The residual that is shown and judged, and what it is judged by: of known points ``at_known_px``, of all others
+        at the adjusted position.
+    at_known_px : (measurements, 2) ndarray
+        Observed - refined camera at the known position.
+    before_px : (measurements, 2) ndarray
+        The same with the vendor's cameras.
+    tie_before_px : (measurements, 2) ndarray
+        Of tie points, vendor's cameras, points intersected with them.
     """
 
     ground_m: np.ndarray

@@ -70,8 +70,8 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     Known points on several images are intersected with the refined cameras; nothing else of a point is estimated.
     """
     model = _common_model(refinements)
-    values = _padded([found.estimate.values for found in refinements], len(model.parameters))
-    sigmas = _padded([found.estimate.sigmas for found in refinements], len(model.parameters))
+    values = _pad([found.estimate.values for found in refinements], len(model.parameters))
+    sigmas = _pad([found.estimate.sigmas for found in refinements], len(model.parameters))
     residual, weight = _control_residuals(block, refinements)
     points, rows = len(block.points), len(block.measurements)
     redundancy = sum(found.estimate.redundancy for found in refinements)
@@ -80,7 +80,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     return Adjustment(
         block=block, model=model, values=values, values_sigma=sigmas,
         cameras=EstimatedCameras(model, values, _covariances(refinements, values.shape[1])),
-        ground=_intersected(block, model, values),
+        ground=_intersect(block, model, values),
         ground_sigma_m=np.full((points, 3), np.nan),
         ground_covariance_m2=np.full((points, 3, 3), np.nan),
         residual_px=residual, weight=weight,
@@ -105,7 +105,7 @@ def _common_model(refinements: Sequence[Refinement]) -> RefinementModel:
     return PerImage({found.image.id: found.model for found in refinements})
 
 
-def _padded(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
+def _pad(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
     return np.array([np.pad(row, (0, width - len(row))) for row in rows]).reshape(len(rows), width)
 
 
@@ -133,7 +133,7 @@ def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple
     return residual, weight
 
 
-def _intersected(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
+def _intersect(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
     """Return positions of the known points measured on several images, NaN for others."""
     ground = np.full((len(block.points), 3), np.nan)
     several = block.known & (block.rays_per_point() >= 2)

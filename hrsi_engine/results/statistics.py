@@ -14,9 +14,9 @@ from ..adjustment.result import Adjustment
 from ..block.block import Role
 from .residuals import Residuals, by_image, measurement_sigma_px
 
-LEAST_REDUNDANCY = 0.02  # an observation that nothing controls has no residual to speak of
+LEAST_CONTROLLED = 0.02  # an observation that nothing controls has no residual to speak of
 COVERAGE_CELLS = 5  # along each side of an image
-AXES = ("sample", "line")
+IMAGE_AXES = ("sample", "line")
 MOST_CHECK_POINTS = 200
 
 
@@ -30,8 +30,8 @@ def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = result.judged_residual_px / (measurement_sigma_px(result)[:, None] * np.sqrt(redundancy))
     took_part = result.block.points.role[result.block.measurements.point] != Role.CHECK
-    usable = np.isfinite(normalised) & (redundancy > LEAST_REDUNDANCY) & took_part[:, None]
-    return {axis: normalised[usable[:, column], column] for column, axis in enumerate(AXES)}
+    usable = np.isfinite(normalised) & (redundancy > LEAST_CONTROLLED) & took_part[:, None]
+    return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 
 
 def distribution(values: np.ndarray) -> dict[str, Any]:

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.block import Block, Role
+from ..block.block import Block
 from ..block.footprints import footprint
+from ..block.points import ROLE_LABELS
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
 MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, and each costs a hundred bytes twice
-ROLE_LABELS = np.array([role.label for role in Role])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_
     Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
     of image points has every one.
     """
-    return _stacked(_ground_rows(result, left), _image_rows(result, left, most))
+    return _stack(_ground_rows(result, left), _image_rows(result, left, most))
 
 
 def thinning_warnings(result: Adjustment) -> list[str]:
@@ -177,6 +177,6 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     return Table(place[here], columns)
 
 
-def _stacked(first: Table, second: Table) -> Table:
+def _stack(first: Table, second: Table) -> Table:
     columns = {name: np.concatenate([first.columns[name], second.columns[name]]) for name in first.columns}
     return Table(np.vstack([first.positions, second.positions]), columns)

@@ -35,7 +35,15 @@ def observe(cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, groun
     point, image, xy = [], [], []
     chart_m = terrain.chart.from_ground(ground)
     for index, camera in enumerate(cameras):
-        seen = _within_outline(camera, terrain, chart_m)
+        # Indices of the positions within the upright rectangle around a camera's footprint
+        samples, lines = (size - 1.0 for size in camera.size)
+        rim = np.array([[s * samples, t * lines] for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)])
+        corners = np.concatenate(
+            [terrain.chart.from_ground(camera.image_to_ground(rim, height)) for height in terrain.height_range]
+        )
+        spare = 0.05 * np.ptp(corners, axis=0)
+        low, high = corners.min(axis=0) - spare, corners.max(axis=0) + spare
+        seen = np.flatnonzero(((chart_m >= low) & (chart_m <= high)).all(axis=1))
         position = camera.ground_to_image(ground[seen])
         with np.errstate(invalid="ignore"):
             inside = ((position >= 0.0) & (position <= np.array(camera.size) - 1.0)).all(axis=1)
@@ -48,18 +56,6 @@ def observe(cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, groun
         image.append(np.full(seen.size, index))
         xy.append(position)
     return TrueImagePoints(np.concatenate(point), np.concatenate(image), np.concatenate(xy))
-
-
-def _within_outline(camera: PushbroomCamera, terrain: SimulatedTerrain, chart_m: np.ndarray) -> np.ndarray:
-    """Return indices of the positions within the upright rectangle around a camera's footprint."""
-    samples, lines = (size - 1.0 for size in camera.size)
-    rim = np.array([[s * samples, t * lines] for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)])
-    corners = np.concatenate(
-        [terrain.chart.from_ground(camera.image_to_ground(rim, height)) for height in terrain.height_range]
-    )
-    spare = 0.05 * np.ptp(corners, axis=0)
-    low, high = corners.min(axis=0) - spare, corners.max(axis=0) + spare
-    return np.flatnonzero(((chart_m >= low) & (chart_m <= high)).all(axis=1))
 
 
 def _candidates(
@@ -101,9 +97,24 @@ def place_control(
     pool = _enough_views(
         cameras, terrain, _candidates(cameras, terrain, 12 * count // len(cameras) + 40, rng), EMPTY_BORDER
     )
-    pool = pool[_slopes(terrain, pool) < STEEPEST_CONTROL]
+    # The steepest slope within two posts of each point
+    east, north = terrain.chart.from_ground(pool).T
+    reach = 2.0 * terrain.post_m
+    around = [
+        np.abs(terrain.height(east + reach * np.sin(a), north + reach * np.cos(a)) - pool[:, 2]) / reach
+        for a in np.arange(8) * np.pi / 4.0
+    ]
+    slopes = np.max(around, axis=0) if len(pool) else np.empty(0)
+    pool = pool[slopes < STEEPEST_CONTROL]
     _require(len(pool), count, "surveyed points")
-    return pool[_far_apart(terrain.chart.from_ground(pool), count)]
+    # Indices of points each of which is the farthest from those before it
+    positions = terrain.chart.from_ground(pool)
+    chosen = [int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))]
+    nearest = np.hypot(*(positions - positions[chosen[0]]).T)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.hypot(*(positions - positions[chosen[-1]]).T))
+    return pool[np.array(chosen)]
 
 
 def place_ties(
@@ -128,27 +139,6 @@ def _require(found: int, wanted: int, what: str) -> None:
             f"only {found} of {wanted} {what} find a place that the images see in common: "
             "bring the views closer together or ask for fewer points"
         )
-
-
-def _slopes(terrain: SimulatedTerrain, ground: np.ndarray) -> np.ndarray:
-    """Return the steepest slope within two posts of each point."""
-    east, north = terrain.chart.from_ground(ground).T
-    reach = 2.0 * terrain.post_m
-    around = [
-        np.abs(terrain.height(east + reach * np.sin(a), north + reach * np.cos(a)) - ground[:, 2]) / reach
-        for a in np.arange(8) * np.pi / 4.0
-    ]
-    return np.max(around, axis=0) if len(ground) else np.empty(0)
-
-
-def _far_apart(positions: np.ndarray, count: int) -> np.ndarray:
-    """Return indices of points each of which is the farthest from those before it."""
-    chosen = [int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))]
-    nearest = np.hypot(*(positions - positions[chosen[0]]).T)
-    while len(chosen) < count:
-        chosen.append(int(np.argmax(nearest)))
-        nearest = np.minimum(nearest, np.hypot(*(positions - positions[chosen[-1]]).T))
-    return np.array(chosen)
 
 
 # ---- measurements ----------------------------------------------------------------------------------------------

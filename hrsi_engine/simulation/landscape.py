@@ -172,21 +172,32 @@ class Landscape:
     def objects(self, half_extent_m: float) -> Objects:
         """Return roofs, tanks and roundabouts within a square around the chart's origin (metres, scaled)."""
         reach = half_extent_m / self.scale
-        found = self._roundabouts(reach).followed_by(self._roofs(reach)).followed_by(self._tanks(reach))
-        inside = np.abs(found.position_m).max(axis=1) < reach
-        found = found.select(inside)
-        return Objects(
-            found.kind, found.position_m * self.scale, found.size_m * self.scale, found.azimuth_rad, found.grey
-        )
-
-    def _roundabouts(self, reach: float) -> Objects:
         spacing = MAIN_ROAD_BLOCKS * BLOCK_M
         count = int(np.ceil((reach + 100.0) / spacing))
         steps = spacing * np.arange(-count, count + 1)
         crossings = self.from_lattice(np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2))
         island = np.array([680.0, 500.0, 680.0, 560.0, 900.0])
         outer = discs("roundabout", crossings, np.full(len(crossings), ROUNDABOUT_M), ROAD_GREY)
-        return outer.followed_by(discs("island", crossings, np.full(len(crossings), ISLAND_M), island))
+        roundabouts = outer.followed_by(discs("island", crossings, np.full(len(crossings), ISLAND_M), island))
+        cells = self._parcels_of("town", reach)
+        draw = self._draws(cells, 20, 7)
+        cells, draw = cells[draw[:, 0] < 0.8], draw[draw[:, 0] < 0.8]
+        tone = 330.0 + 1100.0 * draw[:, 1]
+        colour = np.tile([1.0, 0.8, 0.9, 1.0, 0.8], (len(cells), 1))
+        colour[:, 1] += 0.2 * draw[:, 2]
+        roofs = Objects(
+            np.full(len(cells), "roof", dtype="U12"),
+            self._centres(cells, 8.0 * draw[:, 3:5] - 4.0),
+            np.column_stack([12.0 + 8.0 * draw[:, 5], 8.0 + 5.0 * draw[:, 6]]),
+            np.pi * np.floor(4.0 * draw[:, 2]) / 4.0 + 0.3 * (draw[:, 1] - 0.5),
+            (tone[:, None] * colour).astype(np.float32),
+        )
+        found = roundabouts.followed_by(roofs).followed_by(self._tanks(reach))
+        inside = np.abs(found.position_m).max(axis=1) < reach
+        found = found.select(inside)
+        return Objects(
+            found.kind, found.position_m * self.scale, found.size_m * self.scale, found.azimuth_rad, found.grey
+        )
 
     def _parcels_of(self, cover: str, reach: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels of a land cover within reach, ``(n, 2)``."""
@@ -203,21 +214,6 @@ class Landscape:
     def _centres(self, cells: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Return chart metres of parcel centres moved by ``shift`` (u, v metres)."""
         return self.from_lattice((cells[:, ::-1] + 0.5) * PARCEL_M + shift)
-
-    def _roofs(self, reach: float) -> Objects:
-        cells = self._parcels_of("town", reach)
-        draw = self._draws(cells, 20, 7)
-        cells, draw = cells[draw[:, 0] < 0.8], draw[draw[:, 0] < 0.8]
-        tone = 330.0 + 1100.0 * draw[:, 1]
-        colour = np.tile([1.0, 0.8, 0.9, 1.0, 0.8], (len(cells), 1))
-        colour[:, 1] += 0.2 * draw[:, 2]
-        return Objects(
-            np.full(len(cells), "roof", dtype="U12"),
-            self._centres(cells, 8.0 * draw[:, 3:5] - 4.0),
-            np.column_stack([12.0 + 8.0 * draw[:, 5], 8.0 + 5.0 * draw[:, 6]]),
-            np.pi * np.floor(4.0 * draw[:, 2]) / 4.0 + 0.3 * (draw[:, 1] - 0.5),
-            (tone[:, None] * colour).astype(np.float32),
-        )
 
     def _tanks(self, reach: float) -> Objects:
         cells = self._parcels_of("works", reach)

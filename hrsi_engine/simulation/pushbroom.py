@@ -300,7 +300,10 @@ def aim(
     flight = _azimuth_vector(from_ecef(position[None])[0], heading_deg)
     flight = _unit(flight - (flight @ zenith) * zenith)
     scan = np.radians(heading_deg if scan_deg is None else scan_deg)
-    radius = _normal_section_radius(frame, scan)
+    # Euler's radius of curvature (m) of the ellipsoid in an azimuth, at the frame's height
+    meridian, prime_vertical = curvature_radii(np.array([frame.lat_deg]))
+    curvature = np.cos(scan) ** 2 / meridian[0] + np.sin(scan) ** 2 / prime_vertical[0]
+    radius = float(1.0 / curvature + frame.height_m)
     pixel_rad = sensor.detector_angle_rad
     orbit_radius = float(np.linalg.norm(position))
     return PushbroomCamera(
@@ -364,7 +367,9 @@ def intersect_height(
     distance = (-b + root) / a if outward else (-b - root) / a
     for _ in range(2):
         ground = from_ecef(origin + distance[:, None] * direction)
-        slope = (direction * _normals(ground)).sum(1)
+        lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
+        normals = np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+        slope = (direction * normals).sum(1)
         distance = distance + (height_m - ground[:, 2]) / slope
     return from_ecef(origin + distance[:, None] * direction)
 
@@ -386,11 +391,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def _normals(ground: np.ndarray) -> np.ndarray:
-    lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
-    return np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-
-
 def _axes_of(frame: LocalFrame) -> np.ndarray:
     """Return east, north and up of a place as rows, in ECEF."""
     lon, lat = np.radians(frame.lon_deg), np.radians(frame.lat_deg)
@@ -409,10 +409,3 @@ def _azimuth_vector(ground: np.ndarray, azimuth_deg: float) -> np.ndarray:
     east, north, _ = _axes_of(LocalFrame(*ground))
     azimuth = np.radians(azimuth_deg)
     return np.sin(azimuth) * east + np.cos(azimuth) * north
-
-
-def _normal_section_radius(frame: LocalFrame, azimuth_rad: float) -> float:
-    """Return Euler's radius of curvature (m) of the ellipsoid in an azimuth, at the frame's height."""
-    meridian, prime_vertical = curvature_radii(np.array([frame.lat_deg]))
-    curvature = np.cos(azimuth_rad) ** 2 / meridian[0] + np.sin(azimuth_rad) ** 2 / prime_vertical[0]
-    return float(1.0 / curvature + frame.height_m)

@@ -63,12 +63,11 @@ class Scene:
         """Everything with a known shape, in painting order; targets last, each on a dark apron."""
         apron = discs("apron", self.targets_m, np.array(APRON_GSD * self.finest_gsd_m), APRON_GREY)
         target = discs("target", self.targets_m, np.array(TARGET_GSD * self.finest_gsd_m), TARGET_GREY)
-        return self._buildable(self.landscape.objects(self.half_extent_m)).followed_by(apron).followed_by(target)
-
-    def _buildable(self, objects: Objects) -> Objects:
-        """Return the objects that do not stand across a cliff or on a very steep slope."""
+        # The objects that do not stand across a cliff or on a very steep slope
+        objects = self.landscape.objects(self.half_extent_m)
         corners = self.terrain.height(*np.moveaxis(objects.corners_m(), 2, 0))
-        return objects.select(np.ptp(corners, axis=1) < STEEPEST_BUILT * np.hypot(*objects.size_m.T))
+        buildable = objects.select(np.ptp(corners, axis=1) < STEEPEST_BUILT * np.hypot(*objects.size_m.T))
+        return buildable.followed_by(apron).followed_by(target)
 
     @cached_property
     def texture(self) -> Texture:

@@ -68,18 +68,14 @@ def meet_surface(paths: RayPaths, terrain: SimulatedTerrain) -> np.ndarray:
     east, north = paths.coefficients[0]
     low, high, slope = terrain.window_statistics(east, north, reach)
     if slope * paths.tangent() < OCCLUSION_FREE:
-        return _iterate(paths, terrain, (low + high) / 2.0)
+        height = np.full(paths.coefficients.shape[2:], ((low + high) / 2.0))
+        for _ in range(60):
+            previous = height
+            height = terrain.height(*paths.at(previous))
+            if np.abs(height - previous).max() < HEIGHT_TOLERANCE_M:
+                break
+        return height
     return _walk_down(paths, terrain, low, high)
-
-
-def _iterate(paths: RayPaths, terrain: SimulatedTerrain, start_m: float) -> np.ndarray:
-    height = np.full(paths.coefficients.shape[2:], start_m)
-    for _ in range(60):
-        previous = height
-        height = terrain.height(*paths.at(previous))
-        if np.abs(height - previous).max() < HEIGHT_TOLERANCE_M:
-            break
-    return height
 
 
 def _walk_down(paths: RayPaths, terrain: SimulatedTerrain, low: float, high: float) -> np.ndarray:

@@ -167,20 +167,18 @@ class BlurredTexture:
         e = (east / self.landscape.scale).astype(np.float32)
         n = (north / self.landscape.scale).astype(np.float32)
         u, v = self.landscape.to_lattice(e, n)
-        grey, contrast, canopy = self._parcels(u, v)
-        fine, broad, crowns = (sample_periodic(*field, e, n) for field in self.fields)
-        grey *= 1.0 + contrast * (fine + 0.6 * broad) + canopy * crowns
-        road = self._road_cover(u, v)
-        return grey + road * (ROAD_GREY[self.band] * (1.0 + np.float32(0.05) * fine) - grey)
-
-    def _parcels(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return grey value, contrast and canopy, mixed across the borders of parcels."""
+        # Grey value, contrast and canopy, mixed across the borders of parcels
         column, x = self._border_mixture(u)
         row, y = self._border_mixture(v)
         landscape = self.landscape
         tables = (landscape.parcel_grey[self.band], *landscape.parcel_contrast)
         grey, contrast, canopy = (_blend(table, row, column, x, y, PARCELS - 1) for table in tables)
-        return grey, contrast, canopy
+        fine, broad, crowns = (sample_periodic(*field, e, n) for field in self.fields)
+        grey *= 1.0 + contrast * (fine + 0.6 * broad) + canopy * crowns
+        # The share of road in each pixel
+        free = (1.0 - self._roads_along(u)) * (1.0 - self._roads_along(v))
+        road = 1.0 - free
+        return grey + road * (ROAD_GREY[self.band] * (1.0 + np.float32(0.05) * fine) - grey)
 
     def _border_mixture(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the parcel before the nearest border and the share of the one behind it."""
@@ -189,11 +187,6 @@ class BlurredTexture:
         width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3)) / np.float32(PARCEL_M)
         share = np.clip((position - border) / width + np.float32(0.5), 0.0, 1.0)
         return border.astype(np.int32) - 1, share
-
-    def _road_cover(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the share of road in each pixel."""
-        free = (1.0 - self._roads_along(u)) * (1.0 - self._roads_along(v))
-        return 1.0 - free
 
     def _roads_along(self, u: np.ndarray) -> np.ndarray:
         position = u / np.float32(BLOCK_M)

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..block.points import ROLE_LABELS, Role
-from ..camera.rpc import RPC
 from .landscape import SPECTRAL_BANDS
 from .pushbroom import PushbroomCamera
 from .sensors import OrientationError
@@ -98,12 +97,9 @@ def _camera(camera: PushbroomCamera) -> dict[str, Any]:
 
 def _fit(fitted: VendorRPC) -> dict[str, Any]:
     """Return an RPC and how far it is from its physical camera, on the independent grid."""
-    return {"fit_max_px": fitted.max_px, "fit_rms_px": fitted.rms_px, "rpc": _coefficients(fitted.rpc)}
-
-
-def _coefficients(rpc: RPC) -> dict[str, Any]:
-    values = {field.name: getattr(rpc, field.name) for field in fields(rpc)}
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    values = {field.name: getattr(fitted.rpc, field.name) for field in fields(fitted.rpc)}
+    coefficients = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    return {"fit_max_px": fitted.max_px, "fit_rms_px": fitted.rms_px, "rpc": coefficients}
 
 
 def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
@@ -119,14 +115,6 @@ def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
     dict of str to TruthTable
         By the tables' names.
     """
-    return {
-        "true_ground_points": _ground_points(simulated),
-        "true_image_points": _image_points(simulated),
-        "objects": _objects(simulated),
-    }
-
-
-def _ground_points(simulated: SimulatedBlock) -> TruthTable:
     truth = simulated.truth
     lon, lat, height = truth.ground.T
     surveyed = np.where(simulated.block.known[:, None], simulated.block.points.ground, np.nan).T
@@ -135,7 +123,11 @@ def _ground_points(simulated: SimulatedBlock) -> TruthTable:
         "surveyed_lon": surveyed[0], "surveyed_lat": surveyed[1], "surveyed_height": surveyed[2],
         "wrong_height": truth.wrong_height,
     }  # fmt: skip
-    return TruthTable(truth.ground, columns)
+    return {
+        "true_ground_points": TruthTable(truth.ground, columns),
+        "true_image_points": _image_points(simulated),
+        "objects": _objects(simulated),
+    }
 
 
 def _image_points(simulated: SimulatedBlock) -> TruthTable:

@@ -20,7 +20,7 @@ from .adjust_task import AdjustTask
 from .layout import PanelLayout
 from .markers import Marker
 from .new_block import NewBlockDialog
-from .project_state import PanelState, restored, store
+from .project_state import PanelState, restore_state, store
 from .table_models import MeasurementsModel, PointsModel
 
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
@@ -294,7 +294,7 @@ class PointsDock(QDockWidget):
 
     def restore(self) -> None:
         """Show the block that the project names, if there is one."""
-        state = restored(QgsProject.instance())
+        state = restore_state(QgsProject.instance())
         self.ui.model.setCurrentText(state.model)
         self.ui.kind.setCurrentText(state.kind)
         if state.path and state.path != self.session.path:
@@ -305,7 +305,7 @@ class PointsDock(QDockWidget):
         self.show_session(files.open_block(state.path), state.point)
 
     def _on_project(self, _document: Any = None) -> None:
-        if not restored(QgsProject.instance()).path:
+        if not restore_state(QgsProject.instance()).path:
             self.show_session(PointSession())
         self.restore()
 

@@ -23,7 +23,7 @@ from qgis.PyQt.QtWidgets import (
 )
 
 from ...processing_algorithms.point_session import MODEL
-from ...processing_algorithms.point_session.rows import KINDS, ROLES
+from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
 from .image_view import ImageView
 
 VIEWS = 2
@@ -57,7 +57,7 @@ class PanelLayout(QWidget):
         self.model, self.kind = QComboBox(), QComboBox()
         self.model.addItems(MODEL.choices)
         self.model.setCurrentText(MODEL.default)
-        self.kind.addItems(KINDS)
+        self.kind.addItems(CLICK_KINDS)
         self.kind.setToolTip(KIND_TIP)
         self.message, self.progress = QLabel(), QProgressBar()
         self.message.setWordWrap(True)
@@ -111,7 +111,7 @@ class PanelLayout(QWidget):
         """Show these tables, with a choice of words where a cell takes one of a few."""
         for table, model, title, words in (
             (self.points, points, "role", ROLES),
-            (self.measurements, measurements, "kind", KINDS),
+            (self.measurements, measurements, "kind", CLICK_KINDS),
         ):
             table.setModel(model)
             table.setItemDelegateForColumn(model.titles.index(title), Choices(words, table))

@@ -26,7 +26,7 @@ def store(state: PanelState, project: QgsProject) -> None:
         project.writeEntry(_SCOPE, f"/points/{name}", getattr(state, name))
 
 
-def restored(project: QgsProject) -> PanelState:
+def restore_state(project: QgsProject) -> PanelState:
     """Return the state that a project keeps."""
     default = PanelState()
     path = project.readEntry(_SCOPE, "/points/path", "")[0]

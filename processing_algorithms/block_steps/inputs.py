@@ -72,7 +72,7 @@ def read_block(
         if purpose == GCPS or tables.image is None:  # positions in other layers are not used, nor what is said of them
             warnings += tables.warnings
     if pairs:
-        measured.append(joined(pairs))
+        measured.append(join_image_points(pairs))
     if ground and not any(len(table) for table in measured):
         raise InputError(
             f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, "
@@ -105,7 +105,7 @@ def _point_files(points: PointFiles, tie_points: str | None) -> list[tuple[str, 
     return [(purpose, spec if purpose == GCPS else measurements_of(spec)) for purpose, spec in specs]
 
 
-def joined(tables: Sequence[ImagePoints]) -> ImagePoints:
+def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     """Return the matches of image pairs as tracks: the same position on an image is the same point everywhere.
 
     A track that meets an image at two positions contradicts itself and is left out.

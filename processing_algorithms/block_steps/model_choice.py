@@ -18,7 +18,7 @@ class Chosen(NamedTuple):
     warnings: list[str]
 
 
-def choose(block: Block, options: AdjustOptions) -> Chosen:
+def choose_model_of_options(block: Block, options: AdjustOptions) -> Chosen:
     """Return the options with a rule replaced by the model that it chooses."""
     if options.model not in RULES:
         return Chosen(options, {}, [])

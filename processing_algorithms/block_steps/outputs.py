@@ -27,12 +27,12 @@ from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, block_map
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
-from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
+from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, level_reached
 from ..interface.declare import Context, Report, settings_of
 from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
     IN_PLACE,
-    NOTHING,
+    WRITE_NOTHING,
     clear_the_way,
     images_with_pixels,
     planned_names,
@@ -110,13 +110,13 @@ def write_results(
         "settings": settings_of(options),
         **(more or {}),
     }  # fmt: skip
-    verdict = Verdict.of(reached(report), find_reasons(evidence, reasons))
+    verdict = Verdict.of(level_reached(report), find_reasons(evidence, reasons))
     report["verdict"] = verdict.entry()
     output = options.output
     how = output.write
     stale: list[str] = []
-    if verdict.level is Level.UNUSABLE and how != NOTHING and not output.force_write:
-        how = NOTHING
+    if verdict.level is Level.UNUSABLE and how != WRITE_NOTHING and not output.force_write:
+        how = WRITE_NOTHING
         stale = earlier_rpcs(output.folder.output_dir, context.inputs)
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     clock.lap("judge")

@@ -149,7 +149,7 @@ def contradicts(found: FromReference, block: Block) -> str:
     return differ.message if differ is not None and differ.excessive and np.isfinite(differ.limit_m) else ""
 
 
-def read_block(
+def read_reference_block(
     images: Sequence[Image],
     files: PointFiles,
     dem: DemOptions,

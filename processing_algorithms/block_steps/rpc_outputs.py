@@ -34,13 +34,13 @@ NEW_FILES: dict[str, tuple[str, Writer]] = {
     "vrt": (".vrt", _virtual),
     "sidecar": ("_RPC.TXT", _text),
 }
-IN_PLACE, NOTHING = "in-place", "none"
+IN_PLACE, WRITE_NOTHING = "in-place", "none"
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 
 
 def planned_names(images: Sequence[Image], how: str) -> dict[str, str]:
     """Return the names of the new files with refined RPCs, by image id."""
-    choices = {image.id: WITHOUT_PIXELS if image.raster is None and how != NOTHING else how for image in images}
+    choices = {image.id: WITHOUT_PIXELS if image.raster is None and how != WRITE_NOTHING else how for image in images}
     return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
 
 

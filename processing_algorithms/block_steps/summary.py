@@ -7,8 +7,14 @@ from typing import Any
 
 from ..interface.declare import Report
 
-AXES = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: report key: column width
-MOST_OUTLIERS = 5
+COLUMN_WIDTHS = {
+    "east_m": 10,
+    "north_m": 10,
+    "height_m": 10,
+    "sample_px": 11,
+    "line_px": 9,
+}  #: report key: column width
+OUTLIERS_SUMMARISED = 5
 MOST_PARTS = 3
 
 
@@ -18,7 +24,8 @@ def summarise(report: Report) -> str:
         f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
         f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",
         "",
-        f"{'points':<16}{'number':>7}" + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in AXES.items()),
+        f"{'points':<16}{'number':>7}"
+        + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()),
         *(_known_points(role, report[role]) for role in ("control", "check")),
     ]
     check, ties, outliers = report["check"], report["ties"], report["outliers"]
@@ -36,9 +43,10 @@ def summarise(report: Report) -> str:
         if not part["gcps"] and part["ce90_m"] is not None
     ]
     lines += [
-        f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:MOST_OUTLIERS]
+        f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma"
+        for row in outliers[:OUTLIERS_SUMMARISED]
     ]
-    if report["outlier_count"] > MOST_OUTLIERS:
+    if report["outlier_count"] > OUTLIERS_SUMMARISED:
         lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
     lines += ["", *(f"{what:<8}{path}" for what, path in report["outputs"].items()), ""]
@@ -54,7 +62,7 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def _known_points(role: str, entry: Report) -> str:
-    numbers = "".join(f"{number(entry[f'rmse_{axis}']):>{width}}" for axis, width in AXES.items())
+    numbers = "".join(f"{number(entry[f'rmse_{axis}']):>{width}}" for axis, width in COLUMN_WIDTHS.items())
     return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
 
 

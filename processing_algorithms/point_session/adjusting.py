@@ -35,12 +35,12 @@ def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjus
     from ...hrsi_engine.adjustment.solver import adjust
     from ...hrsi_engine.plausibility import check_block
     from ...hrsi_engine.results.residuals import residuals
-    from ..block_steps.model_choice import choose
+    from ..block_steps.model_choice import choose_model_of_options
     from ..block_steps.plausibility import explained_by
 
     reasons = check_block(block)
     with explained_by(reasons):
-        chosen = choose(block, AdjustOptions(model=model))
+        chosen = choose_model_of_options(block, AdjustOptions(model=model))
         result = adjust(block, chosen.options, stage(progress, 0.1, 0.9))
     suspects = chosen.entries.get("model_choice", {}).get("suspects", [])
     return shown(result, residuals(result), suspects, tuple(chosen.warnings), reasons)
@@ -55,12 +55,12 @@ def shown(
 ) -> Adjusted:
     """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
     from ...hrsi_engine.results.figures import block_report
-    from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, reached
+    from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, level_reached
 
     images = result.block.images
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     figures = block_report(result, left, refined)
-    verdict = Verdict.of(reached(figures), find_reasons(Evidence(result, left, refined), reasons))
+    verdict = Verdict.of(level_reached(figures), find_reasons(Evidence(result, left, refined), reasons))
     return Adjusted(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},

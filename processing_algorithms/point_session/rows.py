@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import nan
 
 ROLES = ("gcp", "check")
-KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
+CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
 
 
 @dataclass

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ...hrsi_engine.foundation.errors import InputError
-from .rows import KINDS, ROLES, KnownPoint, Measured, MeasurementRow, PointRow
+from .rows import CLICK_KINDS, ROLES, KnownPoint, Measured, MeasurementRow, PointRow
 
 if TYPE_CHECKING:
     from ...hrsi_engine.block.block import Image
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .adjusted import Adjusted
     from .targets import Fit
 
-NOTHING = (math.nan, math.nan, math.nan)
+NO_POSITION = (math.nan, math.nan, math.nan)
 
 
 class PointSession:
@@ -83,14 +83,14 @@ class PointSession:
         inside = first_sample <= sample <= last_sample and first_line <= line <= last_line
         key = (name, image_id)
         known = self.adjusted is not None and key not in self._edited
-        residual = self.adjusted.residual_px.get(key, NOTHING[:2]) if known and self.adjusted else NOTHING[:2]
+        residual = self.adjusted.residual_px.get(key, NO_POSITION[:2]) if known and self.adjusted else NO_POSITION[:2]
         suspicion = self.adjusted.image_suspicions.get(key, "") if known and self.adjusted else ""
         return MeasurementRow(image_id, (sample, line), inside, self.measured.get(key), residual, suspicion)
 
     def _ground_residual(self, name: str) -> tuple[float, float, float]:
         if self.adjusted is None or self._is_edited(name):
-            return NOTHING
-        return self.adjusted.residual_m.get(name, NOTHING)
+            return NO_POSITION
+        return self.adjusted.residual_m.get(name, NO_POSITION)
 
     def _is_edited(self, name: str) -> bool:
         return any(point == name for point, _ in self._edited)
@@ -144,8 +144,8 @@ class PointSession:
         """Measure the target near a click; where it is refused, nothing changes and the fit says why."""
         from .targets import fit_target
 
-        if kind not in KINDS:
-            raise InputError(f"kind {kind!r} is unknown: use one of {', '.join(KINDS)}")
+        if kind not in CLICK_KINDS:
+            raise InputError(f"kind {kind!r} is unknown: use one of {', '.join(CLICK_KINDS)}")
         fit = fit_target(self.images[image_id], click, kind)
         if not fit.refusal:
             self.set_measurement(name, image_id, fit.measured)

@@ -8,12 +8,11 @@ import numpy as np
 
 from ...hrsi_engine.block.footprints import footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
+from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.io.layers import Layer
 
 if TYPE_CHECKING:
     from .session import PointSession
-
-WGS84 = 4326
 
 
 def ground_points(session: PointSession) -> GroundPoints:

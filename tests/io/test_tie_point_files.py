@@ -10,7 +10,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points, several_specs
-from hrsi.processing_algorithms.block_steps.inputs import joined
+from hrsi.processing_algorithms.block_steps.inputs import join_image_points
 
 
 def write_match(path: Path, left: np.ndarray, right: np.ndarray, descriptors: int = 0) -> str:
@@ -70,7 +70,7 @@ def test_matches_of_pairs_become_tracks(tmp_path):
             ("r-a__c.match", a[[0, 4]], c[[0, 5]]),  # the second contradicts: a4 - b4 - c4, and a4 - c5 - b5
         )
     ]  # fmt: skip
-    found = joined(tables)
+    found = join_image_points(tables)
     tracks: dict[str, set] = {}
     for name, image, xy in zip(found.ids.tolist(), found.image_ids.tolist(), found.xy.tolist(), strict=True):
         tracks.setdefault(name, set()).add((image, tuple(xy)))

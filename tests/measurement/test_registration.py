@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.measurement.registration import (
     FORMS,
     apply_matrix,
-    carried_by_rpcs,
+    carry_by_rpcs,
     compare_kinds,
     register_points,
 )
@@ -83,7 +83,7 @@ def test_quickbird_centres_are_better_by_half(thesis_data):
 def test_rpcs_carry_points_over_the_ground():
     first, second = (image.rpc for image in blocks.images(2))
     ground = blocks.ground(20, 3)
-    there = carried_by_rpcs(first, second, first.project(ground), ground[:, 2])
+    there = carry_by_rpcs(first, second, first.project(ground), ground[:, 2])
     np.testing.assert_allclose(there, second.project(ground), atol=1e-5)
 
 

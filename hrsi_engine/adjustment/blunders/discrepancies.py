@@ -27,7 +27,7 @@ import numpy as np
 from ..gauss_newton import GaussNewton, Solution
 from ..problem import Problem
 
-LEAST_SHARE = 1e-3  # of an error that shows; less is not tested
+LEAST_DISCREPANCY_SHARE = 1e-3  # of an error that shows; less is not tested
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, whose sigmas may be wrong each in its own way
 
 
@@ -55,19 +55,19 @@ class Discrepancies:
     def test(self, chosen: np.ndarray) -> tuple[float, int]:
         """Return by how much the squares fall without some observations (indices), and how many dimensions that has."""
         values, vectors = np.linalg.eigh(self.s[np.ix_(chosen, chosen)])
-        seen = values > LEAST_SHARE
+        seen = values > LEAST_DISCREPANCY_SHARE
         along = vectors[:, seen].T @ self.u[chosen]
         return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
     def errors(self, chosen: np.ndarray) -> np.ndarray:
         """Return the errors (m, px) of some observations, observed - true, as the rest sees them."""
-        inverse = np.linalg.pinv(self.s[np.ix_(chosen, chosen)], rcond=LEAST_SHARE, hermitian=True)
+        inverse = np.linalg.pinv(self.s[np.ix_(chosen, chosen)], rcond=LEAST_DISCREPANCY_SHARE, hermitian=True)
         return np.asarray(self.sigma[chosen] * (inverse @ self.u[chosen]))
 
     def without(self, out: np.ndarray) -> Discrepancies:
         """Return the discrepancies of all others when some observations (indices) are left out."""
         rest = np.setdiff1d(np.arange(len(self.u)), out)
-        inverse = np.linalg.pinv(self.s[np.ix_(out, out)], rcond=LEAST_SHARE, hermitian=True)
+        inverse = np.linalg.pinv(self.s[np.ix_(out, out)], rcond=LEAST_DISCREPANCY_SHARE, hermitian=True)
         gain = self.s[np.ix_(rest, out)] @ inverse
         return Discrepancies(
             self.points, self.point[rest], self.kind[rest], self.row[rest], self.axis[rest],

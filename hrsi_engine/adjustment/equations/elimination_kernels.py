@@ -82,7 +82,7 @@ def _point_normal(
     k = min(point, len(mixed) - 1)
     t01, t02, t12 = mixed[k, 0], mixed[k, 1], mixed[k, 2]
     east, north = ellipsoid.metres_of_a_degree(ground[point, 1], ground[point, 2])
-    d0 = ellipsoid.wrapped(target[point, 0] - ground[point, 0]) * east
+    d0 = ellipsoid.wrap_once(target[point, 0] - ground[point, 0]) * east
     d1 = (target[point, 1] - ground[point, 1]) * north
     d2 = target[point, 2] - ground[point, 2]
     g0 += t0 * d0 + t01 * d1 + t02 * d2

@@ -14,7 +14,7 @@ from . import asp_gcp, asp_match, csv_text, image_gcps, micmac, ogr_layer, ortho
 from .columns import match_fields
 from .interpret import PointTables, interpret
 from .positions import Reference, Surface
-from .table import PointReader, PointTable
+from .table import PointReader
 
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
 POINT_READERS: dict[str, PointReader] = {
@@ -72,7 +72,13 @@ def read_points(
     table = point_reader_of(path).read(path, layer)
     image = _options(spec).get("image")
     if image is not None:
-        table = _on_image(table, image, image_ids)
+        # The table with all points measured on one image
+        if "image" in match_fields(table.field_names) or table.pairwise:
+            raise InputError(f"{table.source}: says itself on which image a point was measured: leave |image= out")
+        if image not in image_ids:
+            listed = ", ".join(image_ids) or "none"
+            raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
+        table = replace(table, columns=table.columns | {"image": np.full(len(table), image)})
     return interpret(table, Reference(ground_crs or "", height_datum, surface, adjusted), image_ids)
 
 
@@ -111,16 +117,6 @@ def _options(spec: str) -> dict[str, str]:
             raise InputError(f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER or FILE|image=ID")
         options[key.lower()] = value
     return options
-
-
-def _on_image(table: PointTable, image: str, image_ids: Sequence[str]) -> PointTable:
-    """Return the table with all points measured on one image."""
-    if "image" in match_fields(table.field_names) or table.pairwise:
-        raise InputError(f"{table.source}: says itself on which image a point was measured: leave |image= out")
-    if image not in image_ids:
-        listed = ", ".join(image_ids) or "none"
-        raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
-    return replace(table, columns=table.columns | {"image": np.full(len(table), image)})
 
 
 def point_reader_of(path: str) -> PointReader:

@@ -138,7 +138,15 @@ def _matching_id(name: str, image_ids: set[str], prefixed: bool) -> str:
 def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
     """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
     ground, warnings = ground_positions(table, reference)
-    role = _roles(table)
+    role = np.full(len(table), UNSET, dtype=np.int8)
+    names, index = unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
+    for number, name in enumerate(names):
+        try:
+            parsed = Role.parse(str(name))
+        except KeyError:
+            row = np.flatnonzero(index == number)[0]
+            raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check or tie") from None
+        role[index == number] = UNSET if parsed is None else parsed
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:
         sigma, covariance = np.column_stack([sigma[:, 0], table.columns[ADJUSTED_SIGMA]]), None
@@ -166,16 +174,3 @@ def _require_same_position(
             f"{table.at(rows[at])}: stands in {table.row_name(int(first[at]))} already, here {what}: "
             f"keep one, or rename it"
         )
-
-
-def _roles(table: PointTable) -> np.ndarray:
-    role = np.full(len(table), UNSET, dtype=np.int8)
-    names, index = unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
-    for number, name in enumerate(names):
-        try:
-            parsed = Role.parse(str(name))
-        except KeyError:
-            row = np.flatnonzero(index == number)[0]
-            raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check or tie") from None
-        role[index == number] = UNSET if parsed is None else parsed
-    return role

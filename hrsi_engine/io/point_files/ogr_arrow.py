@@ -64,23 +64,19 @@ def _field(field: str, column: np.ndarray) -> np.ndarray | None:
     kind, missing = column.dtype.kind, np.ma.getmaskarray(column)
     plain = np.ma.getdata(column)
     if kind == "S":
-        return _texts(plain, missing)
+        try:
+            texts = plain.astype(str)  # ASCII
+        except UnicodeDecodeError:
+            try:
+                texts = np.char.decode(plain, "utf-8")
+            except UnicodeDecodeError:
+                return None
+        return np.where(missing, "", texts)
     if field in NUMBER_FIELDS and kind in "iuf":
         return np.where(missing, np.nan, plain.astype(np.float64))
     if field not in NUMBER_FIELDS and kind in "iu":
         return np.where(missing, "", plain.astype(str))
     return None  # OGR has its own way of writing real numbers and dates as text
-
-
-def _texts(column: np.ndarray, missing: np.ndarray) -> np.ndarray | None:
-    try:
-        texts = column.astype(str)  # ASCII
-    except UnicodeDecodeError:
-        try:
-            texts = np.char.decode(column, "utf-8")
-        except UnicodeDecodeError:
-            return None
-    return np.where(missing, "", texts)
 
 
 def _positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> np.ndarray | None:

@@ -54,7 +54,10 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
         return np.column_stack([table.columns[name] for name in SURVEYED]), []
     xyz, crs, warnings = _given_positions(table, reference)
     present = np.isfinite(xyz[:, :2]).all(axis=1)
-    _require_whole(table, xyz, present)
+    half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
+    missing = half if "sample" in table.columns else ~present
+    if missing.any():
+        raise InputError(f"{table.at(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
     ground = np.full_like(xyz, np.nan)
     if not present.any():
         return ground, warnings
@@ -67,7 +70,9 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
     if len(rows):
         ground[rows], more = _to_ellipsoidal(table, xyz[rows], parsed, reference.height_datum)
         warnings += more
-    _require_finite(table, ground, present)
+    lost = np.flatnonzero(present & ~np.isfinite(ground).all(axis=1))
+    if len(lost):
+        raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
     return ground, warnings
 
 
@@ -114,13 +119,6 @@ def _is_geographic(crs: str) -> bool:
         return bool(pyproj.CRS.from_user_input(crs).is_geographic)
     except pyproj.exceptions.CRSError:
         raise InputError(f"`ground_crs` {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
-
-
-def _require_whole(table: PointTable, xyz: np.ndarray, present: np.ndarray) -> None:
-    half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
-    missing = half if "sample" in table.columns else ~present
-    if missing.any():
-        raise InputError(f"{table.at(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
 
 
 def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
@@ -193,9 +191,3 @@ def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:
     flat.ImportFromWkt((crs.sub_crs_list[0] if crs.sub_crs_list else crs).to_wkt())
     flat.DemoteTo2D()
     return pyproj.CRS.from_wkt(flat.ExportToWkt(["FORMAT=WKT2_2019"]))
-
-
-def _require_finite(table: PointTable, ground: np.ndarray, present: np.ndarray) -> None:
-    lost = np.flatnonzero(present & ~np.isfinite(ground).all(axis=1))
-    if len(lost):
-        raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")

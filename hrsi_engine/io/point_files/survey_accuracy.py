@@ -12,7 +12,7 @@ import numpy as np
 from ...foundation.errors import InputError
 from .table import PointTable
 
-AXES = (("cov_ee", "sigma_east"), ("cov_nn", "sigma_north"), ("cov_hh", "sigma_h"))
+ACCURACY_FIELDS = (("cov_ee", "sigma_east"), ("cov_nn", "sigma_north"), ("cov_hh", "sigma_h"))
 PAIRS = ((0, 1, "cov_en", "corr_en"), (0, 2, "cov_eh", "corr_eh"), (1, 2, "cov_nh", "corr_nh"))
 _MORE_THAN_SIGMAS = {
     "sigma_east",
@@ -59,7 +59,7 @@ def positive(table: PointTable, field: str) -> np.ndarray:
 def _axes(table: PointTable, horizontal: np.ndarray) -> np.ndarray:
     """Return the standard deviations of east, north and height ``(n, 3)``."""
     columns = []
-    for axis, (variance, name) in enumerate(AXES):
+    for axis, (variance, name) in enumerate(ACCURACY_FIELDS):
         sigma = positive(table, name)
         sigma = np.where(np.isnan(sigma) & (axis < 2), horizontal, sigma)
         own = np.sqrt(positive(table, variance))

@@ -119,7 +119,10 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
             )
         return False
     if place.mirrored:
-        return not _shows_mirror_image(rpc)
+        # Whether an RPC's image shows the ground as in a mirror; a sensor's never does
+        middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+        _, by_ground = rpc.project_with_metric_jacobian(middle)
+        return not bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)
     # a scene's RPC begins at 0; one that was moved begins where the scene's first pixel is, seen from the crop
     own_begin = place.to_scene(_corners(low, high)).min(axis=0)
     told = np.abs(place.first) > FIRST_TOLD_PX * np.abs(place.matrix).max() * (place.matrix != np.eye(2)).any()
@@ -151,7 +154,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
     """
     (a, b), (c, d) = place.matrix.tolist()
     if not b and not c:
-        moved = rpc if (a, d) == (1.0, 1.0) else _scaled(rpc, place)
+        moved = rpc if (a, d) == (1.0, 1.0) else _scale(rpc, place)
         return moved.shift(-place.first[0], -place.first[1]) if moved is rpc else moved
     corners = place.to_scene(_corners(np.zeros(2), np.array(size) - 1.0))
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -167,7 +170,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
     return found.rpc
 
 
-def _scaled(rpc: RPC, place: CropPlace) -> RPC:
+def _scale(rpc: RPC, place: CropPlace) -> RPC:
     """Return the RPC in pixels of another size or direction; OFF and SCALE take it, signs go into the numerators."""
     a, d = place.matrix[0, 0], place.matrix[1, 1]
     return replace(
@@ -189,10 +192,3 @@ def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:
 
 def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
-
-
-def _shows_mirror_image(rpc: RPC) -> bool:
-    """Return whether an RPC's image shows the ground as in a mirror; a sensor's never does."""
-    middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-    _, by_ground = rpc.project_with_metric_jacobian(middle)
-    return bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)

@@ -36,7 +36,11 @@ def read(path: str) -> RpcReading:
     values: dict[str, str | list[str] | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
     values |= {name: numbered_values(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
     rpc = rpc_from_text(path, values, DIMAP_NAMES)
-    first = _first_pixel(path, root)
+    # Sample and line of the first pixel's centre as this version counts: 1 or 0
+    version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
+    first = {"2": 1, "3": 0}.get(version.strip()[:1])
+    if first is None:
+        raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
     return RpcReading(rpc.shift(-first, -first), _size(_domain(root), first))
 
 
@@ -47,15 +51,6 @@ def _first(root: ElementTree.Element, names: tuple[str, ...]) -> ElementTree.Ele
 def _domain(root: ElementTree.Element) -> dict[str, str]:
     element = _first(root, _IMAGE_DOMAIN)
     return {} if element is None else {child.tag: (child.text or "").strip() for child in element}
-
-
-def _first_pixel(path: str, root: ElementTree.Element) -> int:
-    """Return sample and line of the first pixel's centre as this version counts: 1 or 0."""
-    version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
-    first = {"2": 1, "3": 0}.get(version.strip()[:1])
-    if first is None:
-        raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
-    return first
 
 
 def _size(domain: dict[str, str], first: int) -> tuple[int, int] | None:

@@ -53,7 +53,12 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
     for field in SCALARS:
         numbers[field] = _number(where, names[field], values.get(field))
     for field in POLYNOMIALS:
-        numbers[field] = _coefficients(where, names[field], values.get(field))
+        name = names[field]
+        texts = values.get(field)
+        found = 0 if texts is None else len(texts)
+        if texts is None or isinstance(texts, str) or found != 20:
+            raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: get the file again")
+        numbers[field] = np.array([_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)])
     for field in ERRORS:
         numbers[field] = _optional(where, names[field], values.get(field))
     return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
@@ -126,13 +131,6 @@ def _optional(where: str, name: str, text: Text | None) -> float | None:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) and value >= 0.0 else None
-
-
-def _coefficients(where: str, name: str, texts: Text | None) -> np.ndarray:
-    found = 0 if texts is None else len(texts)
-    if texts is None or isinstance(texts, str) or found != 20:
-        raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: get the file again")
-    return np.array([_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)])
 
 
 def numbered_values(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:

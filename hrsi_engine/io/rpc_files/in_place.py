@@ -38,7 +38,31 @@ _AFTER_RPB = ("rpc-txt", "isd")
 
 
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
-    """Give one image another RPC and keep the original in it; return notices for the log: see `prepare_in_place`."""
+    """Give one image another RPC and keep the original in it; see `prepare_in_place`.
+
+    Parameters
+    ----------
+    path : str
+        A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``).
+    rpc : RPC
+        The new camera.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    tuple of str
+        Notices for the log.
+
+    Raises
+    ------
+    InputError
+        The file is of another kind.
+    OutputError
+        There is no room, or no permission.
+    Cancelled
+        When ``progress`` asks to stop.
+    """
     with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
         notices = prepare_in_place(path, rpc, changes, progress)
         changes.commit()

@@ -106,10 +106,7 @@ def _read(path: str, file: BinaryIO) -> Directory | None:
         return None
     big = version == 43
     offset = struct.unpack(order + ("Q" if big else "I"), head[8:16] if big else head[4:8])[0]
-    return _read_entries(path, file, Directory(order, big, offset, (), 0))
-
-
-def _read_entries(path: str, file: BinaryIO, directory: Directory) -> Directory:
+    directory = Directory(order, big, offset, (), 0)
     count_code, word_bytes = directory.order + ("Q" if directory.big else "H"), 8 if directory.big else 4
     file.seek(directory.offset)
     (count,) = struct.unpack(count_code, file.read(struct.calcsize(count_code)))

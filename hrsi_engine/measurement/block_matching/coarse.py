@@ -185,7 +185,13 @@ def banded_matches(
     for start in range(0, len(first), ROWS):
         part = slice(start, min(start + ROWS, len(first)))
         similarity = roots[0][part] @ roots[1].T
-        similarity[~_in_band(lines, part, second_xy, margin_px)] = -1.0
+        direction, origin = lines.direction[part].astype(np.float32), lines.origin[part].astype(np.float32)
+        points = second_xy.astype(np.float32)
+        along = direction @ points.T - np.sum(direction * origin, axis=1, keepdims=True)
+        normal = np.column_stack([-direction[:, 1], direction[:, 0]])
+        across = normal @ points.T - np.sum(normal * origin, axis=1, keepdims=True)
+        far = lines.reach[part, None].astype(np.float32) + margin_px
+        similarity[~((np.abs(across) <= margin_px) & (np.abs(along) <= far))] = -1.0
         rows = np.arange(part.stop - part.start)
         best = similarity.argmax(axis=1)
         value = similarity[rows, best].copy()
@@ -199,15 +205,6 @@ def banded_matches(
     index = np.flatnonzero(distinct & (nearest >= 0))
     index = index[back[nearest[index]] == index]
     return np.column_stack([index, nearest[index]])
-
-
-def _in_band(lines: Lines, part: slice, xy: np.ndarray, margin_px: float) -> np.ndarray:
-    direction, origin = lines.direction[part].astype(np.float32), lines.origin[part].astype(np.float32)
-    points = xy.astype(np.float32)
-    along = direction @ points.T - np.sum(direction * origin, axis=1, keepdims=True)
-    normal = np.column_stack([-direction[:, 1], direction[:, 0]])
-    across = normal @ points.T - np.sum(normal * origin, axis=1, keepdims=True)
-    return (np.abs(across) <= margin_px) & (np.abs(along) <= lines.reach[part, None].astype(np.float32) + margin_px)
 
 
 # ---- from matches to geometry --------------------------------------------------------------------------------------
@@ -233,7 +230,11 @@ def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
     if stretch * (job.heights.high_m - job.heights.low_m) < SAME_VIEW_PX:
         return _same_view(job, first_xy, second_xy, noise_px)
     across = float(np.median(miss.across_px))
-    normal = _normal(first, second, first_xy, middle)
+    # The mean direction across the epipolar lines, with the sign of `epipolar_miss`
+    slope = transfer(first, second, first_xy, middle + 1.0) - transfer(first, second, first_xy, middle - 1.0)
+    direction = np.nanmean(slope / np.linalg.norm(slope, axis=1, keepdims=True), axis=0)
+    direction /= np.linalg.norm(direction)
+    normal = np.array([-direction[1], direction[0]])
     across_sigma = float(robust_sigma(miss.across_px - across))
     grid, sigma = height_grid(job, first_xy, miss.height_m)
     sigma = max(sigma, 0.5 * noise_px / stretch)
@@ -244,14 +245,6 @@ def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
         (across * normal[0], across * normal[1]), (noise_px, COARSE_SAFETY * across_sigma + noise_px), grid, sigma,
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))
-
-
-def _normal(first: RPC, second: RPC, xy: np.ndarray, height_m: float) -> np.ndarray:
-    """Return the mean direction across the epipolar lines, with the sign of `epipolar_miss`."""
-    slope = transfer(first, second, xy, height_m + 1.0) - transfer(first, second, xy, height_m - 1.0)
-    direction = np.nanmean(slope / np.linalg.norm(slope, axis=1, keepdims=True), axis=0)
-    direction /= np.linalg.norm(direction)
-    return np.array([-direction[1], direction[0]])
 
 
 def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, noise_px: float) -> PairEstimate:

@@ -136,7 +136,15 @@ def without_contradictions(matches: BlockMatches, images: Sequence[Image]) -> Bl
 
 def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
     """Return a mask of the matches of one reference."""
-    stretch = _stretches(matches, images)
+    # Px per metre of height along the epipolar lines of each match, by its pair's mean
+    stretch = np.zeros(len(matches))
+    for (first, second), rows in pair_rows(matches).items():
+        few = rows[:: max(1, len(rows) // 16)]
+        miss = epipolar_miss(
+            images[first].rpc, images[second].rpc, matches.first_xy[few], matches.second_xy[few],
+            float(np.median(matches.height_m[few])), 1,
+        )  # fmt: skip
+        stretch[rows] = np.nanmedian(miss.stretch)
     height = matches.height_m.copy()
     _, point = np.unique(matches.track, return_inverse=True)
     good = stretch > MIN_STRETCH
@@ -159,28 +167,13 @@ def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
         worst = np.zeros(len(mean))
         np.maximum.at(worst, point, away_px)
         several = np.bincount(point, keep & good, len(mean)) > 2
-        limit = np.maximum(2.0 * DEVIATION_FLOOR_PX, SIGMAS * _spread_of(away_px[keep & good]))
+        deviations = away_px[keep & good]
+        nonzero = deviations[deviations > 1e-9]
+        spread_of = float(robust_sigma(nonzero)) if len(nonzero) else 0.0
+        limit = np.maximum(2.0 * DEVIATION_FLOOR_PX, SIGMAS * spread_of)
         bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
         keep &= ~bad
     return keep
-
-
-def _spread_of(deviations: np.ndarray) -> float:
-    nonzero = deviations[deviations > 1e-9]
-    return float(robust_sigma(nonzero)) if len(nonzero) else 0.0
-
-
-def _stretches(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
-    """Return px per metre of height along the epipolar lines of each match, by its pair's mean."""
-    stretch = np.zeros(len(matches))
-    for (first, second), rows in pair_rows(matches).items():
-        few = rows[:: max(1, len(rows) // 16)]
-        miss = epipolar_miss(
-            images[first].rpc, images[second].rpc, matches.first_xy[few], matches.second_xy[few],
-            float(np.median(matches.height_m[few])), 1,
-        )  # fmt: skip
-        stretch[rows] = np.nanmedian(miss.stretch)
-    return stretch
 
 
 def _weighted_means(group: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -212,7 +205,20 @@ def to_image_points(
         np.r_[quality, matches.quality], np.r_[matches.kind[head], matches.kind],
     )  # fmt: skip
     rank = quality - sigma  # both matter: a sharp point of a clear match
-    once = ~_find_repeated(rows, rank)
+    # Which tracks stand beside a better one on two images or more: one place, found from two references
+    length = np.bincount(rows.track, minlength=len(rank))
+    beside: list[np.ndarray] = []
+    for number in np.unique(rows.image):
+        here = np.flatnonzero(rows.image == number)
+        near = cKDTree(rows.xy[here]).query_pairs(REPEATED_PX, output_type="ndarray")
+        beside.append(np.sort(rows.track[here][near], axis=1))
+    pairs, count = np.unique(np.concatenate(beside), axis=0, return_counts=True)
+    pairs = pairs[count >= 2]
+    first_better = np.lexsort((np.arange(len(rank)), -rank, -length)).argsort()
+    worse = np.where(first_better[pairs[:, 0]] < first_better[pairs[:, 1]], pairs[:, 1], pairs[:, 0])
+    repeated = np.zeros(len(rank), dtype=bool)
+    repeated[worse] = True
+    once = ~repeated
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
     kept = np.flatnonzero(once)[
         spread_over_image(
@@ -253,23 +259,6 @@ class _Rows:
         return ImagePoints.create(
             ids, image_ids, self.xy[rows], sigma, self.kind[rows], self.quality[rows], "tie points"
         )
-
-
-def _find_repeated(rows: _Rows, rank: np.ndarray) -> np.ndarray:
-    """Return which tracks stand beside a better one on two images or more: one place, found from two references."""
-    length = np.bincount(rows.track, minlength=len(rank))
-    beside: list[np.ndarray] = []
-    for number in np.unique(rows.image):
-        here = np.flatnonzero(rows.image == number)
-        near = cKDTree(rows.xy[here]).query_pairs(REPEATED_PX, output_type="ndarray")
-        beside.append(np.sort(rows.track[here][near], axis=1))
-    pairs, count = np.unique(np.concatenate(beside), axis=0, return_counts=True)
-    pairs = pairs[count >= 2]
-    first_better = np.lexsort((np.arange(len(rank)), -rank, -length)).argsort()
-    worse = np.where(first_better[pairs[:, 0]] < first_better[pairs[:, 1]], pairs[:, 1], pairs[:, 0])
-    repeated = np.zeros(len(rank), dtype=bool)
-    repeated[worse] = True
-    return repeated
 
 
 def _ground(first: np.ndarray, xy: np.ndarray, height: np.ndarray, images: Sequence[Image]) -> np.ndarray:

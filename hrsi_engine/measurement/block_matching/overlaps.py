@@ -82,20 +82,16 @@ def overlap_share(first: Image, second: Image, heights: GroundRange, surface: He
     """Return the larger share that one image sees of the other; without surface at the height where it is largest."""
     if surface is not None:
         return max(overlap_shares(*(_footprint_on(image, surface, heights) for image in (first, second))))
-    levels = _heights_to_try(first, second, heights)
-    return max(
-        max(overlap_shares(*both))
-        for both in zip(*(footprints_at(image, levels) for image in (first, second)), strict=True)
-    )
-
-
-def _heights_to_try(first: Image, second: Image, heights: GroundRange) -> np.ndarray:
-    """Return heights between which the two footprints slide past one another by at most a tenth of an image."""
+    # Heights between which the two footprints slide past one another by at most a tenth of an image
     centre = first.centre_px[None]
     ends = [second.rpc.project(first.rpc.localize(centre, height).ground)[0] for height in heights]
     slide = np.abs(ends[1] - ends[0]) / (2.0 * second.half_size_px)
     steps = 1 if not np.isfinite(slide).all() else int(np.clip(np.ceil(10.0 * slide.max()), 1, 40))
-    return np.linspace(*heights, steps + 1)
+    levels = np.linspace(*heights, steps + 1)
+    return max(
+        max(overlap_shares(*both))
+        for both in zip(*(footprints_at(image, levels) for image in (first, second)), strict=True)
+    )
 
 
 def _footprint_on(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:

@@ -32,20 +32,16 @@ def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[li
     step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
     """
     if is_matched_everywhere(image, step):
-        return _everywhere(image, step)
+        assert image.size is not None
+        rows = []
+        for top, lines in _parts(image.size[1], FULL_WINDOW_PX * step):
+            row = []
+            for left, samples in _parts(image.size[0], FULL_WINDOW_PX * step):
+                own = ImageWindow(left, top, samples, lines)
+                row.append(Cell((own.grown(OVERLAP_PX * step).inside(image.size),), (own,), 0, 0))
+            rows.append(row)
+        return rows
     return _sample(image, cells, per_cell, step)
-
-
-def _everywhere(image: Image, step: int) -> list[list[Cell]]:
-    assert image.size is not None
-    rows = []
-    for top, lines in _parts(image.size[1], FULL_WINDOW_PX * step):
-        row = []
-        for left, samples in _parts(image.size[0], FULL_WINDOW_PX * step):
-            own = ImageWindow(left, top, samples, lines)
-            row.append(Cell((own.grown(OVERLAP_PX * step).inside(image.size),), (own,), 0, 0))
-        rows.append(row)
-    return rows
 
 
 def _parts(length: int, side: int) -> list[tuple[int, int]]:

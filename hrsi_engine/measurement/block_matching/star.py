@@ -139,7 +139,7 @@ def _complete(
         return own
     xy, height = (np.concatenate(part) for part in zip(*others, strict=True))
     xy, first = np.unique(xy, axis=0, return_index=True)
-    new = ~_among(xy, own.first_xy)
+    new = ~np.isin(_keys(xy), _keys(own.first_xy))
     if not new.any():
         return own
     partner, other = tiles[index]
@@ -161,10 +161,6 @@ def _heights_in(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.nd
 def _keys(xy: np.ndarray) -> np.ndarray:
     """Return positions ``(n, 2)`` as one number each; they are whole pixels or halves of them."""
     return np.round(2.0 * xy[:, 0]) * 2.0**32 + np.round(2.0 * xy[:, 1])
-
-
-def _among(xy: np.ndarray, known: np.ndarray) -> np.ndarray:
-    return np.isin(_keys(xy), _keys(known))
 
 
 def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:

@@ -27,24 +27,19 @@ def patch_correlation(
     result = np.empty(len(first_xy))
     for start in range(0, len(first_xy), PATCHES_PER_BATCH):
         part = slice(start, start + PATCHES_PER_BATCH)
-        result[part] = _correlation(first, second, first_xy[part], second_xy[part], A[part], half_px)
+        y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
+        offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+        # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
+        ours, our_usable = _sample(first, first_xy[part][:, None, :] + offsets)
+        theirs, their_usable = _sample(second, second_xy[part][:, None, :] + np.einsum("nij,kj->nki", A[part], offsets))
+        weight = (our_usable & their_usable).astype(np.float32)
+        count = np.maximum(weight.sum(axis=1), 1.0)
+        a, b = (
+            (values - ((values * weight).sum(axis=1) / count)[:, None]) * weight for values in (ours, theirs)
+        )  # fmt: skip
+        product = (a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12))
+        result[part] = np.where(weight.mean(axis=1) >= LEAST_USABLE, product, 0.0)
     return result
-
-
-def _correlation(
-    first: NetworkWindow,
-    second: NetworkWindow,
-    first_xy: np.ndarray,
-    second_xy: np.ndarray,
-    A: np.ndarray,
-    half_px: int,
-) -> np.ndarray:
-    y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
-    offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
-    # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
-    ours, our_usable = _sample(first, first_xy[:, None, :] + offsets)
-    theirs, their_usable = _sample(second, second_xy[:, None, :] + np.einsum("nij,kj->nki", A, offsets))
-    return _coefficient(ours, theirs, our_usable & their_usable)
 
 
 def _sample(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,13 +51,3 @@ def _sample(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray
         borderValue=0,
     )  # fmt: skip
     return grey, usable.astype(bool)
-
-
-def _coefficient(first: np.ndarray, second: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    weight = usable.astype(np.float32)
-    count = np.maximum(weight.sum(axis=1), 1.0)
-    a, b = (
-        (values - ((values * weight).sum(axis=1) / count)[:, None]) * weight for values in (first, second)
-    )  # fmt: skip
-    product = (a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12))
-    return np.where(weight.mean(axis=1) >= LEAST_USABLE, product, 0.0)

@@ -38,7 +38,7 @@ from .views import NetworkWindow
 SEEDING_CELL_PX, PER_CELL = 100.0, 7  # of super points: about 110 in 400 x 400 pixels, as in the thesis
 PART_PX = 400.0
 LEAST_SUPER_POINTS = 8
-LEAST_NODES, LEAST_SHARE = 8, 0.3  # of the nodes must look alike; by chance one in twenty does
+LEAST_NODES, LEAST_NETWORK_SHARE = 8, 0.3  # of the nodes must look alike; by chance one in twenty does
 SEED_CONSISTENCY_PX = 4.0  # far nodes on relief
 GREY_REACHES = 1.0, 0.6  # shares of the reach: near leaves are fewer, and fit less by chance
 LIKELY = 150  # pairs of roots that are compared by grey values
@@ -132,7 +132,7 @@ def grey_seeds(
 
 
 def _enough(network: Network, hypothesis: Hypothesis) -> bool:
-    return len(network) >= max(LEAST_NODES, LEAST_SHARE * hypothesis.count)
+    return len(network) >= max(LEAST_NODES, LEAST_NETWORK_SHARE * hypothesis.count)
 
 
 def as_network(

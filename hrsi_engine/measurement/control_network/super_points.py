@@ -114,7 +114,15 @@ def support_bounds(pairs: LeafPairs, least: int) -> np.ndarray:
     Rows that fewer than ``least`` leaf pairs agree with get 0: those are counted in sectors, ``O(k)``.
     """
     bounds = np.zeros(len(pairs.first), dtype=int)
-    rows = np.flatnonzero(_agreeing_pairs(pairs) >= least)
+    # How many leaf pairs may allow the rotation of each, ``(k,)``: at least as many as do
+    low = np.floor((pairs.turn_rad - pairs.allowed_rad) / _SECTOR_RAD).astype(int)
+    high = np.ceil((pairs.turn_rad + pairs.allowed_rad) / _SECTOR_RAD).astype(int)
+    width = np.minimum(high - low, SECTORS)
+    low %= SECTORS
+    change = np.bincount(low, minlength=2 * SECTORS + 1) - np.bincount(low + width, minlength=2 * SECTORS + 1)
+    votes = change.cumsum()[: 2 * SECTORS].reshape(2, SECTORS).sum(axis=0)
+    agreeing_pairs = votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SECTORS]
+    rows = np.flatnonzero(agreeing_pairs >= least)
     if not len(rows):
         return bounds
     group = np.flatnonzero(np.r_[True, np.diff(pairs.first) > 0])
@@ -125,17 +133,6 @@ def support_bounds(pairs: LeafPairs, least: int) -> np.ndarray:
         near = np.minimum(turn, 2.0 * np.pi - turn) <= pairs.allowed_rad[None, :] + ROUNDING_RAD
         bounds[part] = np.logical_or.reduceat(near, group, axis=1).sum(axis=1)
     return bounds
-
-
-def _agreeing_pairs(pairs: LeafPairs) -> np.ndarray:
-    """Return how many leaf pairs may allow the rotation of each, ``(k,)``: at least as many as do."""
-    low = np.floor((pairs.turn_rad - pairs.allowed_rad) / _SECTOR_RAD).astype(int)
-    high = np.ceil((pairs.turn_rad + pairs.allowed_rad) / _SECTOR_RAD).astype(int)
-    width = np.minimum(high - low, SECTORS)
-    low %= SECTORS
-    change = np.bincount(low, minlength=2 * SECTORS + 1) - np.bincount(low + width, minlength=2 * SECTORS + 1)
-    votes = change.cumsum()[: 2 * SECTORS].reshape(2, SECTORS).sum(axis=0)
-    return votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SECTORS]
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +207,17 @@ def match_super_points(
     best, evaluated = _winner(sets, stage(progress, 0.7, 1.0))
     if best is None:
         return SuperMatch(NO_MATCH, None, 0, 0.0, evaluated)
-    runner_up = _runner_up(sets, best)
+    # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
+    runner_up, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_CORRESPONDENCES_SHARE * best.count)))
+    for bound, roots, scale in sets.ranked():
+        if bound <= runner_up or bound < least.min():
+            break
+        for support, evaluate in sets.hypotheses(roots, scale, max(int(least[roots[0]]), runner_up + 1)):
+            if support <= runner_up:
+                break
+            found = evaluate()
+            if found.count > runner_up and found.count >= least[roots[0]] and is_rival(sets, best, found):
+                runner_up = found.count
     status = AMBIGUOUS if runner_up >= RIVAL_CORRESPONDENCES_SHARE * best.count else FOUND
     return SuperMatch(status, best, runner_up, log10_false_alarms(sets, best), evaluated)
 
@@ -254,21 +261,6 @@ def likely_hypotheses(sets: RootPairs, most: int) -> list[Hypothesis]:
 def _rank(hypothesis: Hypothesis) -> tuple:
     """Return what orders hypotheses, the best one first; the indices make it unique."""
     return -hypothesis.count, hypothesis.cost, hypothesis.scale, hypothesis.roots, hypothesis.starts
-
-
-def _runner_up(sets: RootPairs, best: Hypothesis) -> int:
-    """Return the most correspondences of another hypothesis, 0 where none has nearly as many or all are chance."""
-    most, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_CORRESPONDENCES_SHARE * best.count)))
-    for bound, roots, scale in sets.ranked():
-        if bound <= most or bound < least.min():
-            break
-        for support, evaluate in sets.hypotheses(roots, scale, max(int(least[roots[0]]), most + 1)):
-            if support <= most:
-                break
-            found = evaluate()
-            if found.count > most and found.count >= least[roots[0]] and is_rival(sets, best, found):
-                most = found.count
-    return most
 
 
 def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:

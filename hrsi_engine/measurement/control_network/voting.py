@@ -83,14 +83,10 @@ def _widen(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float)
     # The rotation may lie half a bin to either side, and the first leaf anywhere in its bin.
     low = np.ceil((leaves.angle_rad[leaf] - angle[ring]) / _STEP - 1.5).astype(int)
     high = np.floor((leaves.angle_rad[leaf] + angle[ring]) / _STEP + 0.5).astype(int)
-    return _arcs(ring, low, np.minimum(high, low + DIRECTIONS - 1), rings)
-
-
-def _arcs(ring: np.ndarray, low: np.ndarray, high: np.ndarray, rings: int) -> np.ndarray:
-    """Return 1 in the bins ``low … high`` of each arc, float32, directions wrapped."""
+    # 1 in the bins ``low … high`` of each arc, float32, directions wrapped
     change = np.zeros((rings, 3 * DIRECTIONS + 1), dtype=np.int32)
     start = low % DIRECTIONS
     np.add.at(change, (ring, start), 1)
-    np.add.at(change, (ring, start + (high - low) + 1), -1)
+    np.add.at(change, (ring, start + (np.minimum(high, low + DIRECTIONS - 1) - low) + 1), -1)
     covered = change.cumsum(axis=1)[:, : 3 * DIRECTIONS].reshape(rings, 3, DIRECTIONS).sum(axis=1)
     return (covered > 0).astype(np.float32)

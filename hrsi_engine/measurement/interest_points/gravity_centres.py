@@ -80,12 +80,27 @@ def centre_halo_px(options: CentreOptions) -> int:
 def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> list[Centre]:
     """Return the gravity centres in a window's core, in image pixels."""
     regions = compact_regions(normalise(window, statistics), window.usable, options.largest_px)
-    regions = regions.select(_near_core(window, regions.centres()))
+    # The mask of regions (n, 2) whose shape's centre may lie inside the core
+    centres = regions.centres()
+    low = np.array([window.core.left, window.core.top]) - window.origin - OBJECT_MARGIN_PX
+    high = np.array([window.core.right, window.core.bottom]) - window.origin + OBJECT_MARGIN_PX
+    near_core = np.asarray(np.all((centres >= low) & (centres < high), axis=1))
+    regions = regions.select(near_core)
     if not len(regions):
         return []
     slopes = Slopes(window.grey, window.usable, statistics.noise)
     outlines = measure_outlines(slopes, regions)
-    closed = _is_closed(outlines)
+    # The mask of outlines with enough clear edges and no wide gap
+    share = outlines.found.sum(axis=1) / outlines.count
+    column = np.arange(outlines.found.shape[1])
+    real = column < outlines.count[:, None]
+    clear = np.where(outlines.found, column, -1)
+    last = np.maximum.accumulate(clear, axis=1)
+    first = np.argmax(outlines.found, axis=1)
+    wrapped = np.where(last < 0, column + outlines.count[:, None] - clear.max(axis=1)[:, None], column - last)
+    gap = np.where(real, wrapped, 0).max(axis=1)
+    gap = np.where(first > 0, np.maximum(gap, first + outlines.count - 1 - clear.max(axis=1)), gap)
+    closed = np.asarray((share >= SIDES_SHARE) & (gap <= np.maximum(1.0, LARGEST_GAP * outlines.count)))
     outlines, sign, support = _different(
         outlines.select(closed), -regions.sign[closed].astype(np.float64), window.origin
     )
@@ -102,27 +117,6 @@ def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, option
     ]
     inside = window.core.contains(np.array([centre.xy for centre in made]).reshape(-1, 2))
     return [centre for centre, here in zip(made, inside, strict=True) if here]
-
-
-def _near_core(window: DetectionWindow, centres: np.ndarray) -> np.ndarray:
-    """Return the mask of regions (n, 2) whose shape's centre may lie inside the core."""
-    low = np.array([window.core.left, window.core.top]) - window.origin - OBJECT_MARGIN_PX
-    high = np.array([window.core.right, window.core.bottom]) - window.origin + OBJECT_MARGIN_PX
-    return np.asarray(np.all((centres >= low) & (centres < high), axis=1))
-
-
-def _is_closed(outlines: Outlines) -> np.ndarray:
-    """Return the mask of outlines with enough clear edges and no wide gap."""
-    share = outlines.found.sum(axis=1) / outlines.count
-    column = np.arange(outlines.found.shape[1])
-    real = column < outlines.count[:, None]
-    clear = np.where(outlines.found, column, -1)
-    last = np.maximum.accumulate(clear, axis=1)
-    first = np.argmax(outlines.found, axis=1)
-    wrapped = np.where(last < 0, column + outlines.count[:, None] - clear.max(axis=1)[:, None], column - last)
-    gap = np.where(real, wrapped, 0).max(axis=1)
-    gap = np.where(first > 0, np.maximum(gap, first + outlines.count - 1 - clear.max(axis=1)), gap)
-    return np.asarray((share >= SIDES_SHARE) & (gap <= np.maximum(1.0, LARGEST_GAP * outlines.count)))
 
 
 def _different(outlines: Outlines, sign: np.ndarray, origin: np.ndarray) -> tuple[Outlines, np.ndarray, np.ndarray]:
@@ -166,7 +160,18 @@ def _assess(
     options: CentreOptions,
 ) -> _Found:  # fmt: skip
     """Return the centres of one kind that pass all tests, with their scores."""
-    inside, outside = _grey_values(shapes, slopes)
+    # The medians of the grey values half-way to the edge and beside it, ``(n,)``
+    arm = shapes.edges - shapes.xy[:, None]
+    length = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-9)
+    values = []
+    for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + BESIDE_PX * arm / length):
+        grey = bilinear(slopes.grey, points[..., 0], points[..., 1])
+        # The (lower) median of the used values of each row
+        ordered = np.sort(np.where(shapes.found, grey, np.inf), axis=1)
+        middle = np.maximum((shapes.found.sum(axis=1) - 1) // 2, 0)
+        medians = np.asarray(ordered[np.arange(len(grey)), middle], dtype=np.float64)
+        values.append(medians)
+    inside, outside = values[0], values[1]
     contrast = inside - outside
     relative = np.abs(contrast) / statistics.deviation_floor
     keep = (shapes.size_px[:, 1] >= options.smallest_px) & (shapes.size_px[:, 0] <= options.largest_px)
@@ -174,7 +179,15 @@ def _assess(
     limit = CENTROID_AGREEMENT[0] + CENTROID_AGREEMENT[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
     away = weighted_centroids(shapes, slopes.grey, inside, outside) - shapes.xy
     keep &= (sign == EVEN) | (np.hypot(away[:, 0], away[:, 1]) < limit)
-    score = _scores(shapes, relative)
+    # 0 … 1: how much a centre stands out, how well the outline keeps to its shape and tells the centre
+    sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
+    scores = (
+        relative / CONTRAST_OF_SCORE_1,
+        (shapes.closed - CLOSED_OF_SCORE_0) / (1.0 - CLOSED_OF_SCORE_0),
+        1.0 - shapes.rmse_px / size_tolerance(POLYGON_TOLERANCE, shapes.size_px),
+        1.0 - sigma / SIGMA_OF_SCORE_0_PX,
+    )
+    score = np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))
     index = np.flatnonzero(keep)
     return _Found(
         shapes.xy[index],
@@ -185,36 +198,6 @@ def _assess(
         np.full(len(index), kind),
         index,
     )
-
-
-def _scores(shapes: Shapes, relative: np.ndarray) -> np.ndarray:
-    """Return 0 … 1: how much a centre stands out, how well the outline keeps to its shape and tells the centre."""
-    sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
-    scores = (
-        relative / CONTRAST_OF_SCORE_1,
-        (shapes.closed - CLOSED_OF_SCORE_0) / (1.0 - CLOSED_OF_SCORE_0),
-        1.0 - shapes.rmse_px / size_tolerance(POLYGON_TOLERANCE, shapes.size_px),
-        1.0 - sigma / SIGMA_OF_SCORE_0_PX,
-    )
-    return np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))
-
-
-def _grey_values(shapes: Shapes, slopes: Slopes) -> tuple[np.ndarray, np.ndarray]:
-    """Return the medians of the grey values half-way to the edge and beside it, ``(n,)``."""
-    arm = shapes.edges - shapes.xy[:, None]
-    length = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-9)
-    values = []
-    for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + BESIDE_PX * arm / length):
-        grey = bilinear(slopes.grey, points[..., 0], points[..., 1])
-        values.append(_medians(grey, shapes.found))
-    return values[0], values[1]
-
-
-def _medians(values: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return the (lower) median of the used values of each row."""
-    ordered = np.sort(np.where(used, values, np.inf), axis=1)
-    middle = np.maximum((used.sum(axis=1) - 1) // 2, 0)
-    return np.asarray(ordered[np.arange(len(values)), middle], dtype=np.float64)
 
 
 def weighted_centroids(shapes: Shapes, grey: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> np.ndarray:

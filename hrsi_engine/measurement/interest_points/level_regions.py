@@ -66,7 +66,12 @@ def compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Reg
 
     ``usable`` masks pixels: regions that contain others, or lie at the edge of the window, are left out.
     """
-    return _join(list(_regions_by_kind(z, usable, largest_px)))
+    tables = list(_regions_by_kind(z, usable, largest_px))
+    counts = np.concatenate([np.diff(table.bounds) for table in tables])
+    return Regions(
+        np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
+        np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
+    )  # fmt: skip
 
 
 def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[Regions]:
@@ -75,11 +80,18 @@ def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> It
             break
         reduced, closed = _reduce(z, usable, scale)
         reach = largest_px / scale
-        level = _in_steps(reduced)
+        # A normalised image in steps of `LEVEL_STEP`, 0 … 255
+        level = cv2.convertScaleAbs(np.clip(reduced / LEVEL_STEP + 128.0, 0.0, 255.0))
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
             yield _compact(_stable(steps, STABLE_STEPS, LARGEST_CHANGE, reach), closed, reach, scale, sign)
         if scale == REGION_SCALES[0]:
-            even = _stable(_evenness(reduced), EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE, reach)
+            # 255 where a (smoothed) image has no slope, falling to 0 for very steep ones
+            smooth, slope = gaussian_kernels(0.5)
+            by_x = cv2.sepFilter2D(reduced, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
+            by_y = cv2.sepFilter2D(reduced, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+            steepness = cv2.magnitude(by_x, by_y)
+            evenness = cv2.convertScaleAbs(255.0 * HALF_SLOPE / (steepness + np.float32(HALF_SLOPE)))
+            even = _stable(evenness, EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE, reach)
             yield _compact(even, closed, reach - 2.0 * EVEN_WITHIN_PX, scale, EVEN)
 
 
@@ -90,20 +102,6 @@ def _reduce(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, 
         z = cv2.resize(z, size, interpolation=cv2.INTER_AREA)
         usable = cv2.resize(usable.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
     return cv2.GaussianBlur(z, (0, 0), SMOOTHING_PX), usable
-
-
-def _in_steps(z: np.ndarray) -> np.ndarray:
-    """Return a normalised image in steps of `LEVEL_STEP`, 0 … 255."""
-    return cv2.convertScaleAbs(np.clip(z / LEVEL_STEP + 128.0, 0.0, 255.0))
-
-
-def _evenness(z: np.ndarray) -> np.ndarray:
-    """Return 255 where a (smoothed) image has no slope, falling to 0 for very steep ones."""
-    smooth, slope = gaussian_kernels(0.5)
-    by_x = cv2.sepFilter2D(z, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
-    by_y = cv2.sepFilter2D(z, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
-    steepness = cv2.magnitude(by_x, by_y)
-    return cv2.convertScaleAbs(255.0 * HALF_SLOPE / (steepness + np.float32(HALF_SLOPE)))
 
 
 def _stable(steps: np.ndarray, stable_steps: int, largest_change: float, reach: float) -> tuple[list, np.ndarray]:
@@ -131,7 +129,8 @@ def _compact(
         keep &= count >= SMALLEST_AT_SCALE_PX**2 // 2
     chosen = [pixels[k] for k in np.flatnonzero(keep)]
     if not chosen:
-        return _no_regions()
+        nothing = np.empty(0, dtype=np.int64)
+        return Regions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)
     regions = Regions(
         np.concatenate(chosen),
         np.r_[0, np.cumsum(count[keep])],
@@ -161,16 +160,3 @@ def _moments_fit(regions: Regions, within_px: float) -> np.ndarray:
     longer, shorter = np.sqrt(half_trace + root), np.sqrt(np.maximum(half_trace - root, 1e-9))
     slender = (2.0 * longer + within_px) / (2.0 * shorter + within_px)
     return (count >= COMPACTNESS * 4.0 * np.pi * np.sqrt(determinant)) & (slender < SLENDEREST)
-
-
-def _join(tables: list[Regions]) -> Regions:
-    counts = np.concatenate([np.diff(table.bounds) for table in tables])
-    return Regions(
-        np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
-        np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
-    )  # fmt: skip
-
-
-def _no_regions() -> Regions:
-    nothing = np.empty(0, dtype=np.int64)
-    return Regions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)

@@ -40,7 +40,7 @@ def image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) 
     saturation = _saturation(samples) if mask_saturated else None
     noises = [_noise(window) for window in samples if window.usable.any()]
     noise = float(np.median(noises)) if noises else 0.0
-    deviations = [_cell_moments(window)[1] for window in samples]
+    deviations = [_moments(*_cell_sums(window))[1] for window in samples]
     known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
     typical = float(np.median(known)) if len(known) else 0.0
     return ImageStatistics(saturation, noise, max(NOISE_FLOOR * noise, CONTRAST_FLOOR * typical, 1e-6))
@@ -99,10 +99,6 @@ def _cell_sums(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndar
     weight = window.usable[area].astype(np.float64)
     grey = window.grey[area] * weight
     return tuple(layer.reshape(shape).sum(axis=(1, 3)) for layer in (weight, grey, grey * grey))
-
-
-def _cell_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
-    return _moments(*_cell_sums(window))
 
 
 def _local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:

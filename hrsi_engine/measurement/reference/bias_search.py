@@ -71,7 +71,18 @@ def _peak(
 ) -> Peak | None:  # fmt: skip
     """Return the peak over all parts of the image; its ``shift`` is the whole offset in image pixels."""
     total, energy = np.zeros((2 * reach + 1, 2 * reach + 1)), 0.0
-    for origin, shape in _sites(image, step):
+    # Origin and shape ``(lines, samples)`` of the parts of an image, in working pixels of ``step``
+    assert image.size is not None
+    starts, sides = [], []
+    for size in image.size:
+        whole = max(int(size / step), 1)
+        count = min(max(int(np.ceil(whole / SITE)), 1), SITES)
+        side = min(whole, SITE) if count > 1 else whole
+        places = np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1)
+        starts.append(places)
+        sides.append(side)
+    sites = [(np.array([sample, line]), (sides[1], sides[0])) for line in starts[1] for sample in starts[0]]
+    for origin, shape in sites:
         template = predicted_patch(image, reference, surface, origin, shape, step, offset, BIAS_NODE_PX, gsd_m)
         if not template.valid.any():
             continue
@@ -85,17 +96,3 @@ def _peak(
         return None
     peak = peak_of(total / energy)
     return peak._replace(shift=offset + step * (peak.shift - reach))
-
-
-def _sites(image: Image, step: float) -> list[tuple[np.ndarray, tuple[int, int]]]:
-    """Return origin and shape ``(lines, samples)`` of the parts of an image, in working pixels of ``step``."""
-    assert image.size is not None
-    starts, sides = [], []
-    for size in image.size:
-        whole = max(int(size / step), 1)
-        count = min(max(int(np.ceil(whole / SITE)), 1), SITES)
-        side = min(whole, SITE) if count > 1 else whole
-        places = np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1)
-        starts.append(places)
-        sides.append(side)
-    return [(np.array([sample, line]), (sides[1], sides[0])) for line in starts[1] for sample in starts[0]]

@@ -30,7 +30,7 @@ from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .bias_search import ImageBias, search_bias
 from .options import ReferenceOptions
 from .places import choose_places
-from .predicted_patches import Patch, image_patch, predicted_patch
+from .predicted_patches import image_patch, predicted_patch
 from .robust_offsets import Agreement, agree
 
 COARSER_THAN_IMAGE = 1.25  # an orthoimage this much coarser than the image sets the working resolution
@@ -245,16 +245,14 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak lies outside
     at = peak.shift + TEMPLATE_BORDER + half  # of the place's centre in the searched window
-    return _refine(template, search, at, peak.score, half + TEMPLATE_BORDER, task.step)
-
-
-def _refine(template: Patch, search: Patch, at: np.ndarray, score: float, middle: int, step: float) -> _Match:
-    """Return the match after least-squares matching, or as it is where grey values do not correlate."""
+    # The match after least-squares matching, or as it is where grey values do not correlate
+    middle = half + TEMPLATE_BORDER
+    step = task.step
     settings = LsmOptions(window_px=2 * (middle - TEMPLATE_BORDER) + 1, reach_px=LSM_REACH_PX)
     first = MatchImage(template.grey, template.valid, LSM_SMOOTHING_PX)
     second = MatchImage(search.grey, search.valid, LSM_SMOOTHING_PX)
     made = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
     if made.status[0] == DONE and made.correlation[0] >= CORRELATION and made.gain[0] > 0.0:
         sigma = float(np.hypot(made.sigma_px[0], SIGMA_FLOOR_PX))
-        return _Match(search.origin + step * made.xy[0], step * sigma, score)
-    return _Match(search.origin + step * at, step * SIGMA_BY_DIRECTIONS_PX, score)
+        return _Match(search.origin + step * made.xy[0], step * sigma, peak.score)
+    return _Match(search.origin + step * at, step * SIGMA_BY_DIRECTIONS_PX, peak.score)

@@ -29,7 +29,16 @@ def choose_places(
     areas = [_area_px(reference, ground) for ground in below]
     cell = max(float(np.sqrt(min(areas) / points)), 4.0)
     step = max(round(_pixel_m(images[0], below[0]) / reference.gsd_m), 1)
-    cells = _cells(reference, below, cell)
+    # Column and row of the cells that an image sees; evenly thinned out where there are too many
+    pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
+    size = np.array(reference.raster.size)
+    inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
+    # The positions and their neighbours half a cell away: rays may be farther apart than cells
+    steps = np.array([[x, y] for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]) * cell
+    dense = np.unique(np.floor((pixels[inside][:, None] + steps).reshape(-1, 2) / cell).astype(np.int64), axis=0)
+    last = np.floor((size - 1) / cell)
+    dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
+    cells = dense[:: max(len(dense) // MOST_PLACE_CELLS, 1)]
     spots, texture = [], []
     for column, row in cells:
         spot = _best_spot(reference, column * cell, row * cell, cell, step, window_px)
@@ -60,23 +69,6 @@ def _pixel_m(image: Image, ground: np.ndarray) -> float:
     return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
 
 
-def _cells(reference: Orthoimage, below: Sequence[np.ndarray], cell: float) -> np.ndarray:
-    """Return column and row of the cells that an image sees; evenly thinned out where there are too many."""
-    pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
-    size = np.array(reference.raster.size)
-    inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
-    dense = np.unique(np.floor(_densify(pixels[inside], cell) / cell).astype(np.int64), axis=0)
-    last = np.floor((size - 1) / cell)
-    dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
-    return dense[:: max(len(dense) // MOST_PLACE_CELLS, 1)]
-
-
-def _densify(pixels: np.ndarray, cell: float) -> np.ndarray:
-    """Return the positions and their neighbours half a cell away: rays may be farther apart than cells."""
-    steps = np.array([[x, y] for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]) * cell
-    return (pixels[:, None] + steps).reshape(-1, 2)
-
-
 def _best_spot(
     reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
 ) -> tuple[np.ndarray, float] | None:
@@ -88,18 +80,8 @@ def _best_spot(
     grey, valid = read_reduced(reference.raster, int(start[0]), int(start[1]), step * side, step * side, step)
     if not valid.any():
         return None
-    texture = _texture(grey, valid, window_px)[margin:-margin, margin:-margin]
-    row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)
-    if texture[row, column] <= 0.0:
-        return None
-    return start + step * (margin + np.array([column, row])) + (step - 1) / 2.0, float(texture[row, column])
-
-
-def _texture(grey: np.ndarray, valid: np.ndarray, window_px: int) -> np.ndarray:
-    """Return the smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.
-
-    Gradient lengths count by their square root: one bright roof is no better than a whole field pattern.
-    """
+    # The smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.
+    # Gradient lengths count by their square root: one bright roof is no better than a whole field pattern.
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
     gx, gy = cv2.Scharr(smooth, cv2.CV_32F, 1, 0), cv2.Scharr(smooth, cv2.CV_32F, 0, 1)
     damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
@@ -109,4 +91,8 @@ def _texture(grey: np.ndarray, valid: np.ndarray, window_px: int) -> np.ndarray:
     least = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
     square = np.ones((window_px, window_px), np.uint8)
     whole = cv2.erode(valid.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return np.where(whole > 0, np.maximum(least, 0.0), 0.0)
+    texture = np.where(whole > 0, np.maximum(least, 0.0), 0.0)[margin:-margin, margin:-margin]
+    row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)
+    if texture[row, column] <= 0.0:
+        return None
+    return start + step * (margin + np.array([column, row])) + (step - 1) / 2.0, float(texture[row, column])

@@ -141,16 +141,12 @@ def predicted_patch(
     if found.any():
         place[found] = reference.to_pixels(ground[found, :2])
     if LEAST_KNOWN <= found.mean() < 1.0:
-        place = _fill(grid, place, found)
+        # Positions with those of rays into gaps of the DEM, from the affine function of the others
+        design = np.column_stack([np.ones(len(grid)), grid])
+        coefficients = np.linalg.lstsq(design[found], place[found], rcond=None)[0]
+        place = np.where(found[:, None], place, design @ coefficients)
     x, y = (_between_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
     return Patch(*sample_patch(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
-
-
-def _fill(grid: np.ndarray, place: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return positions with those of rays into gaps of the DEM, from the affine function of the others."""
-    design = np.column_stack([np.ones(len(grid)), grid])
-    coefficients = np.linalg.lstsq(design[known], place[known], rcond=None)[0]
-    return np.where(known[:, None], place, design @ coefficients)
 
 
 def _between_nodes(values: np.ndarray, shape: tuple[int, int], node_px: float) -> np.ndarray:

@@ -63,10 +63,15 @@ def agree(
     residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
     for _ in range(OFFSET_ROUNDS):
         columns = 3 if used.sum() >= AFFINE_FROM else 1
-        weight = _tukey(np.hypot(*residual.T) / (spread * np.sqrt(2.0)))
-        coefficients = _fit(design, offset, weight, columns)
+        weight = np.maximum(1.0 - ((np.hypot(*residual.T) / (spread * np.sqrt(2.0))) / TUKEY) ** 2, 0.0) ** 2
+        root = np.sqrt(weight)[:, None]
+        values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
+        coefficients = np.zeros((2, 3))
+        coefficients[:, :columns] = values.T
         residual = offset - design @ coefficients.T
-        spread = _spread(residual, used, tolerance_px)
+        # The robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)
+        length = np.hypot(*residual[used].T)
+        spread = float(np.clip(np.median(length) / 1.1774, LEAST_SPREAD * tolerance_px, tolerance_px))
         within = np.hypot(*residual.T) <= OUTLIER * spread
         if within.sum() < LEAST_AGREEING:
             return None
@@ -82,21 +87,3 @@ def agree(
 
 def _design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:
     return np.column_stack([np.ones(len(xy)), (xy - centre) / np.maximum(half_size, 1.0)])
-
-
-def _fit(design: np.ndarray, offset: np.ndarray, weight: np.ndarray, columns: int) -> np.ndarray:
-    root = np.sqrt(weight)[:, None]
-    values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
-    coefficients = np.zeros((2, 3))
-    coefficients[:, :columns] = values.T
-    return coefficients
-
-
-def _spread(residual: np.ndarray, used: np.ndarray, tolerance_px: float) -> float:
-    """Return the robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)."""
-    length = np.hypot(*residual[used].T)
-    return float(np.clip(np.median(length) / 1.1774, LEAST_SPREAD * tolerance_px, tolerance_px))
-
-
-def _tukey(t: np.ndarray) -> np.ndarray:
-    return np.maximum(1.0 - (t / TUKEY) ** 2, 0.0) ** 2

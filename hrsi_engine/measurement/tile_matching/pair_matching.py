@@ -302,18 +302,14 @@ def _judge(task: _Task, found: _Matched) -> TileMatches:
     )
     xy = frame.first.to_image(task.points[known])
     offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
+    # The unit vector across the epipolar lines of the second image, with the sign of `epipolar_miss`
+    points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
+    direction = np.mean(np.einsum("nij,nj->ni", frame.jacobians(points), frame.parallax(points)[0]), axis=0)
+    direction /= max(float(np.linalg.norm(direction)), MIN_STRETCH)
     matches = TileMatches(
         xy, frame.second.to_image(found.xy[known]), sigma * scale,
         1.0 / (1.0 + (sigma * scale / (GOOD_SIGMA_PX * frame.second.step)) ** 2),
         np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
-        np.asarray(frame.geometry.bias_px) + offset * _across(frame, xy),
+        np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
     )  # fmt: skip
     return matches.select(good)
-
-
-def _across(frame: TileFrame, xy: np.ndarray) -> np.ndarray:
-    """Return the unit vector across the epipolar lines of the second image, with the sign of `epipolar_miss`."""
-    points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
-    direction = np.mean(np.einsum("nij,nj->ni", frame.jacobians(points), frame.parallax(points)[0]), axis=0)
-    direction /= max(float(np.linalg.norm(direction)), MIN_STRETCH)
-    return np.array([-direction[1], direction[0]])

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from ...foundation.robust_scale import MAD_TO_SIGMA
-from ..interest_points.corners import Tensor, far_from_unusable, local_maxima, structure_tensor
+from ..interest_points.corners import far_from_unusable, local_maxima, structure_tensor
 from .options import TileMatchOptions
 from .types import ImageTile
 
@@ -44,14 +44,23 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     if min(tile.pixels.shape) <= 2 * half + 2 * EDGE_PX:
         return np.empty((0, 2), dtype=np.int64)
     tensor = structure_tensor(tile.pixels)
-    strength = _smaller_eigenvalue(tensor)
+    half_trace = 0.5 * (tensor.xx + tensor.yy)
+    strength = half_trace - np.sqrt((0.5 * (tensor.xx - tensor.yy)) ** 2 + tensor.xy**2)
     smallest = min(options.windows_px) // 2
     strength[~far_from_unusable(tile.valid, smallest + EDGE_PX)] = 0.0
     margin = smallest + EDGE_PX
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
     rows, columns = np.nonzero(local_maxima(strength, options.spacing_px))
     noise = tile_noise(tile)
-    expected = _expected_sigma(tensor, rows, columns, smallest, noise)
+    # What noise alone leaves of a match's precision, px: the tensor is averaged over the matching window
+    side = (2 * smallest + 1, 2 * smallest + 1)
+    xx, xy, yy = (cv2.boxFilter(layer, cv2.CV_32F, side)[rows, columns].astype(np.float64) for layer in tensor)
+    pixels = side[0] * side[1]
+    # the derivatives' own noise (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
+    own = noise**2 / (8.0 * np.pi)
+    xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
+    smaller = 0.5 * (xx + yy) - np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
+    expected = noise / np.sqrt(np.maximum(smaller, 1e-12) * pixels)
     at = strength[rows, columns]
     good = (expected < LARGEST_EXPECTED_SIGMA_PX) & (at > WEAKEST_CORNER_SHARE * np.median(at) if len(at) else True)
     points = np.column_stack([columns, rows])[good].astype(np.int64)
@@ -60,23 +69,6 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
             _spread(points, expected[good], (tile.pixels.shape[0], tile.pixels.shape[1]), options.most_points)
         ]
     return points
-
-
-def _smaller_eigenvalue(tensor: Tensor) -> np.ndarray:
-    half_trace = 0.5 * (tensor.xx + tensor.yy)
-    return half_trace - np.sqrt((0.5 * (tensor.xx - tensor.yy)) ** 2 + tensor.xy**2)
-
-
-def _expected_sigma(tensor: Tensor, rows: np.ndarray, columns: np.ndarray, half: int, noise: float) -> np.ndarray:
-    """Return what noise alone leaves of a match's precision, px: the tensor is averaged over the matching window."""
-    side = (2 * half + 1, 2 * half + 1)
-    xx, xy, yy = (cv2.boxFilter(layer, cv2.CV_32F, side)[rows, columns].astype(np.float64) for layer in tensor)
-    pixels = side[0] * side[1]
-    # the derivatives' own noise (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
-    own = noise**2 / (8.0 * np.pi)
-    xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
-    smaller = 0.5 * (xx + yy) - np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
-    return noise / np.sqrt(np.maximum(smaller, 1e-12) * pixels)
 
 
 def _spread(points: np.ndarray, expected: np.ndarray, shape: tuple[int, int], most: int) -> np.ndarray:

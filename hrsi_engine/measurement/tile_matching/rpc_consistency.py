@@ -81,7 +81,12 @@ def rpc_consistency(
     if known.sum() < FEWEST:
         return nothing
     across = np.where(known, across, np.inf)
-    good = known & (np.abs(across - _mode(across[known])) < MODE_WIDTH_PX)
+    # The middle of the densest interval of half the mode's width
+    ordered = np.sort(across[known])
+    count = np.searchsorted(ordered, ordered + MODE_WIDTH_PX / 2.0, side="right") - np.arange(len(ordered))
+    densest = int(count.argmax())
+    mode = float(np.median(ordered[densest : densest + count[densest]]))
+    good = known & (np.abs(across - mode) < MODE_WIDTH_PX)
     design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
     for _ in range(5):
         if good.sum() < FEWEST:
@@ -99,14 +104,6 @@ def rpc_consistent(
 ) -> np.ndarray:
     """Return the mask of the matches that `rpc_consistency` allows."""
     return rpc_consistency(first, second, first_xy, second_xy, height_m, floor_px).good
-
-
-def _mode(values: np.ndarray) -> float:
-    """Return the middle of the densest interval of half the mode's width."""
-    ordered = np.sort(values)
-    count = np.searchsorted(ordered, ordered + MODE_WIDTH_PX / 2.0, side="right") - np.arange(len(ordered))
-    densest = int(count.argmax())
-    return float(np.median(ordered[densest : densest + count[densest]]))
 
 
 def _like_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:

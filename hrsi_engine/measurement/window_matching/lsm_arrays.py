@@ -34,10 +34,21 @@ def _match_part(
 ) -> None:
     xy, affine, covariance, figures, status = results
     weight = options.weights().ravel()
-    offset = _offsets(options.half)
-    A = _designs(first, centre, offset, weight)
+    line = np.arange(-options.half, options.half + 1, dtype=np.float64)
+    offset = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    # The design matrices ``(n, pixels, 8)`` of templates; affine terms count offsets in half windows
+    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
+    grey = first.grey[rows, columns].astype(np.float64)
+    gx, gy = (slope[rows, columns].astype(np.float64) for slope in first.slopes)
+    dx, dy = (offset / offset.max()).T
+    mean = (grey @ weight / weight.sum())[:, None]
+    A = np.stack([gx, gy, gx * dx, gx * dy, gy * dx, gy * dy, grey - mean, np.ones_like(grey)], axis=-1)
     N = np.einsum("npi,p,npj->nij", A, weight, A)
-    solvable = _solvable(N)
+    diagonal = np.sqrt(np.einsum("nii->ni", N))
+    positive = diagonal.min(axis=1) > 0.0
+    safe = np.where(positive[:, None], diagonal, 1.0)
+    smallest = np.linalg.eigvalsh(N / (safe[:, :, None] * safe[:, None, :]))[:, 0]
+    solvable = positive & (smallest > 1e-9)
     status[:] = np.where(solvable, ITERATIONS_USED_UP, WEAK)
     inverse = np.full_like(N, np.nan)
     inverse[solvable] = np.linalg.inv(N[solvable])
@@ -57,29 +68,6 @@ def _match_part(
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]
     covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
-
-
-def _offsets(half: int) -> np.ndarray:
-    line = np.arange(-half, half + 1, dtype=np.float64)
-    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-
-
-def _designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the design matrices ``(n, pixels, 8)`` of templates; affine terms count offsets in half windows."""
-    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
-    grey = first.grey[rows, columns].astype(np.float64)
-    gx, gy = (slope[rows, columns].astype(np.float64) for slope in first.slopes)
-    dx, dy = (offset / offset.max()).T
-    mean = (grey @ weight / weight.sum())[:, None]
-    return np.stack([gx, gy, gx * dx, gx * dy, gy * dx, gy * dy, grey - mean, np.ones_like(grey)], axis=-1)
-
-
-def _solvable(N: np.ndarray) -> np.ndarray:
-    diagonal = np.sqrt(np.einsum("nii->ni", N))
-    positive = diagonal.min(axis=1) > 0.0
-    safe = np.where(positive[:, None], diagonal, 1.0)
-    smallest = np.linalg.eigvalsh(N / (safe[:, :, None] * safe[:, None, :]))[:, 0]
-    return positive & (smallest > 1e-9)
 
 
 def _leave_outside(

@@ -11,7 +11,7 @@ from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
 
-MANY_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
+MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
 LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
 LINK_TIES = 8  # points of a pair from which their share left out says something
 BROKEN_LINK = 0.5
@@ -30,7 +30,7 @@ def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
     bad = np.flatnonzero((count >= LINK_TIES) & (lost > MOST_LEFT_OUT * count))
     images = tuple(block.images[index].id for index in bad.tolist())
-    if share > MANY_LEFT_OUT or images:
+    if share > MANY_TIES_LEFT_OUT or images:
         where = f"; more than half of those on image {list_ids(images)}" if images else ""
         yield Reason(
             "ties-left-out",

@@ -19,7 +19,17 @@ CAMERA_PX = 0.5  # what a camera's own unmodelled errors may leave in sample and
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """An adjustment, what it left over, and the RPCs that would be written, one an image."""
+    """What a verdict is found from.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+    left : Residuals
+        What it left over.
+    refined : sequence of RefinedRPC
+        The RPCs that would be written, one an image.
+    """
 
     result: Adjustment
     left: Residuals
@@ -57,5 +67,16 @@ class Evidence:
         return float(np.hypot(CAMERA_PX, self.field_px / np.sqrt(2.0)))
 
     def is_role(self, role: Role) -> np.ndarray:
-        """Return which measurements are of points of a role, ``(n,)``."""
+        """Tell which measurements are of points of a role.
+
+        Parameters
+        ----------
+        role : Role
+            The role.
+
+        Returns
+        -------
+        (measurements,) ndarray
+            Booleans.
+        """
         return self.row_role == role

@@ -16,7 +16,7 @@ SETTLED_SIGMAS = 1.0  # movement of the unknowns in a further step that still le
 LARGE_RESIDUALS, RUINED_RESIDUALS = 3.0, 10.0  # times what measurement and camera explain
 FAR_SIGMAS, RUINED_SIGMAS = 5.0, 15.0  # of a correction from zero, in its prior's standard deviations
 COARSE_FIT_PX, RUINED_FIT_PX = 0.1, 1.0
-LEAST_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
+LEAST_PRIOR_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
 
 
 def not_converged(evidence: Evidence) -> Iterator[Reason]:
@@ -101,7 +101,7 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = np.where(share < 1.0, own / np.sqrt(share), 0.0)
         given = result.model.prior_sigmas(image, priors_of(image, controlled))
-        sigma[index] = np.where(np.isfinite(kept) & (share > LEAST_SHARE), kept, given)
+        sigma[index] = np.where(np.isfinite(kept) & (share > LEAST_PRIOR_SHARE), kept, given)
     return sigma
 
 

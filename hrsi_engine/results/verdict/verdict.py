@@ -29,14 +29,35 @@ OF_RESIDUALS = frozenset({
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was reached, in one sentence, and what a careful operator has to look into, the worst first."""
+    """What was reached, and what a careful operator has to look into.
+
+    Parameters
+    ----------
+    sentence : str
+        What was reached.
+    reasons : tuple of Reason
+        The worst first.
+    """
 
     sentence: str
     reasons: tuple[Reason, ...] = ()
 
     @classmethod
     def of(cls, sentence: str, reasons: Iterable[Reason]) -> Verdict:
-        """Return the verdict with its reasons in order."""
+        """Return the verdict with its reasons in order.
+
+        Parameters
+        ----------
+        sentence : str
+            What was reached.
+        reasons : iterable of Reason
+            In any order.
+
+        Returns
+        -------
+        Verdict
+            With the reasons in order.
+        """
         return cls(sentence, tuple(sorted(reasons, key=lambda reason: -reason.level)))
 
     @property
@@ -45,7 +66,13 @@ class Verdict:
         return max((reason.level for reason in self.reasons), default=Level.OK)
 
     def entry(self) -> dict[str, Any]:
-        """Return the verdict as reports have it."""
+        """Return the verdict as reports have it.
+
+        Returns
+        -------
+        dict
+            ``level``, ``sentence`` and ``reasons``, ready for JSON.
+        """
         return {
             "level": self.level.label,
             "sentence": self.sentence,
@@ -72,14 +99,14 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     Parameters
     ----------
     evidence : Evidence
-        The finished adjustment.
+        The adjustment and what it left over.
     before : sequence of Reason
-        What was found before it.
+        What was found in the inputs before the adjustment.
 
     Returns
     -------
     list of Reason
-        Those found before first.
+        Empty where nothing speaks against it.
     """
     found = [reason for check in CHECKS for reason in check(evidence)]
     if any(reason.level is Level.UNUSABLE for reason in before):
@@ -87,7 +114,7 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     return [*before, *found]
 
 
-def reached(report: Mapping[str, Any]) -> str:
+def level_reached(report: Mapping[str, Any]) -> str:
     """Return in one sentence what an adjustment reached, from the figures of its report.
 
     ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
