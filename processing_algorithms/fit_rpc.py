@@ -26,7 +26,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     check_folder(options.folder)
     table = read_correspondences(options.points, ground_crs=options.ground_crs, height_datum=options.height_datum)
     advance(context.progress, 0.2, "fitting")
-    fit, check = fitted(table.ground, table.image, options.common_denominator)
+    fit, check = fit_points(table.ground, table.image, options.common_denominator)
     require_plain_name(options.id or "rpc", "the id")
     name = f"{options.id or Path(options.points.partition('|')[0]).stem}_RPC.TXT"
     low, high = float(table.ground[:, 2].min()), float(table.ground[:, 2].max())
@@ -46,7 +46,9 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     return report
 
 
-def fitted(ground: np.ndarray, image: np.ndarray, common_denominator: bool) -> tuple[RpcFit, tuple[int, RpcFit] | None]:
+def fit_points(
+    ground: np.ndarray, image: np.ndarray, common_denominator: bool
+) -> tuple[RpcFit, tuple[int, RpcFit] | None]:
     """Return the RPC of all points, and how one fitted without the check points agrees with them.
 
     The check points also decide how much the fit is damped. Too few points leave no check.

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.foundation.version import VERSION
+from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.layers import Layer
 from .block_steps import reference_control
 from .block_steps.reference_control import KIND, PREFIX, FromReference
@@ -16,7 +17,6 @@ from .files.terrain import dem_surface
 from .interface.declare import Context, Report, settings_of
 
 REJECTED = "rejected"
-WGS84_3D = 4979
 
 
 def run(options: GcpsFromReferenceOptions, context: Context) -> Report:

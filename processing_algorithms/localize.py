@@ -19,7 +19,7 @@ from .files.result_folder import check_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
-LINE = "sample line height"
+LOCALIZED_LINE = "sample line height"
 
 
 def run(options: LocalizeOptions, context: Context) -> Report:
@@ -29,7 +29,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
     surface = open_terrain(options.terrain)
     ids = [image.id for image in images]
     points = read_image_positions(options.points, ids) if options.points else _from_lines(images)
-    columns, warnings = _localized(images, points, surface)
+    columns, warnings = _localize(images, points, surface)
     tell(warnings, context)
     report: Report = {
         "schema": 1, "algorithm": "localize", "images": ids, "from_file": bool(options.points),
@@ -45,11 +45,11 @@ def _from_lines(images: list[Image]) -> ImagePositions:
     """Return the lines of standard input, the text behind the coordinates as ids."""
     if len(images) > 1:
         raise InputError("lines on standard input do not say which image they belong to: give one image")
-    numbers, rest = parse_lines(standard_input(LINE), LINE.split())
+    numbers, rest = parse_lines(standard_input(LOCALIZED_LINE), LOCALIZED_LINE.split())
     return ImagePositions(np.array(rest, dtype=str), np.full(len(rest), images[0].id), numbers[:, :2], numbers[:, 2])
 
 
-def _localized(
+def _localize(
     images: list[Image], points: ImagePositions, surface: HeightSurface | None
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return one row for each point, and warnings on points without ground position."""

@@ -26,8 +26,8 @@ from .files.target_chip import chip_of
 from .interface.declare import Context, Report, settings_of
 
 PAGE_FILE = "report.html"
-MOST_CHIPS = 200  # on the page
-KINDS = {"center": "center", "centre": "center", "corner": "corner"}
+MOST_PAGE_CHIPS = 200  # on the page
+TARGET_KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 
 
 class Target(NamedTuple):
@@ -55,7 +55,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     report: Report = {
         "schema": 1, "algorithm": "measure-targets", "version": VERSION, "measured": len(made),
         "refused": len(targets) - len(made), "targets": [_row(target) for target in targets],
-        "chips_left_out": max(len(targets) - MOST_CHIPS, 0), "warnings": warnings,
+        "chips_left_out": max(len(targets) - MOST_PAGE_CHIPS, 0), "warnings": warnings,
         "settings": settings_of(options),
     }  # fmt: skip
     _write(options, report, targets, images, context)
@@ -94,11 +94,11 @@ def _kind(wanted: str, stated: str, name: str) -> str:
     """Return what a target is: the option, else what its row says, else a centre."""
     if wanted != AUTOMATIC_KIND:
         return wanted
-    if stated and stated.lower() not in KINDS:
+    if stated and stated.lower() not in TARGET_KINDS:
         raise InputError(
-            f"point {name}: its kind {stated!r} is not one of {', '.join(KINDS)}: correct it or give `kind`"
+            f"point {name}: its kind {stated!r} is not one of {', '.join(TARGET_KINDS)}: correct it or give `kind`"
         )
-    return KINDS[stated.lower()] if stated else "center"
+    return TARGET_KINDS[stated.lower()] if stated else "center"
 
 
 def _approximate_points(
@@ -117,10 +117,10 @@ def _approximate_points(
         return tables.image, warnings
     if tables.ground is None:
         raise InputError(f"{file} holds no points: add some")
-    return _projected(images, tables.ground.ids, tables.ground.ground), warnings
+    return _project(images, tables.ground.ids, tables.ground.ground), warnings
 
 
-def _projected(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -> ImagePoints:
+def _project(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -> ImagePoints:
     """Return where the RPCs see ground points, for all images in which they lie."""
     names, image_ids, places = [], [], []
     for image in images:
@@ -170,7 +170,7 @@ def _write(
             rasters = {image.id: image.raster for image in images}
             chips = [
                 (target.id, target.image, chip_svg(chip_of(target.measurement, target.approximate, raster)))
-                for target in targets[:MOST_CHIPS]
+                for target in targets[:MOST_PAGE_CHIPS]
                 for raster in [rasters.get(target.image)]
             ]
             write_page(str(folder / PAGE_FILE), "targets.html.j2", report, chips=chips)

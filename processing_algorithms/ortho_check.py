@@ -19,7 +19,7 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     window_px = options.matching.window_px + options.matching.window_px % 2  # windows have an even side
     how = replace(options.matching, window_px=window_px)
     found = ortho_pairs.match_pairs(pairs, how, thread_count(options.common.threads), part)
-    return ortho_pairs.write_results(found, options, warnings, context)
+    return ortho_pairs.write_pair_results(found, options, warnings, context)
 
 
 def summarise(report: Report) -> str:

@@ -19,7 +19,7 @@ from .files.result_folder import check_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
-LINE = "lon lat height"
+PROJECTED_LINE = "lon lat height"
 
 
 def run(options: ProjectOptions, context: Context) -> Report:
@@ -28,7 +28,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
     images = open_images(options.images, context.log, always=False)
     surface = open_terrain(options.terrain)
     ids, ground, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
-    columns = _projected(images, ids, ground)
+    columns = _project(images, ids, ground)
     tell(warnings, context)
     report: Report = {
         "schema": 1, "algorithm": "project", "images": [image.id for image in images],
@@ -54,7 +54,7 @@ def _from_file(
 
 def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return the text behind the coordinates as ids."""
-    ground, rest = parse_lines(standard_input(LINE), LINE.split())
+    ground, rest = parse_lines(standard_input(PROJECTED_LINE), PROJECTED_LINE.split())
     missing = np.flatnonzero(np.isnan(ground[:, 2]))
     if missing.size and surface is None:
         raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
@@ -64,7 +64,7 @@ def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, 
     return np.array(rest, dtype=str), ground, [f"the DEM has no height for {lost} points"] if lost else []
 
 
-def _projected(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
+def _project(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
     """Return one row for each point and image."""
     parts = [image.rpc.project(ground) for image in images]
     xy = np.concatenate(parts)

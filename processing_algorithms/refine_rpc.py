@@ -21,7 +21,7 @@ from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.model_choice import choice_entry
-from .block_steps.summary import AXES, number
+from .block_steps.summary import COLUMN_WIDTHS, number
 from .block_steps.summary import summarise as summarise_block
 from .declarations.refine_rpc import RefineAlgorithmOptions
 from .files.image_files import open_images
@@ -48,7 +48,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     clock.lap("refine")
     more = _entries(options.refinement.model, refinements)
     if options.compare:
-        more["models"] = _compared(block, refinements, context.stage(0.3, 0.6))
+        more["models"] = _compare(block, refinements, context.stage(0.3, 0.6))
         clock.lap("compare")
     rest = context.stage(0.6, 1.0)
     report = block_outputs.write_results("refine-rpc", options, result, warnings, clock, rest, more, reasons)
@@ -82,7 +82,7 @@ def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
     }
 
 
-def _compared(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
+def _compare(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
     table = {}
     for done, name in enumerate(MODELS):
@@ -127,13 +127,13 @@ def _model_table(models: Mapping[str, Any]) -> list[str]:
         return []
     role = "check" if any(entry["check"].get("points") for entry in models.values()) else "control"
     head = f"{f'model ({role} RMSE)':<24}{'points':>7}" + "".join(
-        f"{axis.replace('_', ' '):>{width}}" for axis, width in AXES.items()
+        f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()
     )
     head += f"{'left out px':>13}"
     lines = [head]
     for name, entry in models.items():
         figures = entry[role]
-        numbers = "".join(f"{number(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in AXES.items())
+        numbers = "".join(f"{number(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in COLUMN_WIDTHS.items())
         predicted = f"{number(entry['prediction_rmse_px']):>13}"
         lines.append(f"{name:<24}{figures.get('points', '-'):>7}{numbers}{predicted}  {entry['note']}".rstrip())
     return [*lines, ""]

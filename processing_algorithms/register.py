@@ -32,8 +32,8 @@ PAGE_FILE = "report.html"
 def run(options: RegisterOptions, context: Context) -> Report:
     """Register the images, tabulate the residuals by kind and write tables and plots."""
     check_folder(options.folder)
-    first, second, points = _matched(options)
-    start = _carried(options, points["first"]) if options.registration.by_rpcs else points["first"]
+    first, second, points = _match(options)
+    start = _carry(options, points["first"]) if options.registration.by_rpcs else points["first"]
     unit = options.gsd or 1.0
     sigma = points["sigma"]
     result = compare_kinds(
@@ -69,7 +69,7 @@ def _warnings(points: Mapping[str, np.ndarray], unknowns: int) -> list[str]:
     )
 
 
-def _matched(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
+def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
     """Return the ids of the two images and the columns of the points measured on both."""
     names = [image_id(path) for path in options.images or []]
     table = read_points(options.image_points, image_ids=names).image
@@ -109,7 +109,7 @@ def _pair(options: RegisterOptions, names: list[str], table: ImagePoints) -> tup
     return first, second
 
 
-def _carried(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
+def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
     """Return where the RPCs carry points of the first image to in the second."""
     if len(options.images or []) != 2:
         raise InputError(f"`model` {options.registration.model} needs both images with their RPCs: name two images")

@@ -47,7 +47,7 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
     return report
 
 
-class Job(NamedTuple):
+class WriteJob(NamedTuple):
     """One image: where it lies, where its RPC goes and how, and the RPC."""
 
     path: str
@@ -56,7 +56,7 @@ class Job(NamedTuple):
     found: FoundRpc
 
 
-def _jobs(options: WriteRpcOptions) -> list[Job]:
+def _jobs(options: WriteRpcOptions) -> list[WriteJob]:
     """Return what is to be written; raise `InputError` before anything is."""
     if options.write in _NEEDS_FOLDER and not options.output_dir:
         raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
@@ -71,12 +71,12 @@ def _jobs(options: WriteRpcOptions) -> list[Job]:
     return jobs
 
 
-def _job(path: str, options: WriteRpcOptions) -> Job:
+def _job(path: str, options: WriteRpcOptions) -> WriteJob:
     """Return the job of one image; an RPC file alone has no pixels to copy and becomes a sidecar."""
     how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
     suffix = OUTPUT_ENDINGS[how]
     folder = options.output_dir or os.path.dirname(path)
-    return Job(
+    return WriteJob(
         path, path if suffix is None else os.path.join(folder, image_id(path) + suffix), how, _found(path, options)
     )
 
@@ -95,7 +95,7 @@ def _found(path: str, options: WriteRpcOptions) -> FoundRpc:
     return rpc_for_image(given, path)
 
 
-def _write(job: Job, progress: Progress) -> Outcome:
+def _write(job: WriteJob, progress: Progress) -> Outcome:
     notices = _writers()[job.how](job.path, job.output, job.found.rpc, progress)
     entry = {
         "path": job.path,

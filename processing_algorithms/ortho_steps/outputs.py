@@ -46,7 +46,7 @@ KEPT, MADE = "kept", "made"
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class OrthoJob:
     """One orthoimage: how its pixels map, how it is warped, and all that it is made from, for the fingerprint."""
 
     image: Image
@@ -62,7 +62,7 @@ class Job:
         return self.mapping.grid
 
 
-def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[Job]:
+def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     """Return the orthoimages of a plan."""
     form = OrthoFormat(options.format, options.compression)
     jobs = []
@@ -74,7 +74,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[Job]:
         warp = Warp(options.resampling, scale, _nodata(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
         made_from = _made_from(image, plan, warp, form, options.error_px)
-        jobs.append(Job(image, path, source, mapping, warp, form, made_from))
+        jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
     return jobs
 
 
@@ -107,7 +107,7 @@ def _nodata(given: str | None, source: OrthoSource) -> float | None:
     return value
 
 
-def check_folder(options: OrthorectifyOptions, jobs: Sequence[Job]) -> None:
+def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -> None:
     """Raise `InputError` where the output directory holds something that may not be replaced."""
     folder = Path(options.folder.output_dir)
     if folder.exists() and not folder.is_dir():
@@ -118,7 +118,7 @@ def check_folder(options: OrthorectifyOptions, jobs: Sequence[Job]) -> None:
             raise InputError(f"{job.path} is an input and would be replaced: choose another `output_dir`")
     if options.folder.overwrite:
         return
-    others = [job.path for job in jobs if os.path.exists(job.path) and not _finished(job)]
+    others = [job.path for job in jobs if os.path.exists(job.path) and not _finish(job)]
     if others:
         raise InputError(
             f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
@@ -137,11 +137,11 @@ def _foreign_report(folder: Path) -> bool:
         return True
 
 
-def _finished(job: Job) -> bool:
+def _finish(job: OrthoJob) -> bool:
     return stamp_of(job.path) == fingerprint(job.made_from)
 
 
-def make_all(jobs: Sequence[Job], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
+def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
     """Make the orthoimages that are not there; return an entry for each image."""
     Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
     threads = thread_count(options.common.threads)
@@ -150,7 +150,7 @@ def make_all(jobs: Sequence[Job], options: OrthorectifyOptions, context: Context
     entries: dict[str, Report] = {}
     for number, job in enumerate(jobs):
         part = stage(context.progress, float(share[number]), float(share[number + 1]))
-        if _finished(job):
+        if _finish(job):
             entries[job.image.id] = _entry(job, KEPT, None, 0.0)
             context.log(f"{job.image.id}: {os.path.basename(job.path)} is finished and kept")
             continue
@@ -167,7 +167,7 @@ def make_all(jobs: Sequence[Job], options: OrthorectifyOptions, context: Context
     return entries
 
 
-def _entry(job: Job, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
+def _entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
     """Return what the report says of an orthoimage; figures of one that was kept are those of its making."""
     found = figures.summary() if figures is not None else stored_figures(job.path)
     return {

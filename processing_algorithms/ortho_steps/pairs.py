@@ -16,7 +16,7 @@ from ...hrsi_engine.drawing.block_map import BlockMap, block_map_svg
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.version import VERSION
-from ...hrsi_engine.ground.geodesy import to_projected, utm_epsg
+from ...hrsi_engine.ground.geodesy import WGS84, to_projected, utm_epsg
 from ...hrsi_engine.io.layers import Layer, write_geopackage
 from ...hrsi_engine.io.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
 from ...hrsi_engine.io.output_dir import stage_folder
@@ -36,7 +36,6 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
 from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
 from ..interface.declare import Context, Report, settings_of
 
-WGS84 = 4326
 MOST_MAPS = 12
 BEFORE, AFTER = "before", "after"
 
@@ -154,7 +153,7 @@ def match_pairs(
             tell = partial(advance, here, message=" - ".join(pair.names))
             tell(0.0)
             common = common_shift(first, second, *pair.area[2:])
-            found_here = measure_shifts(first, _shifted(second, common), centres, options, tell, threads)
+            found_here = measure_shifts(first, _shift(second, common), centres, options, tell, threads)
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(MatchedPair(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):
@@ -171,7 +170,7 @@ def _reader(ortho: OrthoRaster, offset: tuple[int, int], area: tuple[int, int, i
     return lambda x, y, columns, rows: ortho.raster.read(x + column, y + row, columns, rows)
 
 
-def _shifted(read: Read, shift: np.ndarray) -> Read:
+def _shift(read: Read, shift: np.ndarray) -> Read:
     """Return a function that reads windows moved by a shift."""
     right, down = shift.tolist()
     return lambda x, y, columns, rows: read(x + right, y + down, columns, rows)
@@ -180,7 +179,7 @@ def _shifted(read: Read, shift: np.ndarray) -> Read:
 # ---- results ---------------------------------------------------------------------------------------------------------
 
 
-def write_results(
+def write_pair_results(
     found: Sequence[MatchedPair], options: OrthoCheckOptions, warnings: list[str], context: Context
 ) -> Report:
     """Write report, layers and maps; return the report."""

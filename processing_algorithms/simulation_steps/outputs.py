@@ -28,7 +28,7 @@ from ..declarations.simulate import SimulateOptions
 from ..interface.declare import Report, settings_of
 
 
-def block_report(simulated: SimulatedBlock, options: SimulateOptions) -> Report:
+def report_simulated_block(simulated: SimulatedBlock, options: SimulateOptions) -> Report:
     """Return what the report says of the block: images with their RPC fits, and how many points there are."""
     truth, roles = simulated.truth, simulated.truth.role
     return {
