@@ -85,7 +85,7 @@ class SimulateOptions:
 ALGORITHM = Algorithm(
     name="simulate",
     title="Simulate block",
-    group="Simulation",
+    group="Laboratory",
     summary="A synthetic block with images, DEM, GCPs, noise and full truth",
     help=(
         "Takes pushbroom images of a fractal, textured ground through an exact physical camera, with RPCs whose "
