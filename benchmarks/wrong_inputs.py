@@ -250,6 +250,12 @@ def by_position(right: Inputs, wrong: Inputs) -> float:
     return float(np.median(np.hypot(*step[:, :2].T)) / image_accuracy(right.images[0]).sigma_m)
 
 
+def by_dem(right: Inputs, wrong: Inputs) -> float:
+    """A DEM tells differences of heights from 5 m on, whatever the RPCs are; which of both is wrong it does not tell."""
+    step = np.median(np.abs(wrong.ground.ground[:, 2] - right.ground.ground[:, 2]))
+    return 10.0 if step > 6.0 else 0.0
+
+
 def never(right: Inputs, wrong: Inputs) -> float:
     """A shift of all measurements alike is what the RPCs' own errors are."""
     return 0.0
@@ -504,7 +510,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("55 % of the ties wrong", wrong_ties(0.55), ("ties-wrong",)),
     Kind("heights above the geoid, count as ellipsoidal", geoid(-1.0), ("height-datum",), measure=by_heights),
     Kind("ellipsoidal heights, converted", geoid(1.0), ("height-datum",), measure=by_heights),
-    Kind("heights above the geoid, with a DEM", _dem_then(geoid(-1.0)), ("height-datum",), False),
+    Kind("heights above the geoid, with a DEM", _dem_then(geoid(-1.0)), ("height-datum",), measure=by_dem),
     Kind("another datum", other_datum, ("horizontal-datum",), measure=by_position),
     Kind("an image twice under two names", twin, ("duplicate-images",), False),
     Kind("a DEM of another place", with_dem(shift_share=5.0), ("dem-coverage",), False),

@@ -7,13 +7,13 @@ from ..foundation.reasons import Reason
 from ..surface.dem import HeightSurface
 from .accuracy import image_accuracy
 from .control import control_of
-from .control_reasons import control_reasons
+from .control_reasons import OF_HEIGHTS, control_reasons
 from .places import crop_reasons, dem_reasons, duplicate_reasons, height_reasons, outside_reasons
 from .ties import tie_reasons
 
 #: Slips of image coordinates or heights that explain why points lie outside an image, or heights outside a range.
 OF_PIXELS = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-scale", "image-ids-permuted"}
-OF_HEIGHTS = {"height-unit", "height-offset", "height-datum", "heights-alike"}
+EXPLAIN_RANGE = OF_HEIGHTS | {"heights-alike"}
 
 
 def check_block(
@@ -38,8 +38,8 @@ def check_block(
     accuracies = [image_accuracy(image, sigma_shift_px, sigma_drift) for image in block.images]
     control = control_of(block, accuracies)
     reasons = [] if control is None else control_reasons(control)
+    reasons += height_reasons(block, contradicted=bool(reasons))
     reasons += tie_reasons(block, accuracies)
-    reasons += height_reasons(block)
     reasons += [] if surface is None else dem_reasons(block, surface)
     reasons += outside_reasons(block) + crop_reasons(block)
     reasons += duplicate_reasons(block)
@@ -53,7 +53,7 @@ def _without_consequences(reasons: list[Reason]) -> list[Reason]:
     for reason in reasons:
         follows = (
             (reason.code == "outside-image" and codes & OF_PIXELS)
-            or (reason.code == "heights-out-of-range" and codes & OF_HEIGHTS)
+            or (reason.code == "heights-out-of-range" and codes & EXPLAIN_RANGE)
             or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
         )
         if not follows:

@@ -6,11 +6,11 @@ The shift of an image is the median over its points. A set of surveys is judged 
 the RPCs' errors are, and by the robust scatter of the misfits against what measuring and surveying explain. Two
 readings of the same numbers are compared by the logarithm of their likelihoods::
 
-    cost = 4 f ln(s) + sum over images of rho(shift / sigma)        f: points beyond those that the shifts take
+    cost = sum over images of 4 f ln(s) + rho(shift / sigma)        f: points less the one that the shift takes
 
 with the scatter ``s`` of both coordinates, never below what right blocks show, and squares ``rho`` that grow slowly
 beyond ten sigmas. A difference of 25 is what five sigmas of one shift make. Misfits of one image are alike where its
-RPC drifts: more than ten of them are not taken for independent.
+RPC drifts: more than five of them are not taken for independent.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .sights import Sights, sights
 LEAST_NOISE_PX = 0.3  # nobody measures and surveys better
 BELONG = 0.7  # share of an image's points that must fit for the image to fit
 USUAL_SCATTER = 2.5  # of right blocks, in units of the expected misfit
-MOST_FREEDOM = 10
+MOST_FREEDOM = 5  # points of an image that count as independent
 MEDIAN_LENGTH = 1.1774  # median length of a normal vector in the plane, in its sigmas
 
 
@@ -112,14 +112,15 @@ class RowFit:
     """Surveyed points under one reading of the numbers.
 
     distance_m : (n, 2) east, north; shift_m : (images, 2) of each image, NaN without points
-    misfit_m : (n, 2) what is left; scatter : robust sigma of a misfit, in units of the expected one
+    misfit_m : (n, 2) what is left
+    scatter : (images,) robust sigma of a misfit, in units of the expected one; 0 for fewer than two points
     """
 
     control: SurveyedRows
     distance_m: np.ndarray
     shift_m: np.ndarray
     misfit_m: np.ndarray
-    scatter: float
+    scatter: np.ndarray
 
     @cached_property
     def shift_sigmas(self) -> np.ndarray:
@@ -150,11 +151,12 @@ class RowFit:
     def cost(self) -> float:
         """Minus twice the logarithm of the likelihood."""
         control = self.control
-        freedom = len(control) - len(control.images)
+        count = np.bincount(control.image, minlength=len(self.scatter))
+        freedom = np.clip(count - 1, 0, MOST_FREEDOM)
         sigmas = np.minimum(self.shift_sigmas[control.images], 1e9)
         by_shift = np.where(sigmas < 10.0, sigmas**2, 100.0 + 20.0 * np.log(np.maximum(sigmas, 10.0) / 10.0))
-        freedom = min(freedom, MOST_FREEDOM)
-        return float(4.0 * freedom * np.log(max(self.scatter, USUAL_SCATTER)) + by_shift.sum())
+        by_scatter = 4.0 * freedom * np.log(np.maximum(self.scatter, USUAL_SCATTER))
+        return float(by_scatter.sum() + by_shift.sum())
 
 
 def fit(control: SurveyedRows, ground: np.ndarray | None = None, seen: Sights | None = None) -> RowFit:
@@ -162,13 +164,11 @@ def fit(control: SurveyedRows, ground: np.ndarray | None = None, seen: Sights | 
     surveyed = control.ground if ground is None else ground
     distance = (control.sights if seen is None else seen).distance_m(surveyed)
     shift = np.full((len(control.accuracies), 2), np.nan)
+    scatter = np.zeros(len(control.accuracies))
     for index in control.images:
-        shift[index] = np.median(distance[control.image == index], axis=0)
-    misfit = distance - shift[control.image]
-    # an image takes one point's misfit for its shift: of k points about k - 1 are left to tell the scatter
-    count = np.bincount(control.image)[control.image]
-    several = count > 1
-    relative = np.hypot(*misfit[several].T) / control.expected_m[several]
-    relative *= np.sqrt(count[several] / (count[several] - 1.0))
-    scatter = float(np.median(relative)) / MEDIAN_LENGTH if several.any() else 0.0
-    return RowFit(control, distance, shift, misfit, scatter)
+        rows = control.image == index
+        shift[index] = np.median(distance[rows], axis=0)
+        if (count := int(rows.sum())) > 1:  # the shift takes one point's misfit: of k points k - 1 tell the scatter
+            relative = np.hypot(*(distance[rows] - shift[index]).T) / control.expected_m[rows]
+            scatter[index] = np.median(relative) * np.sqrt(count / (count - 1.0)) / MEDIAN_LENGTH
+    return RowFit(control, distance, shift, distance - shift[control.image], scatter)

@@ -27,6 +27,7 @@ SUSPICIOUS_SIGMAS = 3.5
 EXPLAINED_SIGMAS, EXPLAINED_SCATTER = 4.5, 12.0  # what a right block shows at most
 WRONG_SHARE = 0.25  # of the surveyed points, from which on nobody should trust the set
 LIFT_SIGMAS = 6.0
+OF_HEIGHTS = {"height-unit", "height-offset", "height-datum"}  #: they ask for the same look: the likeliest is named
 #: Slips that a few points alone do not tell: other wrong heights look the same.
 UNTOLD_OF_FEW = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
 
@@ -67,7 +68,7 @@ def _suspicious(given: RowFit) -> bool:
     """Whether a slip is worth looking for: a right block hardly ever is."""
     return (
         not given.fits
-        or given.scatter > USUAL_SCATTER
+        or bool((given.scatter > USUAL_SCATTER).any())
         or bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
         or abs(_lift_sigmas(given)) > SUSPICIOUS_SIGMAS
     )
@@ -91,7 +92,8 @@ def _named_slip(control: SurveyedRows, given: RowFit) -> Undone | None:
             if code not in best or reading.cost < best[code].cost:
                 best[code] = reading
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
-    if not ranked or (len(ranked) > 1 and ranked[1].cost - ranked[0].cost < CLEARER):
+    rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= OF_HEIGHTS]
+    if not ranked or (rivals and rivals[0].cost - ranked[0].cost < CLEARER):
         return None
     return ranked[0]
 
@@ -100,7 +102,8 @@ def _explains(read: RowFit, given: RowFit) -> bool:
     """Whether everything fits as a right block does, and what was wrong has become clearly less."""
     largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
     good_shift = largest < max(EXPLAINED_SIGMAS, 0.02 * before)
-    return read.fits and good_shift and read.scatter < max(EXPLAINED_SCATTER, 0.02 * given.scatter)
+    good_scatter = read.scatter.max() < max(EXPLAINED_SCATTER, 0.02 * given.scatter.max())
+    return read.fits and good_shift and bool(good_scatter)
 
 
 def _readings(control: SurveyedRows, given: RowFit) -> Iterator[Undone]:

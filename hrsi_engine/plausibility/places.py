@@ -74,8 +74,11 @@ def crop_reasons(block: Block) -> list[Reason]:
     ]  # fmt: skip
 
 
-def height_reasons(block: Block) -> list[Reason]:
-    """Return surveyed heights that no image of the point was made for, and heights that are all the same."""
+def height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
+    """Return surveyed heights that no image of the point was made for, and heights that are all the same.
+
+    ``contradicted`` tells whether the images contradict the survey: then heights that are all the same were lost.
+    """
     measured, points = block.measurements, block.points
     rows = np.flatnonzero(block.known[measured.point])
     if not len(rows):
@@ -108,7 +111,7 @@ def height_reasons(block: Block) -> list[Reason]:
     if len(which) >= SEVERAL_POINTS and np.ptp(heights) == 0.0:
         reasons.append(
             Reason(
-                "heights-alike", Level.DOUBTFUL,
+                "heights-alike", Level.UNUSABLE if contradicted else Level.DOUBTFUL,
                 f"all {len(which)} ground points have the height {heights[0]:g} m: heights were lost, or never there",
                 "name the field that holds the heights, or a DEM that gives them",
                 points=tuple(points.ids[which].tolist()),

@@ -127,8 +127,9 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
         dem=str(folder / "dem_egm2008_24m.tif"), dem_datum=datum, height_datum="ellipsoidal", write="none",
         report=False, output_dir=str(tmp_path),
     )  # fmt: skip
-    text = " ".join(report["warnings"])
-    assert ("the geoid is +28" in text and "`dem_datum`" in text) == flagged
+    said = [reason for reason in report["verdict"]["reasons"] if reason["code"] == "height-datum"]
+    assert bool(said) == flagged
+    assert all("the geoid is +28" in reason["message"] and "dem_datum" in reason["advice"] for reason in said)
 
 
 def test_quickbird_positions_differ_as_the_geoid_says(real_data):
