@@ -251,7 +251,7 @@ def by_position(right: Inputs, wrong: Inputs) -> float:
 
 
 def by_dem(right: Inputs, wrong: Inputs) -> float:
-    """A DEM tells differences of heights from 5 m on, whatever the RPCs are; which of both is wrong it does not tell."""
+    """A DEM tells differences of heights from 5 m on, whatever the RPCs are, not which of both is wrong."""
     step = np.median(np.abs(wrong.ground.ground[:, 2] - right.ground.ground[:, 2]))
     return 10.0 if step > 6.0 else 0.0
 
