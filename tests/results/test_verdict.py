@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.foundation.reasons import Level, Reason
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement.model import RefinedRPC
 from hrsi.hrsi_engine.results.residuals import residuals
-from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, reached
+from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, level_reached
 from hrsi.hrsi_engine.results.verdict.verdict import brief
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
@@ -257,7 +257,7 @@ def report(result: Adjustment) -> dict:
 def test_sentence_tells_what_was_reached():
     figures = report(adjust(sound(), SNOOPING))
     ce90, predicted = figures["check"]["ce90_m"], figures["check"]["predicted"]["ce90_m"]
-    assert reached(figures) == (
+    assert level_reached(figures) == (
         f"3 images tied to {brief(figures['ties']['rmse_px'])} px; 10 GCPs, 10 check points: "
         f"CE90 {brief(ce90)} m (predicted {brief(predicted)}), LE90 {brief(figures['check']['le90_m'])} m"
     )
@@ -265,7 +265,7 @@ def test_sentence_tells_what_was_reached():
 
 def test_sentence_without_gcps_and_check_points_says_what_is_predicted():
     figures = report(adjust(sound(gcps=0, checks=0), SNOOPING))
-    text = reached(figures)
+    text = level_reached(figures)
     assert text.startswith("3 images tied to ")
     assert f"; no GCPs, no check points: predicted CE90 {brief(figures['parts'][0]['ce90_m'])} m" in text
 
