@@ -2,6 +2,7 @@
 
     adjust_speed.py FOLDER… [--ceres PROGRAM]     blocks of the generator that comes with the Ceres program
     adjust_speed.py --blunders FOLDER             the block with 1 % and 10 % blunders
+    adjust_speed.py --models FOLDER [--docs]      every model on one block; with --docs into docs/adjustment.md
     adjust_speed.py --growth [10 100 1000 10000]  simulated blocks with about 100 tie points an image
 
 A folder holds rpcs/, image_points.csv, ground_points.csv and truth.csv. Every measurement runs in a process of its
@@ -36,9 +37,14 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.refinement import BLOCK_MODELS
 
 #: The competitor's priors, and its rules that the measurements of check points are ties and nothing is left out.
 OPTIONS = AdjustOptions(model="affine", sigma_shift_px=20.0, sigma_drift=1e-3, check_as_ties=True, reject_sigma=0.0)
+
+
+#: Where docs/adjustment.md has the table of the models.
+MODELS_BEGIN, MODELS_END = "<!-- models: begin -->", "<!-- models: end -->"
 
 
 def high_water_mb() -> float:
@@ -97,6 +103,40 @@ def measure_folder(folder: str) -> dict[str, Any]:
     numbers = timed(block, OPTIONS)
     result = numbers.pop("result")
     return numbers | {"read_s": read_s, "check_m": check_rmse(result).tolist(), "correction_px": corrections(result)}
+
+
+def print_models(folder: str, to_docs: bool) -> None:
+    """Print processor seconds and memory of every model, each in processes of its own, the faster of two runs.
+
+    The runs of a round follow each other, so that other work on the machine slows all models alike.
+    """
+    rounds = [{name: in_own_process("--one-model", name, folder) for name in BLOCK_MODELS} for _ in range(2)]
+    best = {name: min((one[name] for one in rounds), key=lambda numbers: numbers["cpu_s"]) for name in BLOCK_MODELS}
+    affine = best["affine"]["cpu_s"]
+    compiled = "NumPy" if os.environ.get("HRSI_COMPILED") == "0" else "compiled"
+    rows = [
+        f"| model ({compiled}) | parameters | CPU s | of affine's | peak MB | systems | cost |",
+        "|---|---|---|---|---|---|---|",
+        *(
+            f"| {name} | {len(BLOCK_MODELS[name].parameters)} | {n['cpu_s']:.1f} | {n['cpu_s'] / affine:.2f} | "
+            f"{n['all_mb']:.0f} | {n['solves']} | {n['cost']:.2f} |"
+            for name, n in best.items()
+        ),
+    ]
+    print("\n".join(rows))
+    if to_docs:
+        page = Path(__file__).parents[1] / "docs" / "adjustment.md"
+        text = page.read_text(encoding="utf-8")
+        begin, end = text.index(MODELS_BEGIN) + len(MODELS_BEGIN), text.index(MODELS_END)
+        page.write_text(text[:begin] + "\n" + "\n".join(rows) + "\n" + text[end:], encoding="utf-8")
+
+
+def measure_model(name: str, folder: str) -> dict[str, Any]:
+    """Adjust the block of a folder with a model in this process; precision included."""
+    block = read_folder(folder)
+    numbers = timed(block, replace(OPTIONS, model=name))
+    numbers.pop("result")
+    return numbers
 
 
 def corrections(result: Any) -> list[float]:
@@ -311,6 +351,9 @@ def main() -> None:
     parser.add_argument("--growth", nargs="*", type=int)
     parser.add_argument("--one", help=argparse.SUPPRESS)
     parser.add_argument("--grown", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--models", metavar="FOLDER")
+    parser.add_argument("--docs", action="store_true", help="put the table of --models into the documentation")
+    parser.add_argument("--one-model", nargs=2, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         print(json.dumps(measure_folder(given.one)))
@@ -323,6 +366,10 @@ def main() -> None:
         numbers = timed(block, OPTIONS)
         numbers.pop("result")
         print(json.dumps(numbers | {"base_mb": base_mb}))
+    elif given.one_model:
+        print(json.dumps(measure_model(*given.one_model)))
+    elif given.models:
+        print_models(given.models, given.docs)
     elif given.blunders:
         print_blunders(given.blunders)
     for folder in given.folders:

@@ -204,6 +204,7 @@ class CameraTables:
         """Take the images, the image points of each, and the columns that all loops share."""
         family = FAMILIES[type(model)]
         self.structure: Structure = model.structure
+        self.dear = family.columns > 0  # to evaluate: worth keeping
         self._model, self._loop, self._table = model, family.loop, family.table(model)
         self._rpcs = rpc_tables([one.rpc for one in images])
         self._constants = np.stack([model.constants(one) for one in images])

@@ -76,7 +76,7 @@ class ImagePolynomial:
     @property
     def structure(self) -> Structure:
         """How the derivatives by the parameters are composed."""
-        return Structure(0, len(self.powers), self.mixing.reshape(2 * len(self.powers), len(self.parameters)))
+        return Structure(None, len(self.powers), self.mixing.reshape(2 * len(self.powers), len(self.parameters)))
 
     def by_values(self, image: Image, projected: np.ndarray) -> np.ndarray:
         """Return the derivatives of the correction at projected positions by the parameters, ``(n, 2, p)``."""

@@ -50,14 +50,36 @@ class Structure:
     (1 and polynomials of a position). With G (2, q) the derivatives by the quantities and t (m,) the terms, compiled
     loops multiply q + m numbers where A has 2 p.
 
-    quantities : q; 0 where they are sample and line themselves, G being the identity
+    quantities : q; None where they are sample and line themselves, G being the identity
     terms : m
     mixing : (q m, p) how each parameter enters the coefficients of the terms, those of the first quantity first
     """
 
-    quantities: int
+    quantities: int | None
     terms: int
     mixing: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of quantities."""
+        return 2 if self.quantities is None else self.quantities
+
+    def folded(self, blocks: np.ndarray) -> np.ndarray:
+        """Return blocks ``(b, m m, q q)`` of a matrix of the coefficients as those of the parameters, ``(b, p, p)``."""
+        q, m = self.size, self.terms
+        by_coefficient = blocks.reshape(len(blocks), m, m, q, q).transpose(0, 3, 1, 4, 2)
+        return self._mixed(by_coefficient.reshape(len(blocks), q * m, q * m), self.mixing)
+
+    def unfolded(self, blocks: np.ndarray) -> np.ndarray:
+        """Return blocks ``(b, p, p)`` of a cofactor matrix of the parameters as ``(b, m m, q q)`` of coefficients."""
+        q, m = self.size, self.terms
+        by_coefficient = self._mixed(blocks, self.mixing.T).reshape(len(blocks), q, m, q, m)
+        return np.ascontiguousarray(by_coefficient.transpose(0, 2, 4, 1, 3).reshape(len(blocks), m * m, q * q))
+
+    def _mixed(self, blocks: np.ndarray, mixing: np.ndarray) -> np.ndarray:
+        if mixing.shape[0] == mixing.shape[1] and np.array_equal(mixing, np.eye(len(mixing))):
+            return blocks
+        return np.asarray(mixing.T @ blocks @ mixing)
 
     def by_values(self, by_quantity: np.ndarray, terms: np.ndarray) -> np.ndarray:
         """Return A ``(n, 2, p)`` from G ``(n, 2, q)`` and t ``(n, m)``."""

@@ -70,7 +70,7 @@ class GroundPolynomial:
     @property
     def structure(self) -> Structure:
         """How the derivatives by the parameters are composed."""
-        return Structure(0, len(self.powers), np.eye(len(self.parameters)))
+        return Structure(None, len(self.powers), np.eye(len(self.parameters)))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..observations import Observations
@@ -27,8 +29,8 @@ class CompiledElimination:
         first = self.observations.first
         bounds = np.unique(np.append(np.searchsorted(first, np.arange(0, first[-1], ROWS_PER_PART)), len(first) - 1))
         return [
-            Portion(np.arange(begin, end), first[begin : end + 1] - first[begin])
-            for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+            Portion(np.arange(begin, end), first[begin : end + 1] - first[begin], number)
+            for number, (begin, end) in enumerate(pairwise(bounds.tolist()))
         ]
 
     def eliminate(
@@ -56,7 +58,7 @@ class CompiledElimination:
         """See `Elimination`."""
         kernels.substitute(
             self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
-            normals.point_right, np.ascontiguousarray(step), out,
+            normals.point_right, step, out,
         )  # fmt: skip
 
     def spread(

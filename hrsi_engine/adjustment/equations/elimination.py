@@ -54,17 +54,19 @@ class PlainElimination:
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
         sums.inverse[:], sums.point_right[:] = np.linalg.inv(matrix), point_right
         used = weight * contributes[observations.point]
-        by_values = _by_values(linear)
+        by_values, blocks = _by_values(linear), sums.blocks.reshape(pattern.blocks, p, p)
         for index, rows in enumerate(observations.by_image):
             camera = observations.camera_of_image[index]
             a = by_values[rows].reshape(2 * len(rows), p)
             weighted = a * np.repeat(used[rows], 2)[:, None]
-            sums.blocks[pattern.diagonal[camera]] += weighted.T @ a
+            blocks[pattern.diagonal[camera]] += weighted.T @ a
             sums.right[camera] += weighted.T @ linear.residual[rows].ravel()
         for chunk in self._chunks if p else ():
-            self._subtract(chunk, linear, used, sums)
+            self._subtract(chunk, linear, used, sums, blocks)
 
-    def _subtract(self, chunk: Chunk, linear: Linearised, weight: np.ndarray, sums: Normals) -> None:
+    def _subtract(
+        self, chunk: Chunk, linear: Linearised, weight: np.ndarray, sums: Normals, blocks: np.ndarray
+    ) -> None:
         """Subtract W V^-1 W' and W V^-1 m of a chunk."""
         p = sums.right.shape[1]
         count, length = chunk.rows.shape
@@ -78,10 +80,10 @@ class PlainElimination:
             chunk.group_start[~small].tolist(), chunk.group_start[~small] + np.diff(bounds)[~small], strict=True
         ):
             product = cross[first:last].reshape(-1, length * p).T @ gain[first:last].reshape(-1, length * p)
-            self._scatter(product[None], chunk.camera[first : first + 1], sums.blocks)
+            self._scatter(product[None], chunk.camera[first : first + 1], blocks)
         alone = np.repeat(small, np.diff(bounds))
         if alone.any():
-            self._scatter(cross[alone].transpose(0, 2, 1) @ gain[alone], chunk.camera[alone], sums.blocks)
+            self._scatter(cross[alone].transpose(0, 2, 1) @ gain[alone], chunk.camera[alone], blocks)
 
     def _scatter(self, products: np.ndarray, camera: np.ndarray, blocks: np.ndarray) -> None:
         """Subtract ``products (m, k p, k p)`` from the upper blocks of their cameras ``(m, k)``."""
@@ -131,6 +133,8 @@ class PlainElimination:
         """See `Elimination`."""
         out.points[:] = normals.inverse
         by_values = _by_values(linear)
+        size = by_values.shape[2]
+        cameras = cameras.reshape(len(cameras), size, size)
         for chunk in self._chunks:
             between = self._between(chunk, cameras)
             a, b = by_values[chunk.rows], linear.by_ground[chunk.rows]

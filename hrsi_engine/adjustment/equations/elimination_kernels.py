@@ -3,11 +3,13 @@
 With the derivatives composed as `refinement.model.Structure` says, A = G (x) t', each image point a of a point gives
 ``W_a = w_a G_a' B_a`` and ``U_a = W_a V^-1`` (q, 3), and each pair of image points adds to the reduced matrix ::
 
-    (delta_ab w_a G_a' G_a - U_a W_b') (x) t_a t_b'
+    S (x) t_a t_b'        S = delta_ab w_a G_a' G_a - U_a W_b'      (q, q)
 
-A block of it is symmetric or the transpose of the one that is kept, so the image point of the lower camera comes first.
-Where ``by_quantity`` is None, G is the identity (sample and line are the quantities): numba compiles loops of their own
-for that. The kernels release the interpreter's lock; the caller gives ranges of points to threads.
+A block is kept as t t matrices of q q numbers, so that the innermost loop runs over all of S at once
+(`Structure.folded` brings it into the order of the parameters). It is symmetric, or the transpose of the one that is
+kept, so the image point of the lower camera comes first. Where ``by_quantity`` is None, G is the identity (sample and
+line are the quantities): numba compiles loops of their own for that. The kernels release the interpreter's lock; the
+caller gives ranges of points to threads.
 
 Arguments that the kernels share
     rows : points (k,), place (k + 1,) of the image points of each in the linearised arrays, first (m + 1,), weight (n,)
@@ -92,27 +94,20 @@ def _point_normal(
 
 
 @njit(**OPTIONS)
-def _couple(blocks: np.ndarray, k: int, u: np.ndarray, w: np.ndarray, a: int, b: int) -> None:
-    """Subtract U_a W_b' of two image points from block k."""
-    size = u.shape[1]
-    for x in range(size):
-        u0, u1, u2 = u[a, x, 0], u[a, x, 1], u[a, x, 2]
-        for y in range(size):
-            blocks[k, x, y] -= u0 * w[b, 0, y] + u1 * w[b, 1, y] + u2 * w[b, 2, y]
-
-
-@njit(**OPTIONS)
-def _expand(by_quantity: np.ndarray | None, terms: np.ndarray, at: int, out: np.ndarray) -> None:
-    """Write the derivatives A (2, q t) of image point ``at`` to ``out``."""
-    q = 2 if by_quantity is None else by_quantity.shape[2]
+def _couple(
+    blocks: np.ndarray, k: int, s: np.ndarray, u: np.ndarray, w: np.ndarray, terms: np.ndarray, begin: int, a: int,
+    b: int, q: int,
+) -> None:  # fmt: skip
+    """Add (S - U_a W_b') (x) t_a t_b' of two image points to block k; ``s (q q,)`` is overwritten."""
     m = terms.shape[1]
-    for c in range(2):
-        for k in range(q):
-            g = 1.0 if c == k else 0.0
-            if by_quantity is not None:
-                g = by_quantity[at, c, k]
-            for i in range(m):
-                out[c, k * m + i] = g * terms[at, i]
+    for c in range(q):
+        for d in range(q):
+            s[c * q + d] -= u[a, c, 0] * w[b, 0, d] + u[a, c, 1] * w[b, 1, d] + u[a, c, 2] * w[b, 2, d]
+    for i in range(m):
+        for j in range(m):
+            x = terms[begin + a, i] * terms[begin + b, j]
+            for e in range(q * q):
+                blocks[k, i * m + j, e] += x * s[e]
 
 
 @njit(**OPTIONS)
@@ -121,7 +116,7 @@ def eliminate(
     prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
     blocks: np.ndarray, right: np.ndarray, out: Arrays,
 ) -> None:  # fmt: skip
-    """Add points to ``blocks (b, q t, q t)`` and ``right (cameras, q t)``; write what is per point.
+    """Add points to ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write what is per point.
 
     ``out`` : residual (n, 2), inverse (m, 3, 3), point right-hand sides (m, 3) of the whole block. Only points that
     contribute enter the sums.
@@ -129,9 +124,9 @@ def eliminate(
     points, place, first, weight = rows
     residual, by_ground, terms = linear
     all_residuals, inverse, point_right = out
-    size = blocks.shape[1]
-    derivatives = np.empty((2, size))
-    w, u = np.empty((most, 3, size)), np.empty((most, size, 3))
+    q = 2 if by_quantity is None else by_quantity.shape[2]
+    m = terms.shape[1]
+    w, u, s = np.empty((most, 3, q)), np.empty((most, q, 3)), np.zeros(q * q)
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
@@ -146,39 +141,50 @@ def eliminate(
             weight_a, at, ca = weight[row0 + a], begin + a, camera[row0 + a]
             if weight_a == 0.0:
                 continue
-            _expand(by_quantity, terms, at, derivatives)
-            r0, r1 = weight_a * residual[at, 0], weight_a * residual[at, 1]
-            for x in range(size):
-                d0, d1 = derivatives[0, x], derivatives[1, x]
-                rest = d0 * r0 + d1 * r1
-                d0, d1 = weight_a * d0, weight_a * d1
+            for c in range(q):
+                if by_quantity is None:
+                    for j in range(3):
+                        w[a, j, c] = weight_a * by_ground[at, c, j]
+                    rest = weight_a * residual[at, c]
+                else:
+                    g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
+                    for j in range(3):
+                        w[a, j, c] = g0 * by_ground[at, 0, j] + g1 * by_ground[at, 1, j]
+                    rest = g0 * residual[at, 0] + g1 * residual[at, 1]
                 for j in range(3):
-                    w[a, j, x] = d0 * by_ground[at, 0, j] + d1 * by_ground[at, 1, j]
-                for j in range(3):
-                    u[a, x, j] = (
-                        w[a, 0, x] * inverse[point, 0, j]
-                        + w[a, 1, x] * inverse[point, 1, j]
-                        + w[a, 2, x] * inverse[point, 2, j]
+                    u[a, c, j] = (
+                        w[a, 0, c] * inverse[point, 0, j]
+                        + w[a, 1, c] * inverse[point, 1, j]
+                        + w[a, 2, c] * inverse[point, 2, j]
                     )
-                    rest -= u[a, x, j] * g[j]
-                right[ca, x] += rest
-                k = start[ca]
-                for y in range(size):
-                    blocks[k, x, y] += d0 * derivatives[0, y] + d1 * derivatives[1, y]
+                    rest -= u[a, c, j] * g[j]
+                for i in range(m):
+                    right[ca, c * m + i] += terms[at, i] * rest
         for a in range(count):
-            if weight[row0 + a] == 0.0:
+            weight_a, at = weight[row0 + a], begin + a
+            if weight_a == 0.0:
                 continue
             ca = camera[row0 + a]
-            _couple(blocks, start[ca], u, w, a, a)
+            if by_quantity is None:
+                s[0] = s[3] = weight_a
+                s[1] = s[2] = 0.0
+            else:
+                for c in range(q):
+                    g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
+                    for d in range(q):
+                        s[c * q + d] = g0 * by_quantity[at, 0, d] + g1 * by_quantity[at, 1, d]
+            _couple(blocks, start[ca], s, u, w, terms, begin, a, a, q)
             for b in range(a + 1, count):
                 if weight[row0 + b] == 0.0:
                     continue
                 cb = camera[row0 + b]
                 k = _find(start, columns, min(ca, cb), max(ca, cb))
                 if ca <= cb:
-                    _couple(blocks, k, u, w, a, b)
+                    s[:] = 0.0
+                    _couple(blocks, k, s, u, w, terms, begin, a, b, q)
                 if ca >= cb:
-                    _couple(blocks, k, u, w, b, a)
+                    s[:] = 0.0
+                    _couple(blocks, k, s, u, w, terms, begin, b, a, q)
 
 
 @njit(**OPTIONS)
@@ -238,22 +244,21 @@ def spread(
 ) -> None:  # fmt: skip
     """Write cofactors of the points (m, 3, 3) and of the computed image points (n, 2, 2).
 
-    Over all image points of a point, with Q the ``cofactors (b, q t, q t)`` of the cameras::
+    Over all image points of a point, with Q the ``cofactors (b, t t, q q)`` of the cameras::
 
         pull = B V^-1,   half = A Q A' w pull
         point = V^-1 + pull' w half,   computed = A Q A' - half B' - B half' + B point B'
     """
     points, place, first, weight = rows
     _, by_ground, terms = linear
-    size = cofactors.shape[1]
+    n = 2 if by_quantity is None else by_quantity.shape[2]
     m = terms.shape[1]
-    derivatives, row = np.empty((most, 2, size)), np.empty(size)
+    s, seen = np.empty(n * n), np.empty(n)
     q, pull, half = np.empty((2 * most, 2 * most)), np.empty((2 * most, 3)), np.empty((2 * most, 3))
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
         for a in range(count):
-            _expand(by_quantity, terms, begin + a, derivatives[a])
             for c in range(2):
                 for j in range(3):
                     total = 0.0
@@ -264,18 +269,28 @@ def spread(
             for y in range(x, count):
                 a, b = (x, y) if camera[row0 + x] <= camera[row0 + y] else (y, x)
                 k = _find(start, columns, camera[row0 + a], camera[row0 + b])
-                for c in range(2):
-                    # where the quantities are sample and line, only the terms of one of them are not zero
-                    low, high = (c * m, c * m + m) if by_quantity is None else (0, size)
-                    row[:] = 0.0
-                    for i in range(low, high):
-                        factor = derivatives[a, c, i]
-                        for j in range(size):
-                            row[j] += factor * cofactors[k, i, j]
-                    for d in range(2):
+                s[:] = 0.0
+                for i in range(m):
+                    for j in range(m):
+                        factor = terms[begin + a, i] * terms[begin + b, j]
+                        for e in range(n * n):
+                            s[e] += factor * cofactors[k, i * m + j, e]
+                for d in range(2):
+                    for e in range(n):
+                        part = 0.0
+                        if by_quantity is None:
+                            part = s[e * n + d]
+                        else:
+                            for f in range(n):
+                                part += s[e * n + f] * by_quantity[begin + b, d, f]
+                        seen[e] = part
+                    for c in range(2):
                         total = 0.0
-                        for j in range(size):
-                            total += row[j] * derivatives[b, d, j]
+                        if by_quantity is None:
+                            total = seen[c]
+                        else:
+                            for e in range(n):
+                                total += by_quantity[begin + a, c, e] * seen[e]
                         q[2 * a + c, 2 * b + d] = total
                         q[2 * b + d, 2 * a + c] = total
         _spread_point(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, out)

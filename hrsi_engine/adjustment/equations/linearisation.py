@@ -1,8 +1,8 @@
 """Linearised observation equations of any part of a block, for every model.
 
 Models whose formula is compiled are evaluated when and where they are needed, a few thousand image points at a time,
-and nothing is kept. All others are evaluated image by image with NumPy, the whole block at once, and the last state is
-kept: evaluating it again would cost more than the memory.
+and nothing is kept but what is dear (pseudo sensors): it is asked for again when the points are solved for. All
+others are evaluated image by image with NumPy, the whole block at once, and the last state is kept.
 """
 
 from __future__ import annotations
@@ -18,10 +18,14 @@ from .states import State
 
 
 class Portion(NamedTuple):
-    """Points ``(k,)`` of a block, and where the image points of each begin in the part's arrays, ``place (k + 1,)``."""
+    """Points ``(k,)`` of a block, and where the image points of each begin in the part's arrays, ``place (k + 1,)``.
+
+    ``number`` is that of a part of the block's own division, which stays the same; None for any other.
+    """
 
     points: np.ndarray
     place: np.ndarray
+    number: int | None = None
 
     @classmethod
     def of(cls, observations: Observations, points: np.ndarray) -> Portion:
@@ -64,8 +68,11 @@ class Cameras(Protocol):
     def structure(self) -> Structure:
         """How the derivatives by the parameters are composed."""
 
-    def at(self, state: State) -> LinearisePortion:
-        """Return the function that linearises parts of the block at a state."""
+    def at(self, state: State, keep: bool = False) -> LinearisePortion:
+        """Return the function that linearises parts of the block at a state.
+
+        With ``keep`` the equations of this state will be asked for again, and may be kept until then.
+        """
 
 
 class CompiledCameras:
@@ -81,18 +88,30 @@ class CompiledCameras:
             model, observations.images, observations.by_image, observations.image, observations.xy, observations.first
         )
         self.structure = self._cameras.structure
+        self._kept: tuple[State, dict[int | None, Linearised]] | None = None
 
-    def at(self, state: State) -> LinearisePortion:
+    def at(self, state: State, keep: bool = False) -> LinearisePortion:
         """See `Cameras`."""
+        if self._kept is not None and self._kept[0].values is state.values and self._kept[0].ground is state.ground:
+            kept = self._kept[1]
+        else:
+            kept = {}
+            if keep and self._cameras.dear:
+                self._kept = state, kept
         coefficients = self._cameras.coefficients(state.values)[self._camera_of_image]
         q, t = self.structure.quantities, self.structure.terms
 
         def linearise(part: Portion) -> Linearised:
+            if part.number in kept:
+                return kept[part.number]
             rows = int(part.place[-1])
-            by_quantity = np.empty((rows, 2, q)) if q else np.empty((0, 2, 0))
+            by_quantity = np.empty((0, 2, 0)) if q is None else np.empty((rows, 2, q))
             out = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
-            self._cameras.write(*part, coefficients, state.ground, out)
-            return Linearised(out[0], out[1], by_quantity if q else None, out[3])
+            self._cameras.write(part.points, part.place, coefficients, state.ground, out)
+            found = Linearised(out[0], out[1], None if q is None else by_quantity, out[3])
+            if keep and self._cameras.dear and part.number is not None:
+                kept[part.number] = found
+            return found
 
         return linearise
 
@@ -112,7 +131,7 @@ class CamerasByImage:
         ]
         self._last: tuple[State, Linearised] | None = None
 
-    def at(self, state: State) -> LinearisePortion:
+    def at(self, state: State, keep: bool = False) -> LinearisePortion:
         """See `Cameras`."""
         if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
             self._last = None  # before the new one, so that only one is in memory
@@ -129,7 +148,7 @@ class CamerasByImage:
         return linearise
 
     def _whole(self, state: State) -> Linearised:
-        observations, p = self._observations, self.structure.quantities
+        observations, p = self._observations, self.structure.size
         n = observations.count
         new = Linearised(np.empty((n, 2)), np.empty((n, 2, 3)), (by_values := np.empty((n, 2, p))), np.ones((n, 1)))
         for index, (rows, equations) in enumerate(zip(observations.by_image, self._linearisers, strict=True)):

@@ -30,7 +30,7 @@ import numpy as np
 
 from ...foundation.compiled_code import is_wanted
 from ...ground.geodesy import moved_ground
-from ...refinement.model import RefinementModel
+from ...refinement.model import RefinementModel, Structure
 from ..observations import Observations
 from .elimination import PlainElimination
 from .linearisation import Cameras, Linearised, Portion, cameras_of, whole_block
@@ -59,7 +59,7 @@ class Elimination(Protocol):
         self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
-        """Add the part's share to blocks and right of ``sums``, and write its residuals, inverses, right-hand sides."""
+        """Add the part to the sums, blocks (b, t t, q q) and right (cameras, q t), and write what is per point."""
 
     def solve_points(
         self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
@@ -80,7 +80,7 @@ class Elimination(Protocol):
         cameras: np.ndarray,
         out: Cofactors,
     ) -> None:
-        """Write the part's cofactors from those of the coefficients, ``cameras (blocks, q t, q t)``."""
+        """Write the part's cofactors from those of the coefficients, ``cameras (blocks, t t, q q)``."""
 
 
 class NormalEquations:
@@ -108,9 +108,6 @@ class NormalEquations:
             self._elimination, self.threads = PlainElimination(observations, pattern), 1
         self.cameras = cameras or cameras_of(observations, model, compiled=self._elimination.compiled)
         self._parts = self._elimination.parts()
-        mixing = self.cameras.structure.mixing
-        same = mixing.shape[0] == mixing.shape[1] and np.array_equal(mixing, np.eye(len(mixing)))
-        self._mixing = None if same else mixing
 
     def residuals(self, state: State) -> np.ndarray:
         """Return observed - computed of all image points, ``(n, 2)`` px."""
@@ -125,11 +122,11 @@ class NormalEquations:
 
     def normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
         """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
-        observations, pattern, linearise = self.observations, self.pattern, self.cameras.at(state)
-        size, points = len(self.cameras.structure.mixing), len(observations.points)
-        threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * size**2, 1)))
+        observations, pattern, linearise = self.observations, self.pattern, self.cameras.at(state, keep=True)
+        structure, points = self.cameras.structure, len(observations.points)
+        threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * len(structure.mixing) ** 2, 1)))
         by_point = np.empty((observations.count, 2)), np.empty((points, 3, 3)), np.empty((points, 3))
-        sums = [_sums(pattern, size, *by_point) for _ in range(threads)]
+        sums = [_sums(pattern, structure, *by_point) for _ in range(threads)]
 
         def add(part: Portion, thread: int) -> None:
             self._elimination.eliminate(part, linearise(part), weight, state.ground, priors, contributes, sums[thread])
@@ -139,15 +136,13 @@ class NormalEquations:
         for more in sums[1:]:
             total.blocks += more.blocks
             total.right += more.right
-        if self._mixing is not None:
-            total.blocks = self._mixing.T @ total.blocks @ self._mixing
-            total.right = total.right @ self._mixing
+        total.blocks, total.right = structure.folded(total.blocks), total.right @ structure.mixing
         return total
 
     def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
         """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
         linearise, out = self.cameras.at(state), np.empty_like(state.ground)
-        by_coefficient = step if self._mixing is None else step @ self._mixing.T
+        by_coefficient = np.ascontiguousarray(step @ self.cameras.structure.mixing.T)
 
         def write(part: Portion, _: int) -> None:
             self._elimination.substitute(part, linearise(part), weight, normals, by_coefficient, out)
@@ -167,9 +162,7 @@ class NormalEquations:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
         linearise = self.cameras.at(state)
         out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
-        by_coefficient = cameras
-        if self._mixing is not None:
-            by_coefficient = np.ascontiguousarray(self._mixing @ cameras @ self._mixing.T)
+        by_coefficient = self.cameras.structure.unfolded(cameras)
 
         def write(part: Portion, _: int) -> None:
             self._elimination.spread(part, linearise(part), weight, normals, by_coefficient, out)
@@ -223,7 +216,10 @@ class NormalEquations:
                 done.result()
 
 
-def _sums(pattern: Pattern, size: int, residual: np.ndarray, inverse: np.ndarray, point_right: np.ndarray) -> Normals:
+def _sums(
+    pattern: Pattern, structure: Structure, residual: np.ndarray, inverse: np.ndarray, point_right: np.ndarray
+) -> Normals:
     """Return sums of zero of the reduced matrix, beside arrays for what each point and image point has of its own."""
-    blocks, right = np.zeros((pattern.blocks, size, size)), np.zeros((pattern.cameras, size))
+    blocks = np.zeros((pattern.blocks, structure.terms**2, structure.size**2))
+    right = np.zeros((pattern.cameras, len(structure.mixing)))
     return Normals(residual, blocks, right, inverse, point_right)
