@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..block.block import Block
+from ..foundation.errors import SolveError
 from ..foundation.progress import Progress, silent, stage
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
@@ -48,7 +49,13 @@ def adjust(
     Cancelled
         When ``progress`` asks to stop.
     """
-    return Adjuster(prepare(block, options or AdjustOptions(), start)).run(progress)
+    try:
+        return Adjuster(prepare(block, options or AdjustOptions(), start)).run(progress)
+    except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
+        raise SolveError(
+            f"the equations are singular ({error}): points and images do not belong together, or the points are so far "
+            "from the images that their RPCs say nothing of them: check coordinates, ids and RPCs"
+        ) from error
 
 
 class Adjuster(Snooping):

@@ -145,7 +145,13 @@ def solve(model: RefinementModel, image: Image, control: Control) -> Estimate:
             f"{image.id}: model {model.name} needs {model.least_points} GCPs, there are {len(control)}: choose a "
             "simpler `model` or measure more"
         )
-    found = estimate(model, image, control, CONTROL_ONLY)
+    try:
+        found = estimate(model, image, control, CONTROL_ONLY)
+    except np.linalg.LinAlgError as error:
+        raise SolveError(
+            f"{image.id}: the equations of model {model.name} are singular ({error}): the GCPs are so far from where "
+            "the RPC sees the ground that it says nothing of them: check their coordinates and ids"
+        ) from error
     if edge_sigma_px(model, image, found) > UNDETERMINED_PX:
         raise SolveError(
             f"{image.id}: the {len(control)} GCPs do not determine model {model.name} over the image: spread them, or "
