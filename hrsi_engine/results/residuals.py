@@ -74,13 +74,19 @@ def residuals(result: Adjustment) -> Residuals:
     surveyed = np.zeros(len(block.points), dtype=bool)
     surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
     there = surveyed[rows.point] & np.isfinite(at_known).all(axis=1)
-    covariance_px, single_m2 = _known_covariances(result, at_known, there)
     drift = result.residual_px - result.judged_residual_px
     sigma_px = np.hypot(unit_sigma(result) * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
-    sigma_px[there] = np.sqrt(covariance_px[there].diagonal(axis1=1, axis2=2))
+    sigma_m = _ground_sigmas(result)
+    single = block.rays_per_point() == 1
+    for here, covariance, by_ground in _known_covariances(result, at_known, there):
+        sigma_px[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+        alone = single[rows.point[here]]  # where its ray meets the known height: the same error, seen on the ground
+        outwards = np.linalg.inv(by_ground[alone, :, :2])
+        on_ground = outwards @ covariance[alone] @ outwards.swapaxes(1, 2)
+        sigma_m[rows.point[here[alone]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
     return Residuals(
         ground_m=_ground_residuals(result),
-        ground_sigma_m=_ground_sigmas(result, single_m2),
+        ground_sigma_m=sigma_m,
         measured_px=np.where(there[:, None], at_known, result.residual_px),
         measured_sigma_px=sigma_px,
         at_known_px=at_known,
@@ -136,49 +142,44 @@ def _ground_residuals(result: Adjustment) -> np.ndarray:
     return residual
 
 
-def _known_covariances(result: Adjustment, at_known: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return covariances of the ``chosen`` residuals at known positions.
+def _known_covariances(
+    result: Adjustment, at_known: np.ndarray, chosen: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield covariances of the ``chosen`` residuals at known positions, image by image.
 
-    They are (measurements, 2, 2) px² in the images and, of points measured once, (points, 3, 3) m² where the ray meets
-    the known height; NaN for all others. With the derivatives A by the image's parameters and B by the ground::
+    Each time rows ``(k,)``, covariances ``(k, 2, 2)`` px² and the derivatives B ``(k, 2, 3)`` by the ground. With those
+    by the image's parameters, A, the covariances are::
 
         s0² (s² I + B S B')  +  A Q A' of check points  +  d d'
 
     with the survey's covariance S, the parameters' Q, and the drift d that the delivered camera is known not to follow.
     """
     block, rows, cameras = result.block, result.block.measurements, result.cameras
-    in_image = np.full((len(rows), 2, 2), np.nan)
-    on_ground = np.full((len(block.points), 3, 3), np.nan)
-    own = (unit_sigma(result) * measurement_sigma_px(result)) ** 2
-    check, single = block.points.role == Role.CHECK, block.rays_per_point() == 1
+    sigma, check = unit_sigma(result) * measurement_sigma_px(result), block.points.role == Role.CHECK
     for index, here in by_image(block, chosen):
         image, points = block.images[index], rows.point[here]
         ground, values = block.points.ground[points], cameras.values[index]
         at = cameras.model.equations(image, rows.xy[here])(values, ground)
         drift = rows.xy[here] - cameras.model.project(image, values, ground) - at_known[here]
-        covariance = own[here, None, None] * np.eye(2) + drift[:, :, None] * drift[:, None, :]
+        covariance = sigma[here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
         survey = unit_sigma(result) ** 2 * block.points.survey_covariance_m2(points)
         covariance += at.by_ground @ survey @ at.by_ground.swapaxes(1, 2)
         predicted = at.by_values @ cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
         covariance += np.where(check[points, None, None], predicted, 0.0)
-        in_image[here] = covariance
-        outwards = np.linalg.inv(at.by_ground[:, :, :2])[single[points]]
-        on_ground[points[single[points]], :2, :2] = outwards @ covariance[single[points]] @ outwards.swapaxes(1, 2)
-    return in_image, on_ground
+        yield here, covariance, at.by_ground
 
 
-def _ground_sigmas(result: Adjustment, single_m2: np.ndarray) -> np.ndarray:
-    """Return the sigmas of survey - computed ``(points, 3)``, NaN for what is not known or not surveyed."""
+def _ground_sigmas(result: Adjustment) -> np.ndarray:
+    """Return the sigmas of survey - computed ``(points, 3)`` of what was measured on two images or more, else NaN."""
     block = result.block
-    known = np.flatnonzero(block.known)
+    known = np.flatnonzero(block.known & (block.rays_per_point() >= 2))
     covariance = unit_sigma(result) ** 2 * block.points.survey_covariance_m2(known)
     check = block.points.role[known] == Role.CHECK
     covariance[check] += result.ground_covariance_m2[known[check]]
     sigma = np.full((len(block.points), 3), np.nan)
     sigma[known] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-    single = block.known & (block.rays_per_point() == 1)
-    sigma[single] = np.sqrt(single_m2[single].diagonal(axis1=1, axis2=2))
-    return np.where(np.isfinite(sigma), sigma, np.nan)
+    sigma[np.isinf(sigma)] = np.nan  # not surveyed
+    return sigma
 
 
 def _on_single_rays(result: Adjustment, single: np.ndarray) -> np.ndarray:
