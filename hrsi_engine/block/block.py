@@ -215,7 +215,8 @@ def assemble(
     """Put images, ground points and measurements together.
 
     A known point is a GCP unless its role says otherwise; with ``gcp_ids`` those are the GCPs and every other known
-    point a check point; ``check_ids`` are check points in any case. Points that are only measured are tie points.
+    point a check point; ``check_ids`` are check points in any case, and with both given all other known points take no
+    part. Points that are only measured are tie points.
 
     Parameters
     ----------
@@ -247,6 +248,8 @@ def assemble(
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
     rows = _concatenate([table for table in image_points if len(table)])
+    if gcp_ids and check_ids:
+        known, rows = _only_chosen(known, rows, [*gcp_ids, *check_ids])
     warnings: list[str] = []
     image_index = _image_indices(rows, images)
     ids, point_index = unique_ids(rows.ids)
@@ -317,6 +320,12 @@ def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
             f"{list_ids(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
+
+
+def _only_chosen(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
+    """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
+    other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & np.isfinite(known.ground).all(axis=1)
+    return known.select(~other), rows.select(~np.isin(rows.ids, known.ids[other]))
 
 
 def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:

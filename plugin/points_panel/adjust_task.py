@@ -7,6 +7,7 @@ from typing import Any
 from qgis.core import QgsTask
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ..dependencies import missing_package_message
 
@@ -16,17 +17,13 @@ class AdjustTask(QgsTask):
 
     def __init__(self, session: PointSession, model: str) -> None:
         super().__init__("HRSI: adjusting the block", QgsTask.Flag.CanCancel)
-        from ...processing_algorithms.point_session.adjusting import block_of
-
-        self._block, self._model = block_of(session), model
+        self._block, self._model = point_session.block_of(session), model
         self.adjusted: Any = None
         self.failure = ""
 
     def run(self) -> bool:
-        from ...processing_algorithms.point_session.adjusting import adjust_block
-
         try:
-            self.adjusted = adjust_block(self._block, self._model, self._progress)
+            self.adjusted = point_session.adjust_block(self._block, self._model, self._progress)
         except Cancelled:
             return False
         except HrsiError as error:

@@ -12,8 +12,8 @@ from qgis.PyQt.QtWidgets import QDockWidget, QFileDialog, QInputDialog, QMessage
 
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...hrsi_engine.foundation.reasons import Level
-from ...processing_algorithms.point_session import PointSession, files
-from ...processing_algorithms.point_session.views import view_of
+from ...processing_algorithms import point_session
+from ...processing_algorithms.point_session import PointSession
 from ..dependencies import missing_package_message
 from ..layer_or_file import LayerOrFile
 from .adjust_task import AdjustTask
@@ -154,7 +154,8 @@ class PointsDock(QDockWidget):
             view.chip.clear()
             shown = self.point() and view.image()
             view.show_view(
-                view_of(self.session, self.point(), view.image()) if shown else None, self._markers(view.image())
+                point_session.view_of(self.session, self.point(), view.image()) if shown else None,
+                self._markers(view.image()),
             )
 
     def _markers(self, image: str) -> list[Marker]:
@@ -191,14 +192,14 @@ class PointsDock(QDockWidget):
         """Begin a block with images and points."""
         dialog = NewBlockDialog(self)
         if self._may_leave() and dialog.exec():
-            self.show_session(files.new_session(**dialog.sources()))
+            self.show_session(point_session.new_session(**dialog.sources()))
 
     @told
     def open(self, path: str = "") -> None:
         """Open a block's GeoPackage."""
         path = path or QFileDialog.getOpenFileName(self, "Open block", "", BLOCK_FILTER)[0]
         if path and self._may_leave():
-            self.show_session(files.open_block(path))
+            self.show_session(point_session.open_block(path))
             self.tell(f"{len(self.session.points)} points, {len(self.session.images)} images: {path}")
             self._store()
 
@@ -211,7 +212,7 @@ class PointsDock(QDockWidget):
         if chosen and name:
             field = LayerOrFile()
             field.box.setEditText(name)
-            self.session.add_points(files.read_ground_points(source_of(field.value(), "gcps")))
+            self.session.add_points(point_session.read_ground_points(source_of(field.value(), "gcps")))
             self.refresh()
 
     @told
@@ -227,7 +228,7 @@ class PointsDock(QDockWidget):
         """Save the block; True where that was done."""
         if not self.session.path:
             return bool(self.save_as())
-        files.save(self.session)
+        point_session.save(self.session)
         self._after_save()
         return True
 
@@ -237,7 +238,7 @@ class PointsDock(QDockWidget):
         path = path or QFileDialog.getSaveFileName(self, "Save block", "block.gpkg", BLOCK_FILTER)[0]
         if not path:
             return False
-        files.save(self.session, path)
+        point_session.save(self.session, path)
         self._after_save()
         return True
 
@@ -284,7 +285,7 @@ class PointsDock(QDockWidget):
         else:
             self.session.accept(task.adjusted)
             if self.session.path:
-                files.save_adjusted(self.session)
+                point_session.save_adjusted(self.session)
                 self._after_save()
             self.tell(task.adjusted.told, is_error=task.adjusted.verdict.level is Level.UNUSABLE)
         self.refresh()
@@ -302,7 +303,7 @@ class PointsDock(QDockWidget):
 
     @told
     def _restore_block(self, state: PanelState) -> None:
-        self.show_session(files.open_block(state.path), state.point)
+        self.show_session(point_session.open_block(state.path), state.point)
 
     def _on_project(self, _document: Any = None) -> None:
         if not restore_state(QgsProject.instance()).path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from qgis.core import (
     QgsContrastEnhancement,
@@ -16,9 +17,11 @@ from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint
 from qgis.PyQt.QtCore import Qt, pyqtSignal
 from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
-from ...processing_algorithms.point_session.views import View
 from .chip_label import ChipLabel
 from .markers import Marker, PointMarkers
+
+if TYPE_CHECKING:
+    from ...processing_algorithms.point_session.views import View
 
 HALF_VIEW_PX = 60.0  # image pixels around the predicted position
 STRETCH = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum

@@ -2,15 +2,37 @@
 
 `PointSession` holds images, known points and measurements and edits them; `files` opens and saves it as a block's
 GeoPackage; `targets` measures where the user clicked; `adjusting` adjusts a snapshot, in a thread of its own.
-Importing this package is quick; NumPy, GDAL and OpenCV are imported where they are needed.
+Importing this package is quick: its functions, and what they need, are imported when they are first called.
 """
 
+from typing import TYPE_CHECKING
+
 from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.foundation.lazy_names import lazy_names
 from ..interface.declare import params_of
-from .rows import MeasurementRow, PointRow
-from .session import PointSession
+from .rows import MeasurementRow as MeasurementRow
+from .rows import PointRow as PointRow
+
+if TYPE_CHECKING:
+    from .adjusting import adjust_block as adjust_block
+    from .adjusting import block_of as block_of
+    from .files import new_session as new_session
+    from .files import open_block as open_block
+    from .files import read_ground_points as read_ground_points
+    from .files import save as save
+    from .files import save_adjusted as save_adjusted
+    from .session import PointSession as PointSession
+    from .views import view_of as view_of
 
 #: The adjustment's option that the panel offers; all others are at their defaults.
 MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "model")
 
-__all__ = ["MODEL", "MeasurementRow", "PointRow", "PointSession"]
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "session": "PointSession",
+        "files": "new_session open_block read_ground_points save save_adjusted",
+        "views": "view_of",
+        "adjusting": "adjust_block block_of",
+    },
+)

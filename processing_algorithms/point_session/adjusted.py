@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
 
-    from ...hrsi_engine.adjustment.result import Adjustment
-    from ...hrsi_engine.refinement.model import RefinementModel
-    from ...hrsi_engine.results.residuals import Residuals
-    from ...hrsi_engine.results.verdict import Verdict
+from ...hrsi_engine.adjustment.result import Adjustment
+from ...hrsi_engine.refinement.model import RefinementModel
+from ...hrsi_engine.results.residuals import Residuals
+from ...hrsi_engine.results.verdict import Verdict
+from ..block_steps.summary import verdict_lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,6 @@ class Adjusted:
     @property
     def told(self) -> str:
         """What the panel says: the verdict, its reasons with what to do, and warnings."""
-        from ..block_steps.summary import verdict_lines
 
         *reasons, last = verdict_lines(self.verdict.entry())
         return "\n".join([last, *reasons, *self.warnings])

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.adjustment.result import Adjustment
+from ...hrsi_engine.adjustment.solver import adjust
+from ...hrsi_engine.block.block import Block, assemble
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
+from ...hrsi_engine.foundation.reasons import Reason
+from ...hrsi_engine.plausibility import check_block
+from ...hrsi_engine.results.figures import block_report
+from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
+from ...hrsi_engine.results.residuals import Residuals, residuals
+from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, level_reached
+from ..block_steps.model_choice import choose_model_of_options
+from ..block_steps.plausibility import explained_by
 from .adjusted import Adjusted
-
-if TYPE_CHECKING:
-    from ...hrsi_engine.adjustment.result import Adjustment
-    from ...hrsi_engine.block.block import Block
-    from ...hrsi_engine.foundation.reasons import Reason
-    from ...hrsi_engine.results.residuals import Residuals
-    from .session import PointSession
+from .session import PointSession
+from .tables import ground_points, image_points
 
 
 def block_of(session: PointSession) -> Block:
     """Return the session as a block; later edits do not change it. Raises `InputError` where nothing is measured."""
-    from ...hrsi_engine.block.block import assemble
-    from .tables import ground_points, image_points
-
     measured = image_points(session)
     if not len(measured) and session.ties is None:
         raise InputError("no point is measured on any image: measure one first")
@@ -31,13 +35,6 @@ def block_of(session: PointSession) -> Block:
 
 def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjusted:
     """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
-    from ...hrsi_engine.adjustment.options import AdjustOptions
-    from ...hrsi_engine.adjustment.solver import adjust
-    from ...hrsi_engine.plausibility import check_block
-    from ...hrsi_engine.results.residuals import residuals
-    from ..block_steps.model_choice import choose_model_of_options
-    from ..block_steps.plausibility import explained_by
-
     reasons = check_block(block)
     with explained_by(reasons):
         chosen = choose_model_of_options(block, AdjustOptions(model=model))
@@ -54,9 +51,6 @@ def shown(
     reasons: Sequence[Reason] = (),
 ) -> Adjusted:
     """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
-    from ...hrsi_engine.results.figures import block_report
-    from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, level_reached
-
     images = result.block.images
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     figures = block_report(result, left, refined)
@@ -93,8 +87,6 @@ def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[fl
 
 def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[str, str], str]:
     """Return the measurements of known points that stand out, by the test that the report uses."""
-    from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
-
     statistic = measurement_statistic(left)
     known = result.block.known[result.block.measurements.point]
     return {

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.layer_rows import layer_names, replace_layers, text_columns
+from ...hrsi_engine.io.layers import Layer
+from ...hrsi_engine.io.point_files import read_points
+from ...hrsi_engine.io.rasters import close_images, open_image
+from ...hrsi_engine.results.layers import block_layers
 from .rows import ROLES, KnownPoint, Measured
 from .session import PointSession
-
-if TYPE_CHECKING:
-    from ...hrsi_engine.block.block import Image
-    from ...hrsi_engine.block.points import GroundPoints, ImagePoints
+from .tables import images_layer, point_layers
 
 
 def open_block(path: str) -> PointSession:
@@ -20,9 +25,6 @@ def open_block(path: str) -> PointSession:
 
     Raises `InputError` where it has not the layers, or an image is not where it was.
     """
-    from ...hrsi_engine.io.layer_rows import layer_names, text_columns
-    from ...hrsi_engine.io.point_files import read_points
-
     names = layer_names(path)
     missing = [name for name in ("images", "ground_points", "image_points") if name not in names]
     if missing:
@@ -39,8 +41,6 @@ def new_session(
     height_datum: str = "layer",
 ) -> PointSession:  # fmt: skip
     """Begin with image files and, where there are such, files of ground and image points."""
-    from ...hrsi_engine.io.point_files import read_points
-
     opened = _open_images(images)
     ids = [image.id for image in opened]
     tables = [
@@ -55,8 +55,6 @@ def new_session(
 
 def read_ground_points(source: str, ground_crs: str | None = None, height_datum: str = "layer") -> list[KnownPoint]:
     """Return the ground points of a layer or file, to be added to a session."""
-    from ...hrsi_engine.io.point_files import read_points
-
     ground = read_points(source, ground_crs=ground_crs, height_datum=height_datum).ground
     if ground is None:
         raise InputError(f"{source}: holds no positions on the ground: name another layer")
@@ -65,9 +63,6 @@ def read_ground_points(source: str, ground_crs: str | None = None, height_datum:
 
 def save(session: PointSession, path: str = "") -> None:
     """Save a session, with the residuals of its adjustment where nothing was edited since; others' layers stay."""
-    from ...hrsi_engine.io.layer_rows import replace_layers
-    from .tables import images_layer, point_layers
-
     target = path or session.path
     if not target:
         raise InputError("the block has no file yet: name one")
@@ -86,12 +81,6 @@ def save_adjusted(session: PointSession) -> None:
 
 def _adjusted_layers(session: PointSession) -> list:
     """Return all layers of the adjustment, and the points that it left out because no image shows them."""
-    import numpy as np
-
-    from ...hrsi_engine.io.layers import Layer
-    from ...hrsi_engine.results.layers import block_layers
-    from .tables import point_layers
-
     assert session.adjusted is not None
     layers = {layer.name: layer for layer in block_layers(session.adjusted.result, session.adjusted.left, "both")}
     plain, full = point_layers(session)[0], layers["ground_points"]
@@ -123,8 +112,6 @@ def _found_paths(block: str, paths: Sequence[str]) -> list[str]:
 
 
 def _open_images(paths: Sequence[str]) -> list[Image]:
-    from ...hrsi_engine.io.rasters import close_images, open_image
-
     images = [open_image(path) for path in paths]
     close_images()
     twice = {image.id for image in images if [other.id for other in images].count(image.id) > 1}
@@ -137,8 +124,6 @@ def _session(
     images: Sequence[Image], ground: GroundPoints | None, image: ImagePoints | None, path: str
 ) -> PointSession:
     """Return a session; measurements of points without a survey are tie points."""
-    import numpy as np
-
     points = [] if ground is None else _known_points(ground)
     if image is None:
         return PointSession(images, points, path=path)
@@ -157,8 +142,6 @@ def _session(
 
 
 def _known_points(ground: GroundPoints) -> list[KnownPoint]:
-    from ...hrsi_engine.block.points import Role
-
     return [
         KnownPoint(
             str(ground.ids[row]),

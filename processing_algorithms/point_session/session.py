@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...hrsi_engine.foundation.errors import InputError
 from .rows import CLICK_KINDS, ROLES, KnownPoint, Measured, MeasurementRow, PointRow
 
@@ -67,8 +69,6 @@ class PointSession:
 
     def predicted(self, name: str, image_id: str) -> tuple[float, float]:
         """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
-        import numpy as np
-
         point, image = self._point(name), self.images[image_id]
         ground = np.array([[point.lon, point.lat, point.height]])
         if self.adjusted is not None and image_id in self.adjusted.corrections:
@@ -142,7 +142,7 @@ class PointSession:
 
     def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str) -> Fit:
         """Measure the target near a click; where it is refused, nothing changes and the fit says why."""
-        from .targets import fit_target
+        from .targets import fit_target  # needs OpenCV, which a QGIS may lack until something is measured
 
         if kind not in CLICK_KINDS:
             raise InputError(f"kind {kind!r} is unknown: use one of {', '.join(CLICK_KINDS)}")

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...hrsi_engine.block.footprints import footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.io.layers import Layer
-
-if TYPE_CHECKING:
-    from .session import PointSession
+from .session import PointSession
 
 
 def ground_points(session: PointSession) -> GroundPoints:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.drawing.target_chips import chip_svg
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.rasters import close_images
+from ...hrsi_engine.measurement.targets.measuring import measure_target, refuse
 from ..files.target_chip import chip_of
 from .rows import Measured
-
-if TYPE_CHECKING:
-    from ...hrsi_engine.block.block import Image
 
 BY_HAND = "point"
 #: How well the middle of an object is what was surveyed, and how well the cameras' models follow it: a fit's own sigma
@@ -33,8 +35,6 @@ def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
 
     Raises `InputError` for an image without pixels.
     """
-    from ...hrsi_engine.io.rasters import close_images
-
     try:
         return _fit(image, click, kind)
     finally:
@@ -42,11 +42,6 @@ def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
 
 
 def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
-    import numpy as np
-
-    from ...hrsi_engine.drawing.target_chips import chip_svg
-    from ...hrsi_engine.measurement.targets.measuring import measure_target, refuse
-
     xy = np.array(click, dtype=np.float64)
     if kind == BY_HAND:
         chip = "" if image.raster is None else chip_svg(chip_of(refuse(kind, BY_HAND), xy, image.raster))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .session import PointSession
+from ...hrsi_engine.io.pixel_views import grey_range, pixel_view
+from .session import PointSession
 
 STRETCH_HALF_PX = 128
 
@@ -25,8 +24,6 @@ class View:
 
 def view_of(session: PointSession, name: str, image_id: str) -> View:
     """Return the view of a point on an image, around where it was measured, else where it is predicted."""
-    from ...hrsi_engine.io.pixel_views import grey_range, pixel_view
-
     measured = session.measured.get((name, image_id))
     middle = session.predicted(name, image_id) if measured is None else (measured.sample, measured.line)
     image = session.images[image_id]

@@ -116,6 +116,28 @@ def test_report_has_the_schema(adjusted):
     assert report["check"]["rmse_east_m"] == pytest.approx(on_disk["check"]["rmse_east_m"])
 
 
+def test_with_control_and_check_named_the_others_take_no_part(hobart, tmp_path):
+    """Not as check points, and not as ties: as if they were in no file."""
+    chosen = {"gcp_ids": GCPS.split(","), "check_ids": ["H001", "H002"]}
+    report = run("adjust", **hobart, **chosen, output_dir=str(tmp_path / "all"), check_as_ties=True)
+    assert (report["control"]["points"], report["check"]["points"], report["ties"]["points"]) == (10, 2, 0)
+    assert set(layer_columns(tmp_path / "all" / "block.gpkg", "ground_points")["id"]) == {
+        *GCPS.split(","),
+        "H001",
+        "H002",
+    }
+    known = {*GCPS.split(","), "H001", "H002"}
+    for name in ("gcps", "image_points"):
+        with open(hobart[name]) as file:
+            header, *rows = file.readlines()
+        kept = [row for row in rows if row.split(",")[header.strip().split(",").index("id")] in known]
+        (tmp_path / f"{name}.csv").write_text("".join([header, *kept]))
+    files = {name: str(tmp_path / f"{name}.csv") for name in ("gcps", "image_points")}
+    alone = run("adjust", **hobart | files, **chosen, output_dir=str(tmp_path / "alone"), check_as_ties=True)
+    assert alone["check"] == report["check"]
+    assert alone["sigma0"] == pytest.approx(report["sigma0"])
+
+
 def test_sidecars_hold_the_refined_cameras(adjusted, hobart):
     """The image residuals in the layer are those of the RPCs that were written."""
     report, folder = adjusted

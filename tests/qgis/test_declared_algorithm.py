@@ -6,16 +6,20 @@ import pytest
 from qgis.core import (
     QgsApplication,
     QgsProcessingAlgorithm,
+    QgsProcessingContext,
+    QgsProcessingFeedback,
     QgsProcessingParameterEnum,
     QgsProcessingParameterNumber,
 )
 
 from hrsi.plugin.algorithm import DeclaredAlgorithm
 from hrsi.plugin.enums import ADVANCED, OPTIONAL
-from hrsi.plugin.parameters import BINDINGS
+from hrsi.plugin.parameters import BINDINGS, Reading, label_of, option_value
 from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, typed
+from hrsi.processing_algorithms.interface.naming import spell_arguments
+from hrsi.processing_algorithms.interface.options import VALUE_OF
 from hrsi.tests.qgis.tiny import TINY
 
 DECLARED = [TINY, *REGISTRY.values()]
@@ -53,7 +57,8 @@ def test_texts_and_outputs(declaration: Algorithm) -> None:
     outputs = {output.name() for output in algorithm.outputDefinitions()}
     writes_folder = any(param.kind is Kind.OUTPUT_DIR for param in declaration.params)
     layers = {layer_name(source).upper() for source in declaration.layers}
-    assert outputs == layers | ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
+    judged = {"VERDICT"} if any(param.key == "force_write" for param in declaration.params) else set()
+    assert outputs == layers | judged | ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
 
 
 @pytest.mark.parametrize(("declaration", "param"), PARAMS)
@@ -61,15 +66,16 @@ def test_parameter(declaration: Algorithm, param: Param) -> None:
     algorithm = made(declaration)  # owns the definition
     definition = algorithm.parameterDefinition(param.key.upper())
     assert definition is not None
-    assert definition.defaultValue() == param.default
-    assert definition.help() == f"{param.help}."
+    assert definition.defaultValue() == (typed(param) if isinstance(param.default, tuple) else param.default)
+    assert definition.help() == f"{spell_arguments(param.help, declaration.params, label_of)}."
+    assert "`" not in definition.help()
     flags = definition.flags()
     optional = bool(flags & OPTIONAL)
     assert not (optional and (param.required or param.piped))
     assert optional or param.required or param.piped or param.default is not None
     assert bool(flags & ADVANCED) == param.advanced
-    if param.default is not None:
-        assert definition.checkValueIsAcceptable(param.default)
+    if param.default not in (None, ()):
+        assert definition.checkValueIsAcceptable(definition.defaultValue())
     if isinstance(definition, QgsProcessingParameterEnum):
         assert tuple(definition.options()) == param.choices
         assert definition.usesStaticStrings()
@@ -83,3 +89,14 @@ def test_help_is_html_with_every_parameter() -> None:
     assert "<p>First paragraph.</p><p>Second with a &lt; sign.</p>" in text
     assert "<b>Sigma image (px)</b><br/>Sigma of a measurement." in text
     assert text.count("<b>") == len(TINY.params)
+
+
+@pytest.mark.parametrize("declaration", DECLARED, ids=lambda declaration: declaration.name)
+def test_what_a_dialog_is_filled_with_reaches_the_algorithm_as_its_dataclass_has_it(declaration: Algorithm) -> None:
+    """Each default that QGIS shows, read again, is the one of the dataclass."""
+    algorithm = made(declaration)
+    shown = {d.name(): d.defaultValue() for d in algorithm.parameterDefinitions() if d.defaultValue() is not None}
+    reading = Reading(algorithm, shown, QgsProcessingContext(), QgsProcessingFeedback())
+    for param in declaration.params:
+        value = option_value(param, reading)
+        assert (VALUE_OF[param.kind](value) if value not in (None, ()) else value) == param.default, param.name

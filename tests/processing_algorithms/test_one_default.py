@@ -1,0 +1,134 @@
+"""An option has one default, for dataclass, declaration, command line, Python and panel; QGIS has a test of its own."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hrsi.hrsi_engine.adjustment.options import AdjustOptions
+from hrsi.hrsi_engine.foundation.options import nested_in, option_of
+from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, made_options, settings_of
+from hrsi.processing_algorithms.interface.naming import spell_arguments
+from hrsi.processing_algorithms.interface.options import checked_options
+from hrsi.processing_algorithms.point_session import MODEL
+from hrsi.processing_algorithms.point_session import adjusting as panel
+from hrsi.tests.sample_algorithm import SAMPLE
+
+ROOT = Path(__file__).resolve().parents[2]
+ALGORITHMS = pytest.mark.parametrize("algorithm", [*REGISTRY.values(), SAMPLE], ids=lambda algorithm: algorithm.name)
+#: A value for what has to be named.
+NAMED: dict[Kind, Any] = {Kind.IMAGES: ("a.tif",), Kind.OUTPUT_DIR: "out"}
+
+
+def declared_fields(options: type) -> list[tuple[type, Field]]:
+    """Return every field that is an option, nested ones too, with the dataclass it stands in."""
+    found = []
+    for part in fields(options):
+        inner = nested_in(part)
+        if inner is not None:
+            found += declared_fields(inner)
+        elif option_of(part) is not None:
+            found.append((options, part))
+    return found
+
+
+@ALGORITHMS
+def test_the_default_of_every_face_is_the_field_s(algorithm: Algorithm):
+    by_name = {param.argument: param for param in algorithm.params}
+    parser = algorithm_parser(algorithm)
+    needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
+    typed = algorithm_parser(algorithm).parse_words([])  # nothing typed: the parser has no defaults of its own
+    assert typed == {} or set(typed) <= {param.key for param in algorithm.params if param.kind is Kind.IMAGES}
+    options = checked_options(algorithm, needed)
+    for owner, part in declared_fields(algorithm.options):
+        param = by_name[part.name] if by_name[part.name].help == option_of(part).help else None
+        if param is None:  # two nested dataclasses have a field of this name; their options have names of their own
+            param = next(p for p in algorithm.params if p.name == option_of(part).name)
+        if part.default is MISSING:
+            assert param.required, f"{owner.__name__}.{part.name}"
+            continue
+        assert param.default is part.default
+        assert param.required or options[param.key] is part.default
+        page = re.sub(r"\s", "", parser.format_help())
+        assert all(re.sub(r"\s", "", fact) in page for fact in value_facts(param)), param.name
+
+
+@ALGORITHMS
+def test_python_gets_the_dataclass_as_it_stands(algorithm: Algorithm):
+    """What `run` fills from nothing but what has to be named equals the dataclass called with that alone."""
+    needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
+    filled = made_options(algorithm.options, checked_options(algorithm, needed))
+    assert is_dataclass(filled)
+    for part in fields(filled):
+        inner = nested_in(part)
+        if inner is not None and not any(p.required for p in algorithm.params if p.key in settings_of_nothing(inner)):
+            assert getattr(filled, part.name) == inner()
+
+
+def settings_of_nothing(options: type) -> set[str]:
+    """Return the keys of the options that have no default."""
+    return {part.name for _, part in declared_fields(options) if part.default is MISSING}
+
+
+def test_the_panel_adjusts_with_the_same_defaults(monkeypatch):
+    used: list[AdjustOptions] = []
+
+    def keep(block: object, options: AdjustOptions) -> None:
+        used.append(options)
+        raise InterruptedError
+
+    monkeypatch.setattr(panel, "choose_model_of_options", keep)
+    monkeypatch.setattr(panel, "check_block", lambda block: [])
+    with pytest.raises(InterruptedError):
+        panel.adjust_block(None, MODEL.default)
+    assert used == [AdjustOptions()]
+    assert MODEL.default is AdjustOptions.model
+    assert (AdjustOptions.reject_sigma, AdjustOptions.sigma_dem_m) == (4.0, None)
+
+
+@ALGORITHMS
+def test_settings_of_a_report_run_again(algorithm: Algorithm):
+    """What a report keeps of the options is what `run` takes, and leads to the same options."""
+    needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
+    options = made_options(algorithm.options, checked_options(algorithm, needed))
+    again = made_options(algorithm.options, checked_options(algorithm, settings_of(options)))
+    assert again == options
+
+
+@ALGORITHMS
+def test_texts_name_options_that_are_there(algorithm: Algorithm):
+    """Help names options as arguments; where it names those of other algorithms, no backtick is left."""
+    for text in (algorithm.help, *(param.help for param in algorithm.params)):
+        assert "--" not in text
+        assert "`" not in spell_arguments(text, algorithm.params)
+
+
+def engine_texts() -> list[tuple[str, int, str]]:
+    """Return every text in the engine's modules but docstrings' own markup: file, line, text."""
+    found = []
+    for path in sorted((ROOT / "hrsi_engine").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append((str(path.relative_to(ROOT)), node.lineno, node.value))
+    return found
+
+
+def test_the_engine_names_arguments_and_no_options():
+    texts = engine_texts()
+    assert len(texts) > 3000
+    assert [(file, line) for file, line, text in texts if re.search(r"--[A-Za-z]", text)] == []
+    print(f"{len(texts)} texts of the engine, none with an option of the command line")
+
+
+def test_the_command_line_writes_arguments_as_options():
+    triangulate = REGISTRY["triangulate"].params
+    assert spell_arguments("give `sigma_dem_m`, or `model`", triangulate) == "give --sigma-dem, or --model"
+    assert spell_arguments("names `images` and `height`", triangulate) == "names IMAGE and height"
+    assert spell_arguments("`reject_sigma` of `reject`", triangulate) == "--reject of --reject"
