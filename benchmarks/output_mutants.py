@@ -73,6 +73,11 @@ MUTANTS = (
         TRUTH,
     ),
     Mutant(
+        "sigma0 dropped from the parameters of single images", "refinement/estimate.py",
+        "sigma0 * sigmas[:, None] * inverse", "sigmas[:, None] * inverse",
+        "tests/refinement/test_models.py -k follow_from_the_residuals",
+    ),
+    Mutant(
         "GCPs count wholly in variance components", "adjustment/variance_components.py", "1.0 - np.einsum(",
         "1.0 - 0.0 * np.einsum(", "tests/adjustment/test_variance_groups.py",
     ),

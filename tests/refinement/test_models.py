@@ -173,6 +173,18 @@ def test_the_unit_of_the_image_does_not_matter(name, image):
     np.testing.assert_allclose(found / 2.0, expected, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", ["shift", "affine"])
+def test_sigmas_of_parameters_follow_from_the_residuals(name, image):
+    """Sigmas given a third of what they are, or three times: sigma0 tells, and the parameters are as good as before."""
+    control = simulated_control(MODELS[name], image, values_of(MODELS[name], image), 20)
+    given = estimate(MODELS[name], image, control)
+    for factor in (1.0 / 3.0, 3.0):
+        other = replace(control, sigma_px=factor * control.sigma_px, sigma_m=factor * control.sigma_m)
+        found = estimate(MODELS[name], image, other)
+        assert found.sigma0 == pytest.approx(given.sigma0 / factor, rel=1e-3)
+        np.testing.assert_allclose(found.sigmas, given.sigmas, rtol=1e-3)  # the priors are loose
+
+
 def test_priors_of_drift_say_what_it_may_be_at_the_edge_of_the_image():
     """A drift of 1e-4 px/px over 2000 px from the middle are 0.2 px there, whatever the degree of its monomial."""
     model = MODELS["quadratic"]
