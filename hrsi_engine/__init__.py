@@ -18,7 +18,9 @@ __getattr__, __dir__, __all__ = lazy_names(
         "refinement.refine": "compare_models refine_rpc",
         "refinement.selection": "choose_model",
         "measurement": "TieOptions find_tie_points",
+        "plausibility": "check_block",
         "results.residuals": "residuals",
+        "results.verdict": "judge",
         "io": "open_image read_rpc",
     },
 )

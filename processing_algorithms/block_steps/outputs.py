@@ -27,7 +27,7 @@ from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, block_map
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
-from ...hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, level_reached
+from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
 from ..interface.declare import Context, Report, settings_of
 from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
@@ -110,7 +110,7 @@ def write_results(
         "settings": settings_of(options),
         **(more or {}),
     }  # fmt: skip
-    verdict = Verdict.of(level_reached(report), find_reasons(evidence, reasons))
+    verdict = Verdict.of(describe_reached(report), find_reasons(evidence, reasons))
     report["verdict"] = verdict.entry()
     output = options.output
     how = output.write

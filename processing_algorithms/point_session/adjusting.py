@@ -16,7 +16,7 @@ from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.results.figures import block_report
 from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
 from ...hrsi_engine.results.residuals import Residuals, residuals
-from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, level_reached
+from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, find_reasons
 from ..block_steps.model_choice import choose_model_of_options
 from ..block_steps.plausibility import explained_by
 from .adjusted import Adjusted
@@ -54,7 +54,7 @@ def shown(
     images = result.block.images
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     figures = block_report(result, left, refined)
-    verdict = Verdict.of(level_reached(figures), find_reasons(Evidence(result, left, refined), reasons))
+    verdict = Verdict.of(describe_reached(figures), find_reasons(Evidence(result, left, refined), reasons))
     return Adjusted(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},

@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.foundation.reasons import Level, Reason
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement.model import RefinedRPC
 from hrsi.hrsi_engine.results.residuals import residuals
-from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, field_notes, find_reasons, level_reached
+from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
 from hrsi.hrsi_engine.results.verdict.verdict import brief
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
@@ -247,6 +247,15 @@ def test_level_is_the_worst_and_stands_first():
     assert [reason["level"] for reason in verdict.entry()["reasons"]] == ["unusable", "doubtful", "doubtful"]
 
 
+def test_python_users_get_the_same_verdict():
+    from hrsi.hrsi_engine import adjust, check_block, judge
+
+    block = sound()
+    verdict = judge(adjust(block, SNOOPING), check_block(block))
+    assert verdict.level is Level.OK and verdict.reasons == ()
+    assert verdict.sentence == describe_reached(report(adjust(block, SNOOPING)))
+
+
 def report(result: Adjustment) -> dict:
     from hrsi.hrsi_engine.results.figures import block_report
 
@@ -257,7 +266,7 @@ def report(result: Adjustment) -> dict:
 def test_sentence_tells_what_was_reached():
     figures = report(adjust(sound(), SNOOPING))
     ce90, predicted = figures["check"]["ce90_m"], figures["check"]["predicted"]["ce90_m"]
-    assert level_reached(figures) == (
+    assert describe_reached(figures) == (
         f"3 images tied to {brief(figures['ties']['rmse_px'])} px; 10 GCPs, 10 check points: "
         f"CE90 {brief(ce90)} m (predicted {brief(predicted)}), LE90 {brief(figures['check']['le90_m'])} m"
     )
@@ -265,7 +274,7 @@ def test_sentence_tells_what_was_reached():
 
 def test_sentence_without_gcps_and_check_points_says_what_is_predicted():
     figures = report(adjust(sound(gcps=0, checks=0), SNOOPING))
-    text = level_reached(figures)
+    text = describe_reached(figures)
     assert text.startswith("3 images tied to ")
     assert f"; no GCPs, no check points: predicted CE90 {brief(figures['parts'][0]['ce90_m'])} m" in text
 

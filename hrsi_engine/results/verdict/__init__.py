@@ -17,6 +17,6 @@ large enough to matter: a block of ten thousand points finds the harmless struct
 
 from .evidence import Evidence
 from .systematic import field_notes
-from .verdict import Verdict, find_reasons, level_reached
+from .verdict import Verdict, describe_reached, find_reasons, judge
 
-__all__ = ["Evidence", "Verdict", "field_notes", "find_reasons", "level_reached"]
+__all__ = ["Evidence", "Verdict", "describe_reached", "field_notes", "find_reasons", "judge"]

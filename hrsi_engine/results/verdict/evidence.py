@@ -53,8 +53,11 @@ class Evidence:
 
     @cached_property
     def fields(self) -> list[ResidualField]:
-        """The significant fields in the residuals of images, the largest first."""
-        return residual_fields(self.result, self.took_part & ~self.left_out)
+        """The significant fields in the residuals of images that were adjusted, the largest first."""
+        used = self.took_part & ~self.left_out
+        image = self.result.block.measurements.image
+        held = np.bincount(image[used & ~self.is_role(Role.CHECK)], minlength=len(self.result.block.images)) > 0
+        return residual_fields(self.result, used & held[image])
 
     @cached_property
     def field_px(self) -> float:

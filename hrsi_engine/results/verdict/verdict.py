@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from math import floor, log10
 from typing import Any
 
+from ...adjustment.result import Adjustment
 from ...foundation.reasons import Level, Reason
+from ..figures import block_report
+from ..residuals import residuals
 from . import connections, ground_truth, solution, systematic
 from .evidence import Evidence
 
@@ -114,7 +117,29 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     return [*before, *found]
 
 
-def level_reached(report: Mapping[str, Any]) -> str:
+def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
+    """Return the verdict on an adjustment.
+
+    Parameters
+    ----------
+    result : Adjustment
+        A finished adjustment.
+    before : sequence of Reason
+        What was found before it (`plausibility.check_block`).
+
+    Returns
+    -------
+    Verdict
+        Level, sentence and reasons.
+    """
+    left = residuals(result)
+    images = zip(result.block.images, result.values, strict=True)
+    refined = [result.model.refined_rpc(image, values) for image, values in images]
+    sentence = describe_reached(block_report(result, left, refined))
+    return Verdict.of(sentence, find_reasons(Evidence(result, left, refined), before))
+
+
+def describe_reached(report: Mapping[str, Any]) -> str:
     """Return in one sentence what an adjustment reached, from the figures of its report.
 
     ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
