@@ -8,7 +8,7 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...refinement.model import priors_of
+from ...refinement.model import Priors, priors_of
 from .evidence import CAMERA_PX, Evidence
 from .significance import is_significant
 
@@ -16,6 +16,7 @@ SETTLED_SIGMAS = 1.0  # movement of the unknowns in a further step that still le
 LARGE_RESIDUALS, RUINED_RESIDUALS = 3.0, 10.0  # times what measurement and camera explain
 FAR_SIGMAS, RUINED_SIGMAS = 5.0, 15.0  # of a correction from zero, in its prior's standard deviations
 COARSE_FIT_PX, RUINED_FIT_PX = 0.1, 1.0
+GRANTED = Priors(shift_px=20.0, drift=2e-4)  # standard deviations that any RPC may have
 LEAST_PRIOR_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
 
 
@@ -88,7 +89,8 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
     """Return the prior standard deviation of each parameter, ``(images, p)``; 0 where it was not free.
 
     An adjustment keeps how much of a parameter came from its prior, weight times variance: the prior follows from it.
-    Where it does not (images refined one by one) the model's own priors count.
+    Where it does not (images refined one by one) the model's own priors count. Without GCPs the prior is a guess that
+    holds the block, and real products miss it: no correction below `GRANTED` is strange.
     """
     result = evidence.result
     part_of = {name: part for part in result.parts for name in part.images}
@@ -101,7 +103,8 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = np.where(share < 1.0, own / np.sqrt(share), 0.0)
         given = result.model.prior_sigmas(image, priors_of(image, controlled))
-        sigma[index] = np.where(np.isfinite(kept) & (share > LEAST_PRIOR_SHARE), kept, given)
+        prior = np.where(np.isfinite(kept) & (share > LEAST_PRIOR_SHARE), kept, given)
+        sigma[index] = np.where(prior > 0.0, np.maximum(prior, result.model.prior_sigmas(image, GRANTED)), 0.0)
     return sigma
 
 
