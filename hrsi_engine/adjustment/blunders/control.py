@@ -76,6 +76,11 @@ class Suspect:
         """Whether it is this one for sure."""
         return not self.rivals
 
+    @property
+    def concerned(self) -> tuple[int, ...]:
+        """All GCPs of which one may be wrong."""
+        return (*self.group, *self.rivals) or (self.gcp,)
+
 
 @dataclass(frozen=True)
 class VarianceFactor:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...foundation.progress import Progress, stage
+from ...foundation.progress import Progress, silent, stage
 from ..equations import PointPriors
 from ..equations.camera_system import Factored
 from ..gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
@@ -23,12 +23,14 @@ from ..problem import Problem
 from ..result import Decision, Finding
 from .consensus import consensus
 from .control import suspects
-from .discrepancies import discrepancies
+from .discrepancies import Discrepancies, discrepancies
 from .findings import finding, leave_out
 from .ties import point_squares, survey_or_ray_tests, tie_decisions, tie_variance
 
 TIE_ROUNDS, CONTROL_ROUNDS = 6, 3
 RARE = 2e-4  # share of the measurements whose change of decision is not worth another round
+STRONG_DRIFT = 10.0  # times the drift that is taken for usual; what no sensor exceeds
+TESTING_TOLERANCE = 1e-6  # of the cost: squares to a millionth tell who is wrong
 LENIENT = 1e-3  # factor of the surveys' weights while measurements are judged: sigmas thirty times as large
 MOST_GCPS = 60  # tested together; of more, the most suspicious half of these and others all over the block
 
@@ -74,8 +76,8 @@ class Snooping:
         agreeing = consensus(problem.equations, observations, problem.start, everything)
         start = problem.survey_weighting(np.where(agreeing, self.image_weight, 0.0), lenient)
         solution = self.loop.run(problem.start, start, robust, LOOSE_TOLERANCE, progress)
-        for number in range(TIE_ROUNDS):
-            if not self._judged(solution, solution.weighting, everything) and number:
+        for _ in range(TIE_ROUNDS):
+            if not self._judged(solution, solution.weighting, everything):
                 break
             present = self.weighting(lenient)
             solution = self.loop.run(solution.state, present, problem.options.robust, LOOSE_TOLERANCE, progress)
@@ -99,9 +101,11 @@ class Snooping:
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
         self.found.tie_variance, freedom = tie_variance(observations, squares, rays, self.ties)
         everything = replace(present, image=self.image_weight)
+        if (present.image != self.image_weight).any():
+            squares = point_squares(problem.equations, solution, everything, observations)
         decision, failed = tie_decisions(
             problem.equations, observations, solution, everything, points, problem.options.reject_sigma,
-            self.found.tie_variance, freedom,
+            self.found.tie_variance, freedom, squares,
         )  # fmt: skip
         judged = points[observations.point]
         before = self.found.failed if self.found.failed is not None else np.full_like(failed, np.nan)
@@ -116,24 +120,43 @@ class Snooping:
         """Return the solution without the GCPs, or what of them, that disagree with the rest of the block."""
         if not isinstance(self.loop.system, Factored):  # a block too large for its cofactors
             return solution
-        self._undecided = []
+        self._undecided, problem = [], self.problem
         for number in range(CONTROL_ROUNDS):
             gcps = self._gcps(solution)
             if len(gcps) < 2:
                 break
-            control = discrepancies(self.problem, self.loop, solution, self._most_suspicious(solution, gcps))
-            found = suspects(control, self.problem.options.reject_sigma, len(gcps))
-            said = [finding(self.problem, control, one) for one in found]
+            control = discrepancies(problem, self.loop, solution, self._most_suspicious(solution, gcps))
+            found = suspects(control, problem.options.reject_sigma, len(gcps))
+            if found and self._may_drift():
+                drifting = suspects(self._drifting(solution, control.points), problem.options.reject_sigma, len(gcps))
+                suspected = {gcp for one in drifting for gcp in one.concerned}
+                found = [one for one in found if suspected.intersection(one.concerned)]
+            said = [finding(problem, control, one) for one in found]
             self._undecided = [one for one in said if not one.left_out]
             self.found.findings += [one for one in said if one.left_out]
             for one in found:
                 if one.clear:
-                    leave_out(self.problem, control, one, self.survey_weight, self.found)
+                    leave_out(problem, control, one, self.survey_weight, self.found)
             if not any(one.clear for one in found):
                 break
             part = stage(progress, number / CONTROL_ROUNDS, (number + 1) / CONTROL_ROUNDS)
             solution = self._settled(self.solve(solution, part), part)
         return solution
+
+    def _may_drift(self) -> bool:
+        """Return whether the cameras have a drift that the model does not follow, its size a guess of ours."""
+        problem = self.problem
+        guessed = problem.options.sigma_drift is None and np.array_equal(self.loop.prior_weight, problem.prior_weight)
+        return guessed and len(problem.camera.parameters) > len(problem.model.parameters)
+
+    def _drifting(self, solution: Solution, points: np.ndarray) -> Discrepancies:
+        """Return what the control says where the cameras may drift more: no GCP is accused of what a drift explains."""
+        loop, own = self.problem.loop(), len(self.problem.model.parameters)
+        prior_weight = self.loop.prior_weight.copy()
+        prior_weight[:, own:] /= STRONG_DRIFT**2
+        loop.hold(prior_weight)
+        free = loop.run(solution.state, solution.weighting, self.problem.options.robust, TESTING_TOLERANCE, silent)
+        return discrepancies(self.problem, loop, free, points)
 
     def say(self) -> None:
         """Enter the findings on control that nobody can decide, and the warnings of all."""

@@ -44,6 +44,11 @@ def tie_variance(
     return float(np.median(squares[chosen] / expected)), float(MEDIAN_EFFICIENCY * freedom.sum())
 
 
+def least_suspicious(sigmas: float, rays: int) -> float:
+    """Return the test value beyond which one of a point's measurements is wrong; two rays have one condition."""
+    return critical_value(sigmas, 1) if rays == 2 else critical_value(sigmas, 2, max(rays, 1))
+
+
 def point_squares(
     equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
 ) -> np.ndarray:
@@ -64,17 +69,20 @@ def tie_decisions(
     sigmas: float,
     variance: float,
     freedom: float,
+    squares: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
 
     Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out when the
-    cameras were worse may come back. ``ties (m,)`` are the points to judge; ``variance`` is known with a ``freedom``.
+    cameras were worse may come back. ``ties (m,)`` are the points to judge; ``variance`` is known with a ``freedom``,
+    ``squares (m,)`` are the points' sums of squares with all measurements.
     """
     decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
-    squares = point_squares(equations, solution, all_in, observations)
-    suspicious = np.flatnonzero(ties & (squares > critical_value(sigmas, 1) * variance))
-    rays = np.diff(observations.first)[suspicious]
+    lengths = np.diff(observations.first)
+    least = np.array([least_suspicious(sigmas, rays) for rays in range(int(lengths.max(initial=0)) + 1)])
+    suspicious = np.flatnonzero(ties & (squares > least[lengths] * variance))
+    rays = lengths[suspicious]
     groups = []
     for length in np.unique(rays):
         points = suspicious[rays == length]
@@ -86,12 +94,12 @@ def tie_decisions(
         )))  # fmt: skip
     if not groups:
         return decision, failed
-    probability = np.concatenate([group.probability(freedom) for _, group in groups])
+    probability = np.concatenate([group.judge_worst(freedom) for _, group in groups])
     limit = shared_sigmas(probability, int(ties.sum()), sigmas)
     touched = float((probability < error_probability(limit)).sum()) / ties.sum()
-    wrong = 1.0 - (1.0 - touched) ** (1.0 / np.diff(observations.first)[ties].mean())
+    wrong = 1.0 - (1.0 - touched) ** (1.0 / lengths[ties].mean())
     for rows, group in groups:
-        decision[rows], failed[rows] = group.judge(sigmas, limit, freedom, wrong > MOSTLY_CLEAN)
+        decision[rows], failed[rows] = group.judge(sigmas, limit, wrong > MOSTLY_CLEAN)
     return decision, failed
 
 
@@ -112,8 +120,10 @@ class PointRays:
         self.own = priors.weight[points]
         self.decision = np.full(weight.shape, int(Decision.KEPT), dtype=np.int8)
         self.failed = np.full(weight.shape, np.nan)
+        self.worst = np.zeros(len(weight))
+        self.probability = np.ones(len(weight))
 
-    def probability(self, freedom: float) -> np.ndarray:
+    def judge_worst(self, freedom: float) -> np.ndarray:
         """Return the probability that a point's worst measurement is right, ``(m,)``; its rays share the tests.
 
         That of Fisher's F distribution, for the variance factor is known with a ``freedom`` only. Two rays have one
@@ -123,21 +133,21 @@ class PointRays:
         worst, rays = tests.max(axis=1), (self.weight > 0.0).sum(axis=1)
         freedom = max(freedom, 1.0)
         of_two = special.fdtrc(1.0, freedom, worst)
-        return np.minimum(np.where(rays == 2, of_two, rays * special.fdtrc(2.0, freedom, 0.5 * worst)), 1.0)
+        self.worst = worst
+        self.probability = np.minimum(np.where(rays == 2, of_two, rays * special.fdtrc(2.0, freedom, 0.5 * worst)), 1.0)
+        return self.probability
 
-    def judge(self, sigmas: float, limit: float, freedom: float, many_wrong: bool) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, sigmas: float, limit: float, many_wrong: bool) -> tuple[np.ndarray, np.ndarray]:
         """Leave out the worst measurement of each point until the rest agree; return decisions and tests ``(m, k)``.
 
         A point whose worst measurement stays below ``limit`` (sigmas) has none that is wrong; in the others ``sigmas``
         decide. ``many_wrong``: two rays that are left are doubtful.
         """
-        limits = np.array([critical_value(sigmas, 2, max(k, 1)) for k in range(self.weight.shape[1] + 1)])
-        limits[2] = critical_value(sigmas, 1)
-        pending = np.flatnonzero(self.probability(freedom) < error_probability(limit))
+        limits = np.array([least_suspicious(sigmas, rays) for rays in range(self.weight.shape[1] + 1)])
+        pending = np.flatnonzero(self.probability < error_probability(limit))
         if not len(pending):
             return self.decision, self.failed
-        gross = self._tests(pending)[0].max(axis=1) > critical_value(GROSS * sigmas, 2)
-        touched = pending[gross]
+        touched = pending[self.worst[pending] > critical_value(GROSS * sigmas, 2)]
         if self.weight.shape[1] >= 4:
             tests, squares = self._tests(pending)
             rest = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5
