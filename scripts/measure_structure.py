@@ -198,11 +198,15 @@ class Product:
     def figures(self) -> dict[str, float]:
         """Return the figures of the table."""
         lines = sum((source.lines for source in self.sources.values()), Counter())
-        used = Counter(name for source in self.sources.values() for name in names_used(source.tree))
+        used = {source.module: Counter(names_used(source.tree)) for source in self.sources.values()}
         functions = self.functions()
         several = self.names_with_several_places()
         constants = sum(name.isupper() for name in several)
-        private = [node.name for _, node in functions if node.name.startswith("_") and not node.name.endswith("__")]
+        private = [
+            (source.module, node.name)
+            for source, node in functions
+            if node.name.startswith("_") and not node.name.endswith("__")
+        ]
         return {
             "rooms": len(self.rooms()),
             "arrows between rooms": len(self.arrows()),
@@ -210,6 +214,9 @@ class Product:
             "files": len(self.sources),
             "files above 400 lines": sum(source.text.count("\n") > 400 for source in self.sources.values()),
             "lines of code": lines["code"],
+            "statements": sum(
+                isinstance(node, ast.stmt) for part in self.sources.values() for node in ast.walk(part.tree)
+            ),
             "docstring lines": lines["docstrings"],
             "comment lines": lines["comments"],
             "explanation: docstring and comment lines per line of code": round(
@@ -221,7 +228,7 @@ class Product:
             "functions": len(functions),
             "functions named by a bare participle: `matched`": sum(is_participle(node) for _, node in functions),
             "private functions": len(private),
-            "private functions used once": sum(used[name] == 1 for name in private),
+            "private functions used once": sum(used[module][name] == 1 for module, name in private),
             "options read from a dict by a string": sum(
                 string_options(source.tree) for source in self.sources.values()
             ),
