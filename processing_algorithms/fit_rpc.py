@@ -30,12 +30,18 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     require_plain_name(options.id or "rpc", "the id")
     name = f"{options.id or Path(options.points.partition('|')[0]).stem}_RPC.TXT"
     low, high = float(table.ground[:, 2].min()), float(table.ground[:, 2].max())
+    wanted = (
+        low if options.min_height is None else options.min_height,
+        high if options.max_height is None else options.max_height,
+    )
+    few = [f"too few points to keep some for a check: give at least {FEWEST_FOR_CHECK}"] if (check is None) else []
+    height_warnings = [*few, *extrapolation_warnings(wanted, (low, high))]
     report: Report = {
         "schema": 1, "algorithm": "fit-rpc", "output": str(Path(options.folder.output_dir) / name),
         "points": len(table.ground), "max_px": fit.max_px, "rms_px": fit.rms_px,
         "check": None if check is None else {"points": check[0], "max_px": check[1].max_px, "rms_px": check[1].rms_px},
         "height_min_m": low, "height_max_m": high,
-        "warnings": [*table.warnings, *fit.warnings, *_height_warnings(options, low, high, check is None)],
+        "warnings": [*table.warnings, *fit.warnings, *height_warnings],
     }  # fmt: skip
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_rpc_text(str(folder / name), fit.rpc)
@@ -62,15 +68,6 @@ def fit_points(
     )  # fmt: skip
     whole = fit_rpc(ground, image, ridge=checked.ridge, common_denominator=common_denominator)
     return whole, (int(kept_out.sum()), checked)
-
-
-def _height_warnings(options: FitRpcOptions, low: float, high: float, unchecked: bool) -> list[str]:
-    wanted = (
-        low if options.min_height is None else options.min_height,
-        high if options.max_height is None else options.max_height,
-    )
-    few = [f"too few points to keep some for a check: give at least {FEWEST_FOR_CHECK}"] if unchecked else []
-    return [*few, *extrapolation_warnings(wanted, (low, high))]
 
 
 def summarise(report: Report) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,12 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
     if not options.folder.output_dir:
-        report["points"] = _rows(columns)
+        names = ("id", "image", "lon", "lat", "height", "status")
+        values = zip(*(columns[name].tolist() for name in names), strict=True)
+        table = [dict(zip(names, row, strict=True)) for row in values]
+        for row in np.flatnonzero(np.isnan(columns["lon"])):
+            table[row] |= {"lon": None, "lat": None, "height": None}
+        report["points"] = table
     write_folder(options.folder, report, LAYERS_FILE, _layers(columns), context)
     return report
 
@@ -84,15 +88,6 @@ def _on_ground(
             raise InputError(f"point {row + 1}{name} has no height: add it to the point, or give `dem` or `height`")
         ground[without], status[without] = intersect_surface(image.rpc, points.image[rows[without]], surface)
     return ground, status
-
-
-def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    names = ("id", "image", "lon", "lat", "height", "status")
-    values = zip(*(columns[name].tolist() for name in names), strict=True)
-    table = [dict(zip(names, row, strict=True)) for row in values]
-    for row in np.flatnonzero(np.isnan(columns["lon"])):
-        table[row] |= {"lon": None, "lat": None, "height": None}
-    return table
 
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:

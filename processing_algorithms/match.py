@@ -35,7 +35,12 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     """Match the two images and write correspondences, picture and report."""
     started = perf_counter()
     check_folder(options.folder)
-    images = _two_images(options)
+    # The images under ids that differ, also where both windows are of one file
+    if len(options.images) != 2:
+        raise InputError(f"match takes two images, {len(options.images)} are given: name two")
+    images = [open_pixels(path, options.band) for path in options.images]
+    if images[0].id == images[1].id:
+        images = [image._replace(id=f"{image.id}_{number + 1}") for number, image in enumerate(images)]
     areas = [
         inside(window_area(options.window_1, "window_1"), images[0].raster),
         inside(window_area(options.window_2, "window_2"), images[1].raster),
@@ -47,16 +52,6 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     _write(options, report, images, areas, found, context)
     tell(report["warnings"], context)
     return report
-
-
-def _two_images(options: MatchAlgorithmOptions) -> list[ImagePixels]:
-    """Return the images under ids that differ, also where both windows are of one file."""
-    if len(options.images) != 2:
-        raise InputError(f"match takes two images, {len(options.images)} are given: name two")
-    images = [open_pixels(path, options.band) for path in options.images]
-    if images[0].id == images[1].id:
-        images = [image._replace(id=f"{image.id}_{number + 1}") for number, image in enumerate(images)]
-    return images
 
 
 def _report(

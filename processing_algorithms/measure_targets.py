@@ -58,7 +58,21 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         "chips_left_out": max(len(targets) - MOST_PAGE_CHIPS, 0), "warnings": warnings,
         "settings": settings_of(options),
     }  # fmt: skip
-    _write(options, report, targets, images, context)
+    by_id = {image.id: image for image in images}
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+        write_geopackage(
+            str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
+        )
+        if options.report:
+            rasters = {image.id: image.raster for image in images}
+            chips = [
+                (target.id, target.image, chip_svg(chip_of(target.measurement, target.approximate, raster)))
+                for target in targets[:MOST_PAGE_CHIPS]
+                for raster in [rasters.get(target.image)]
+            ]
+            write_page(str(folder / PAGE_FILE), "targets.html.j2", report, chips=chips)
+        write_report_json(str(folder / "report.json"), report)
+    advance(context.progress, 1.0, "done")
     return report
 
 
@@ -155,27 +169,6 @@ def _of_edges(file: str, options: MeasureTargetsOptions) -> list[Target]:
 
 
 # ---- results ---------------------------------------------------------------------------------------------------
-
-
-def _write(
-    options: MeasureTargetsOptions, report: Report, targets: list[Target], images: list[ImagePixels], context: Context
-) -> None:
-
-    by_id = {image.id: image for image in images}
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(
-            str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
-        )
-        if options.report:
-            rasters = {image.id: image.raster for image in images}
-            chips = [
-                (target.id, target.image, chip_svg(chip_of(target.measurement, target.approximate, raster)))
-                for target in targets[:MOST_PAGE_CHIPS]
-                for raster in [rasters.get(target.image)]
-            ]
-            write_page(str(folder / PAGE_FILE), "targets.html.j2", report, chips=chips)
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
 
 
 def _layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,13 @@ def run(options: ProjectOptions, context: Context) -> Report:
         "from_file": bool(options.points), "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
     if not options.folder.output_dir:
-        report["points"] = _rows(columns)
+        names = ("id", "image", "sample", "line")
+        found = np.isfinite(columns["sample"]) & np.isfinite(columns["line"])
+        values = zip(*(columns[name].tolist() for name in names), found.tolist(), strict=True)
+        report["points"] = [
+            {"id": name, "image": image, "sample": sample if good else None, "line": line if good else None}
+            for name, image, sample, line, good in values
+        ]
     write_folder(options.folder, report, LAYERS_FILE, _layers(columns), context)
     return report
 
@@ -81,16 +86,6 @@ def _inside(image: Image, xy: np.ndarray) -> np.ndarray:
     first_sample, last_sample, first_line, last_line = image.domain_px
     low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
     return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
-
-
-def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    names = ("id", "image", "sample", "line")
-    found = np.isfinite(columns["sample"]) & np.isfinite(columns["line"])
-    values = zip(*(columns[name].tolist() for name in names), found.tolist(), strict=True)
-    return [
-        {"id": name, "image": image, "sample": sample if good else None, "line": line if good else None}
-        for name, image, sample, line, good in values
-    ]
 
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:

@@ -46,7 +46,21 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
     result = separate_result(block, refinements)
     clock.lap("refine")
-    more = _entries(options.refinement.model, refinements)
+    # What the report has besides a block's: each image's model, how it was chosen, GCPs left out
+    rule = options.refinement.model
+    more = {
+        "iterations": max(found.estimate.iterations for found in refinements),
+        "image_models": {
+            found.image.id: {
+                "model": found.model.name,
+                "sigma0": found.estimate.sigma0,
+                "choice": None if found.choice is None else choice_entry(rule, found.choice),
+                "left_out": [suspect.id for suspect in found.left_out],
+                "parameters": dict(zip(found.model.parameters, found.estimate.values.tolist(), strict=True)),
+            }
+            for found in refinements
+        },
+    }
     if options.compare:
         more["models"] = _compare(block, refinements, context.stage(0.3, 0.6))
         clock.lap("compare")
@@ -63,23 +77,6 @@ def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refi
         control = control_on(block, index, Role.GCP)
         refinements.append(refine_image(image, control, options))
     return refinements
-
-
-def _entries(rule: str, refinements: Sequence[Refinement]) -> dict[str, Any]:
-    """Return what the report has besides a block's: each image's model, how it was chosen, GCPs left out."""
-    return {
-        "iterations": max(found.estimate.iterations for found in refinements),
-        "image_models": {
-            found.image.id: {
-                "model": found.model.name,
-                "sigma0": found.estimate.sigma0,
-                "choice": None if found.choice is None else choice_entry(rule, found.choice),
-                "left_out": [suspect.id for suspect in found.left_out],
-                "parameters": dict(zip(found.model.parameters, found.estimate.values.tolist(), strict=True)),
-            }
-            for found in refinements
-        },
-    }
 
 
 def _compare(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:

@@ -58,7 +58,14 @@ def run(options: RegisterOptions, context: Context) -> Report:
         "outliers": points["ids"][~everything.used].tolist(), "warnings": _warnings(points, everything.unknowns),
         "settings": settings_of(options),
     }  # fmt: skip
-    _write(options, report, points, result, unit, context)
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+        write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
+        if options.report:
+            write_page(
+                str(folder / PAGE_FILE), "registration.html.j2", report, **_drawings(points, result, unit, report)
+            )
+        write_report_json(str(folder / "report.json"), report)
+    advance(context.progress, 1.0, "done")
     return report
 
 
@@ -117,21 +124,6 @@ def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
     surface = open_terrain(options.terrain) or ConstantHeight(first.rpc.height_off)
     ground, _ = intersect_surface(first.rpc, first_px, surface)
     return second.rpc.project(ground)
-
-
-def _write(
-    options: RegisterOptions, report: Report, points: Mapping[str, np.ndarray], result: MethodComparison, unit: float,
-    context: Context,
-) -> None:  # fmt: skip
-
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
-        if options.report:
-            write_page(
-                str(folder / PAGE_FILE), "registration.html.j2", report, **_drawings(points, result, unit, report)
-            )
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
 
 
 def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:

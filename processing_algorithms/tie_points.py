@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,31 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     found, finished = find(images, options.search, surface, options.folder.output_dir, searching)
     clock.lap("tie_points")
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        outputs = _write_points(folder, found, options)
+        # The layer of points and that of their measurements, both at approximate ground positions
+        rows = found.image_points
+        ids, track = np.unique(rows.ids, return_inverse=True)
+        views = np.bincount(track, minlength=len(ids))
+        points = {
+            "id": ids, "views": views, "height": found.ground[:, 2],
+            "sigma": np.sqrt(np.bincount(track, rows.sigma_px**2, len(ids)) / np.maximum(views, 1)),
+            "quality": np.bincount(track, rows.quality, len(ids)) / np.maximum(views, 1),
+            "kind": rows.kind[np.searchsorted(track, np.arange(len(ids)))] if len(ids) else rows.kind,
+        }  # fmt: skip
+        measured = {
+            "id": rows.ids, "image": rows.image_ids, "sample": rows.xy[:, 0], "line": rows.xy[:, 1],
+            "sigma": rows.sigma_px, "quality": rows.quality, "kind": rows.kind,
+        }  # fmt: skip
+        layers = [
+            Layer(LAYER, "PointZ", 4326, found.ground, points),
+            Layer(MEASUREMENTS_LAYER, "PointZ", 4326, found.ground[track], measured),
+        ]
+        styles = default_styles({LAYER: layers[0].fields})
+        write_geopackage(str(folder / LAYERS_FILE), layers, styles)
+        names = {"layers": LAYERS_FILE}
+        if options.csv:
+            names["csv"] = TABLE_FILE
+            write_measurements(str(folder / TABLE_FILE), found.image_points)
+        outputs = {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
         report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
     finished.remove()
@@ -48,38 +71,6 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         context.log(f"warning: {warning}")
     advance(context.progress, 1.0, "done")
     return report
-
-
-def _write_points(folder: Path, found: TiePoints, options: TiePointsOptions) -> dict[str, str]:
-    layers = _layers(found)
-    styles = default_styles({LAYER: layers[0].fields})
-    write_geopackage(str(folder / LAYERS_FILE), layers, styles)
-    names = {"layers": LAYERS_FILE}
-    if options.csv:
-        names["csv"] = TABLE_FILE
-        write_measurements(str(folder / TABLE_FILE), found.image_points)
-    return {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
-
-
-def _layers(found: TiePoints) -> list[Layer]:
-    """Return the layer of points and that of their measurements, both at approximate ground positions."""
-    rows = found.image_points
-    ids, track = np.unique(rows.ids, return_inverse=True)
-    views = np.bincount(track, minlength=len(ids))
-    points = {
-        "id": ids, "views": views, "height": found.ground[:, 2],
-        "sigma": np.sqrt(np.bincount(track, rows.sigma_px**2, len(ids)) / np.maximum(views, 1)),
-        "quality": np.bincount(track, rows.quality, len(ids)) / np.maximum(views, 1),
-        "kind": rows.kind[np.searchsorted(track, np.arange(len(ids)))] if len(ids) else rows.kind,
-    }  # fmt: skip
-    measured = {
-        "id": rows.ids, "image": rows.image_ids, "sample": rows.xy[:, 0], "line": rows.xy[:, 1],
-        "sigma": rows.sigma_px, "quality": rows.quality, "kind": rows.kind,
-    }  # fmt: skip
-    return [
-        Layer(LAYER, "PointZ", 4326, found.ground, points),
-        Layer(MEASUREMENTS_LAYER, "PointZ", 4326, found.ground[track], measured),
-    ]
 
 
 def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions) -> Report:

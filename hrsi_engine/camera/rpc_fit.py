@@ -113,14 +113,23 @@ def fit_rpc(
         Arrays of other shapes, or with values that are not finite.
     """
     ground, image = np.asarray(ground, dtype=np.float64), np.asarray(image, dtype=np.float64)
-    _check_shapes(ground, image, weights)
+    if ground.ndim != 2 or ground.shape[1] != 3 or image.shape != (len(ground), 2):
+        raise ValueError(f"ground {ground.shape} and image {image.shape}: (n, 3) and (n, 2) are needed")
+    if weights is not None and np.shape(weights) != (len(ground),):
+        raise ValueError(f"weights have shape {np.shape(weights)}, ({len(ground)},) is needed")
+    if not (np.isfinite(ground).all() and np.isfinite(image).all()):
+        raise ValueError("ground or image points are not finite")
+    if len(ground) < TERMS_BY_POINTS[-1][0]:
+        raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, better 50")
     off, scale = _extents(ground, image)
     lonlat_difference = np.column_stack([wrap_degrees(ground[:, :1] - off[0]), ground[:, 1:] - off[1:3]])
     terms = monomials((lonlat_difference / scale[:3]).T).T
     target = (image - off[3:]) / scale[3:]
     root_weights = np.ones(len(ground)) if weights is None else np.sqrt(weights / np.mean(weights))
     numerator, denominator, warnings = _usable_terms(ground)
-    _check_spread(terms)
+    singular = np.linalg.svd(terms[:, :3], compute_uv=False)
+    if singular[-1] < 1e-6 * singular[0]:
+        raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
     system = _System(terms, target, root_weights, numerator, denominator, ridge)
     solve = _solve_common if common_denominator else _solve_separate
     rpc = _assemble(off, scale, *solve(system, scale[3:]))
@@ -305,17 +314,6 @@ def _differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float
 # ---- preparation -----------------------------------------------------------------------------------------------
 
 
-def _check_shapes(ground: np.ndarray, image: np.ndarray, weights: np.ndarray | None) -> None:
-    if ground.ndim != 2 or ground.shape[1] != 3 or image.shape != (len(ground), 2):
-        raise ValueError(f"ground {ground.shape} and image {image.shape}: (n, 3) and (n, 2) are needed")
-    if weights is not None and np.shape(weights) != (len(ground),):
-        raise ValueError(f"weights have shape {np.shape(weights)}, ({len(ground)},) is needed")
-    if not (np.isfinite(ground).all() and np.isfinite(image).all()):
-        raise ValueError("ground or image points are not finite")
-    if len(ground) < TERMS_BY_POINTS[-1][0]:
-        raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, better 50")
-
-
 def _extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return OFF and SCALE, ``(5,)``, of lon, lat, height, sample and line that take the points to [-1, 1]."""
     lon = ground[0, 0] + wrap_degrees(ground[:, :1] - ground[0, 0])
@@ -343,12 +341,6 @@ def _usable_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str
         )
         numerator, denominator = np.setdiff1d(numerator, HEIGHT_TERMS), np.setdiff1d(denominator, HEIGHT_TERMS)
     return numerator, denominator, tuple(warnings)
-
-
-def _check_spread(terms: np.ndarray) -> None:
-    singular = np.linalg.svd(terms[:, :3], compute_uv=False)
-    if singular[-1] < 1e-6 * singular[0]:
-        raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
 
 
 # ---- iteratively reweighted least squares ----------------------------------------------------------------------
@@ -390,7 +382,17 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
     divisor, rms_before = np.ones(len(system.terms)), np.inf
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
     for _ in range(FIT_MAX_ITERATIONS):
-        solution = _solve_linear(system, axes, divisor)
+        # Solve the observation equations together with the ridge
+        unknowns = len(system.numerator) * len(axes) + len(system.denominator)
+        factor = np.zeros((0, unknowns + 1))
+        for equations in _equations(system, axes, divisor):
+            factor = np.asarray(np.linalg.qr(np.vstack([factor, equations]), mode="r"))
+        weights = np.concatenate(
+            [*(NUMERATOR_DAMPING[system.numerator] for _ in axes), np.ones(len(system.denominator))]
+        )
+        damping = np.sqrt(system.ridge * len(system.terms)) * np.eye(unknowns, unknowns + 1) * weights[:, None]
+        stacked = np.vstack([factor, damping])
+        solution = np.linalg.lstsq(stacked[:, :-1], stacked[:, -1], rcond=1e-15)[0]
         count = len(system.numerator)
         b = solution[count * len(axes) :]
         candidate = [system.unpack(solution[i * count : (i + 1) * count], b) for i in range(len(axes))]
@@ -405,18 +407,6 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
             break
         rms_before = rms
     return polynomials
-
-
-def _solve_linear(system: _System, axes: list[int], divisor: np.ndarray) -> np.ndarray:
-    """Solve the observation equations together with the ridge."""
-    unknowns = len(system.numerator) * len(axes) + len(system.denominator)
-    factor = np.zeros((0, unknowns + 1))
-    for equations in _equations(system, axes, divisor):
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, equations]), mode="r"))
-    weights = np.concatenate([*(NUMERATOR_DAMPING[system.numerator] for _ in axes), np.ones(len(system.denominator))])
-    damping = np.sqrt(system.ridge * len(system.terms)) * np.eye(unknowns, unknowns + 1) * weights[:, None]
-    stacked = np.vstack([factor, damping])
-    return np.linalg.lstsq(stacked[:, :-1], stacked[:, -1], rcond=1e-15)[0]
 
 
 def _equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:

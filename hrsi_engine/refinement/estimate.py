@@ -278,7 +278,10 @@ def _finish(at: _Whitened, sigmas: np.ndarray, iterations: int, status: str) -> 
     whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
     redundancy = float(2 * count - np.einsum("nii->", share))
     sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
-    left_out = np.linalg.solve(_not_below(np.eye(2) - share), whitened[:, :, None])
+    # Symmetric matrices whose eigenvalues are at least ``least``: a point that alone decides has none
+    eigenvalues, vectors = np.linalg.eigh(np.eye(2) - share)
+    not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
+    left_out = np.linalg.solve(not_below, whitened[:, :, None])
     return Estimate(
         values=at.values,
         covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
@@ -292,9 +295,3 @@ def _finish(at: _Whitened, sigmas: np.ndarray, iterations: int, status: str) -> 
         converged=status == CONVERGED,
         status=status,
     )
-
-
-def _not_below(matrices: np.ndarray, least: float = 1e-9) -> np.ndarray:
-    """Return symmetric matrices whose eigenvalues are at least ``least``: a point that alone decides has none."""
-    eigenvalues, vectors = np.linalg.eigh(matrices)
-    return np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, least), vectors)

@@ -74,7 +74,8 @@ class GroundPolynomial:
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
-        terms = self._terms(ground_area(image).normalised(ground))
+        # The monomials, ``(n, m)``
+        terms = np.prod(ground_area(image).normalised(ground)[:, None, :] ** self.powers, axis=2)
         return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T)
 
     def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
@@ -82,10 +83,6 @@ class GroundPolynomial:
         if not np.any(values):
             return RefinedRPC(image.rpc, 0.0)
         return refit(image, lambda ground: self.project(image, values, ground))
-
-    def _terms(self, normalised: np.ndarray) -> np.ndarray:
-        """Return the monomials, ``(n, m)``."""
-        return np.prod(normalised[:, None, :] ** self.powers, axis=2)
 
 
 def correct_by_ground(

@@ -68,7 +68,9 @@ class GroundCorrection:
 
     def constants(self, image: Image) -> np.ndarray:
         """Return what `move` needs of an image, ``(13,)``: the frame's axes and origin, and half the extent R in m."""
-        frame, reach = _frame(image)
+        # The frame about the middle of the image, and half its extent in metres
+        area = ground_area(image)
+        frame, reach = LocalFrame(*(float(value) for value in area.middle)), area.reach_m
         return np.concatenate([frame.axes.ravel(), frame.origin, [reach]])
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -161,12 +163,6 @@ def turn_by_frame(
             x, y, z = x + more * c[i, 3 * k], y + more * c[i, 3 * k + 1], z + more * c[i, 3 * k + 2]
         for k in range(3):
             by_ground[a, row, k] = x * here[k][0] + y * here[k][1] + z * here[k][2]
-
-
-def _frame(image: Image) -> tuple[LocalFrame, float]:
-    """Return the frame about the middle of the image, and half its extent in metres."""
-    area = ground_area(image)
-    return LocalFrame(*(float(value) for value in area.middle)), area.reach_m
 
 
 def _correction(name: str, title: str, entries: list[tuple[int, int]], least_points: int) -> GroundCorrection:

@@ -133,7 +133,10 @@ class PseudoSensor:
         for _ in range(MAX_STEPS):
             rays = pseudo_rays(image.rpc, frame, position)
             hit = self._hit(constants, coefficients, rays, position, place[:, 2])
-            step = np.linalg.solve(_regular(hit.by_image), (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
+            # 2 x 2 matrices with NaN ones replaced by the identity; what they meet is NaN already
+            bad = ~np.isfinite(hit.by_image).all(axis=(1, 2))
+            regular = np.where(bad[:, None, None], np.eye(2), hit.by_image)
+            step = np.linalg.solve(regular, (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
             position = position + step
             if not np.nanmax(np.abs(step), initial=0.0) > RAY_CLOSURE_PX:
                 break
@@ -173,12 +176,6 @@ class PseudoSensor:
         """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
         hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z)
         return Hit(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
-
-
-def _regular(matrices: np.ndarray) -> np.ndarray:
-    """Return 2 x 2 matrices with NaN ones replaced by the identity; what they meet is NaN already."""
-    bad = ~np.isfinite(matrices).all(axis=(1, 2))
-    return np.where(bad[:, None, None], np.eye(2), matrices)
 
 
 def _orientation_of(image: Image, priors: Priors) -> Orientation:

@@ -104,15 +104,12 @@ def refine_rpc(
         image = Image("image", image)
     control = Control.create(ground, xy, ids, sigma_px, sigma_m)
     found = refine_image(image, control, RefineOptions(model, leave_out))
-    return replace(found, warnings=(*_implausible(image, control), *found.warnings))
-
-
-def _implausible(image: Image, control: Control) -> list[str]:
-    """Return what in the input cannot be what it claims; of a block, its own check says so for all images together."""
+    # What in the input cannot be what it claims; of a block, its own check says so for all images together
     points = GroundPoints.create(control.ids, control.ground, Role.GCP, control.sigma_m)
     measured = ImagePoints.create(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
     reasons = check_block(assemble([image], [points], [measured]))
-    return [f"{image.id}: {reason.message}: {reason.advice}" for reason in reasons]
+    implausible = [f"{image.id}: {reason.message}: {reason.advice}" for reason in reasons]
+    return replace(found, warnings=(*implausible, *found.warnings))
 
 
 def refine_image(image: Image, control: Control, options: RefineOptions | None = None) -> Refinement:

@@ -133,7 +133,9 @@ def choose_by_prediction(controls: Controls) -> Choice:
         reason = f"{_gcps(count)} on an image: too few to tell more than a shift"
         return Choice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = _simplest(errors)
-    sigmas = _misfit_in_sigmas(model, clean)
+    # The root mean square prediction error of a model in sigmas
+    found = [estimate(BLOCK_MODELS[model], image, control) for image, control in clean]
+    sigmas = float(np.sqrt(np.mean(np.concatenate([_in_sigmas(one) for one in found]) ** 2)))
     if errors[DISTORTED] is None and count >= FEW and sigmas > DISAGREEMENT:
         reason = f"{_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
         model = DISTORTED
@@ -150,12 +152,6 @@ def _judge(controls: Controls) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...],
         for image, control in controls
     ]
     return tuple(suspects), tuple(warnings), clean
-
-
-def _misfit_in_sigmas(name: str, controls: Controls) -> float:
-    """Return the root mean square prediction error of a model in sigmas."""
-    found = [estimate(BLOCK_MODELS[name], image, control) for image, control in controls]
-    return float(np.sqrt(np.mean(np.concatenate([_in_sigmas(one) for one in found]) ** 2)))
 
 
 def _scores(errors: Mapping[str, np.ndarray | None]) -> dict[str, float | None]:
@@ -195,23 +191,17 @@ def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
     best = min(judged, key=lambda name: float(np.mean(judged[name])))
     for name, squared in judged.items():
         excess = squared - judged[best]
-        allowed = _standard_error(excess) * float(stats.t.isf(PARSIMONY, max(len(excess) - 1, 1)))
+        standard_error = float(np.std(excess, ddof=1) / np.sqrt(len(excess))) if len(excess) > 1 else 0.0
+        allowed = standard_error * float(stats.t.isf(PARSIMONY, max(len(excess) - 1, 1)))
         if float(np.mean(excess)) <= allowed:
-            return name, _reason(name, best, judged)
+            rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
+            said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
+            if name != best:
+                said += f", {best} {rms[best]:.3f} px is better, but not significantly"
+            others = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
+            reason = said + (f"; others {', '.join(others)} px" if others else "")
+            return name, reason
     raise AssertionError("the best model is as good as itself")
-
-
-def _standard_error(values: np.ndarray) -> float:
-    return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
-
-
-def _reason(name: str, best: str, judged: Mapping[str, np.ndarray]) -> str:
-    rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
-    said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
-    if name != best:
-        said += f", {best} {rms[best]:.3f} px is better, but not significantly"
-    others = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
-    return said + (f"; others {', '.join(others)} px" if others else "")
 
 
 def _gcps(count: int) -> str:

@@ -71,7 +71,12 @@ def match(
         raise InputError("a reference can only be matched with images that have pixels: name the images themselves")
     reference = open_reference(path, options.reference_band)
     control = match_reference(with_pixels, reference, surface, options.matching, context.progress)
-    accuracy = _accuracy(reference.gsd_m, surface, control.ground, options.reference_sigma, sigma_dem_m)
+    sigma_h_m = sigma_dem_m
+    if sigma_h_m is None:
+        sigma_h_m = (
+            dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
+        )
+    accuracy = ReferenceAccuracy(options.reference_sigma or SIGMA_PIXELS * reference.gsd_m, sigma_h_m)
     shifts = [
         reference_shift(image, found, control.ground, accuracy)
         for image, found in zip(with_pixels, control.images, strict=True)
@@ -86,15 +91,6 @@ def match(
         },
     }  # fmt: skip
     return FromReference(with_pixels, control, accuracy, entries, warnings)
-
-
-def _accuracy(
-    gsd_m: float, surface: HeightSurface, ground: np.ndarray, sigma_xy_m: float | None, sigma_h_m: float | None
-) -> ReferenceAccuracy:
-
-    if sigma_h_m is None:
-        sigma_h_m = dem_sigma_m(cell_size_m(surface, ground[len(ground) // 2])) if len(ground) else 1.0
-    return ReferenceAccuracy(sigma_xy_m or SIGMA_PIXELS * gsd_m, sigma_h_m)
 
 
 def _image_entry(found: Any, shift: Any) -> Report:

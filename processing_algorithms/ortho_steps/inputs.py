@@ -167,19 +167,14 @@ def _grids(
         if box[0] >= box[2] or box[1] >= box[3]:
             raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
-        box = _box(extent)
+        try:
+            box = tuple(float(value) for value in extent.replace(",", " ").split())
+        except ValueError:
+            box = ()
+        if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
+            raise InputError(f"`extent` {extent!r}: give each, union, overlap, or west,south,east,north in the CRS")
     grid = MapGrid.around(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:
         raise InputError(f"`extent` {extent} holds nothing of {', '.join(missed)}: leave them out or widen the extent")
     return dict.fromkeys(bounds, grid)
-
-
-def _box(extent: str) -> tuple[float, ...]:
-    try:
-        box = tuple(float(value) for value in extent.replace(",", " ").split())
-    except ValueError:
-        box = ()
-    if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
-        raise InputError(f"`extent` {extent!r}: give each, union, overlap, or west,south,east,north in the CRS")
-    return box

@@ -182,9 +182,11 @@ def write_report(
 ) -> Report:
     """Write ``report.json`` and, where wanted, ``report.html``; return the report."""
     warnings = [*plan.warnings, *_unknown_warnings(entries)]
+    crs = pyproj.CRS.from_wkt(plan.crs)
+    code = crs.to_epsg()
     report: Report = {
         "schema": 1, "algorithm": "orthorectify", "version": VERSION, "seconds": {"total": round(seconds, 3)},
-        "grid": {"crs": _crs_name(plan.crs), "wkt": plan.crs, "resolution": plan.resolution},
+        "grid": {"crs": (f"EPSG:{code}" if code else str(crs.name)), "wkt": plan.crs, "resolution": plan.resolution},
         "resampling": options.resampling, "error_px": options.error_px,
         "images": {name: {"gsd_m": plan.gsd_m[name], **entry} for name, entry in entries.items()},
         "warnings": warnings, "versions": versions(),
@@ -207,9 +209,3 @@ def _unknown_warnings(entries: Mapping[str, Report]) -> list[str]:
         for name, entry in entries.items()
         if entry["unknown_pixels"]
     ]
-
-
-def _crs_name(wkt: str) -> str:
-    crs = pyproj.CRS.from_wkt(wkt)
-    code = crs.to_epsg()
-    return f"EPSG:{code}" if code else str(crs.name)

@@ -60,22 +60,7 @@ def point_layers(session: PointSession) -> list[Layer]:
         "sigma_east_m": unknown, "sigma_north_m": unknown, "sigma_height_m": unknown,
         **surveyed_columns(known),
     }  # fmt: skip
-    return [
-        Layer("ground_points", "PointZ", WGS84, known.ground, ground),
-        _image_points_layer(session, known),
-    ]
-
-
-def surveyed_columns(known: GroundPoints) -> dict[str, np.ndarray]:
-    """Return the columns that keep the survey, whatever the geometry is."""
-    return {
-        "survey_lon": known.ground[:, 0], "survey_lat": known.ground[:, 1], "survey_height": known.ground[:, 2],
-        "sigma_xy": known.sigma_m[:, 0], "sigma_h": known.sigma_m[:, 1],
-    }  # fmt: skip
-
-
-def _image_points_layer(session: PointSession, known: GroundPoints) -> Layer:
-    """Return all measurements, of tie points too, at the surveyed positions where there are such."""
+    # All measurements, of tie points too, at the surveyed positions where there are such
     tables = [image_points(session), *([] if session.ties is None else [session.ties])]
     ids = np.concatenate([table.ids for table in tables])
     index = {name: row for row, name in enumerate(known.ids.tolist())}
@@ -93,7 +78,19 @@ def _image_points_layer(session: PointSession, known: GroundPoints) -> Layer:
         "residual_sample_px": nothing, "residual_line_px": nothing, "weight": nothing,
         "flag": np.full(len(ids), ""),
     }  # fmt: skip
-    return Layer("image_points", "PointZ", WGS84, place, columns)
+    image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
+    return [
+        Layer("ground_points", "PointZ", WGS84, known.ground, ground),
+        image_points_layer,
+    ]
+
+
+def surveyed_columns(known: GroundPoints) -> dict[str, np.ndarray]:
+    """Return the columns that keep the survey, whatever the geometry is."""
+    return {
+        "survey_lon": known.ground[:, 0], "survey_lat": known.ground[:, 1], "survey_height": known.ground[:, 2],
+        "sigma_xy": known.sigma_m[:, 0], "sigma_h": known.sigma_m[:, 1],
+    }  # fmt: skip
 
 
 def _labels(role: np.ndarray) -> np.ndarray:
