@@ -102,7 +102,7 @@ def test_surveyed_gcps_win_over_a_reference_that_contradicts_them(block, moved, 
 def test_command_line_and_errors(block, tmp_path, capsys):
     given = options(block, output_dir=str(tmp_path / "out"))
     command = ["gcps-from-reference", *given["images"], "--reference", given["reference"], "--dem", given["dem"]]
-    command += ["--reference-points", "40", "--output-dir", given["output_dir"], "--quiet"]
+    command += ["--reference-points", "40", "--output-dir", given["output_dir"]]
     assert main(command) == 0
     assert "matches agree to" in capsys.readouterr().out
     with pytest.raises(InputError, match="no coordinate reference system"):
