@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..foundation.options import describe_fields, option, threads_option
+from ..foundation.options import option, options, threads_option
 from ..refinement.options import BLOCK_MODEL_NAMES, RULE_NAMES
 
 if TYPE_CHECKING:
@@ -19,8 +18,7 @@ WEIGHT_NAMES = ("none", "huber", "cauchy", "tukey")
 GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class AdjustOptions:
     """How to adjust; what is said of each option is also its help on the command line and in the dialogs.
 

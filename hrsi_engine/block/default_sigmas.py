@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ..foundation.options import describe_fields, option
+from ..foundation.options import option, options
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class Defaults:
     """Standard deviations for points and measurements whose file gives none."""
 

@@ -1,8 +1,9 @@
 """An option is a field of a typed dataclass: what a person has to know of it stands with it, once.
 
-`option` makes the field. The dataclass is what functions take; its fields declare the options of the command line, of
-the QGIS dialogs and of the documentation (`processing_algorithms.interface.declare` reads them), so that all have the
-same default. A field without `option` is for callers in Python only. `nested` makes options part of others.
+`option` makes the field, `options` the dataclass. That is what functions take; its fields declare the options of the
+command line, of the QGIS dialogs and of the documentation (`processing_algorithms.interface.declare` reads them), so
+that all have the same default. A field without `option` is for callers in Python only. `nested` makes options part of
+others.
 
 Texts name other options as arguments in backticks, ```sigma_dem_m```: each face writes them in its own manner.
 """
@@ -11,10 +12,10 @@ from __future__ import annotations
 
 import inspect
 import re
-import textwrap
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, FrozenInstanceError, dataclass, field, fields
 from enum import Enum
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any, TypeVar, dataclass_transform
 
 _OPTION, _NESTED = "option", "nested options"
 _HEADING = "Parameters\n----------\n"
@@ -93,16 +94,60 @@ def threads_option() -> Any:
     return option(0, "Number of threads; 0 takes all cores", minimum=0, advanced=True, metavar="N")
 
 
-def describe_fields(options: type[Described]) -> type[Described]:
-    """Give a dataclass of options the section Parameters that its fields tell; a decorator.
+@dataclass_transform(frozen_default=True)
+def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> Any:
+    """Make a frozen dataclass of options, described by what stands with its fields; a decorator.
 
-    Fields for callers in Python only have their entries in the class's own docstring.
+    `dataclasses.dataclass` compiles six methods for a class, which for all that is declared takes as long as the rest
+    of the command line's start; here it compiles the first, and the others are shared. The section Parameters of the
+    docstring is made from the fields; fields for callers in Python only have their entries in the class's own.
+
+    Parameters
+    ----------
+    kw_only : bool
+        Whether all fields are named in a call; needed where one is required.
     """
+    if cls is None:
+        return partial(options, kw_only=kw_only)
+    made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
+    for name, method in _SHARED.items():
+        setattr(made, name, method)
+    made.__doc__ = _described(made)
+    return made
+
+
+def _values(own: Any) -> dict[str, Any]:
+    return {part.name: getattr(own, part.name) for part in fields(own)}
+
+
+def _show(own: Any) -> str:
+    return f"{type(own).__name__}({', '.join(f'{name}={value!r}' for name, value in _values(own).items())})"
+
+
+def _equal(own: Any, other: object) -> bool:
+    return type(own) is type(other) and _values(own) == _values(other)
+
+
+def _hash(own: Any) -> int:
+    return hash(tuple(_values(own).values()))
+
+
+def _set_once(own: Any, name: str, value: Any) -> None:
+    if name in own.__dict__:
+        raise FrozenInstanceError(f"{name} of {type(own).__name__} is set already: use dataclasses.replace")
+    object.__setattr__(own, name, value)
+
+
+_SHARED: dict[str, Any] = {"__repr__": _show, "__eq__": _equal, "__hash__": _hash, "__setattr__": _set_once}
+
+
+def _described(options: type) -> str:
+    """Return the docstring of a class with the section Parameters that its fields tell."""
     doc = inspect.cleandoc(options.__doc__ or "")
     opening, _, rest = doc.partition(_HEADING)
     own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
     entries: list[str] = []
-    for part in fields(options):  # type: ignore[arg-type]
+    for part in fields(options):
         said, inner = option_of(part), nested_in(part)
         if said is not None:
             entries.append(_entry(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
@@ -110,13 +155,10 @@ def describe_fields(options: type[Described]) -> type[Described]:
             entries.append(_entry(part, (inner.__doc__ or "").partition("\n")[0]))
         else:
             entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
-    options.__doc__ = f"{opening.rstrip()}\n\n{_HEADING}{chr(10).join(entries)}\n"
-    return options
+    return f"{opening.rstrip()}\n\n{_HEADING}{chr(10).join(entries)}\n"
 
 
 def _entry(part: Field[Any], text: str) -> str:
     required = part.default is MISSING and part.default_factory is MISSING
     kind = str(part.type).removesuffix(" | None")
-    return f"{part.name} : {kind}{'' if required else ', optional'}\n" + textwrap.indent(
-        textwrap.fill(text, 100), "    "
-    )
+    return f"{part.name} : {kind}{'' if required else ', optional'}\n    {text}"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ..foundation.options import describe_fields, option
+from ..foundation.options import option, options
 
 #: The form of a transformation (`registration.FORMS`), and whether the RPCs carry the points first.
 REGISTRATION_MODELS = {
@@ -13,8 +11,7 @@ REGISTRATION_MODELS = {
 }  # fmt: skip
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class RegistrationOptions:
     """How two images are registered."""
 

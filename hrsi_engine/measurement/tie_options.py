@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ..foundation.options import describe_fields, option
+from ..foundation.options import option, options
 from .tile_matching.options import TileMatchOptions
 
 AUTOMATIC_CELLS = 0
 FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class TieOptions:
     """How to find tie points; what is said of each option is also its help on the command line and in the dialogs.
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ..foundation.options import describe_fields, option
+from ..foundation.options import option, options
 
 #: Rules that choose a model from the GCPs (`selection.RULES`).
 RULE_NAMES = ("auto", "generic")
@@ -18,8 +16,7 @@ BLOCK_MODEL_NAMES = (
 DIRECT_MODEL_NAMES = ("direct", "bils", "idkf", "pg", "upoe", "slss")
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class RefineOptions:
     """How to refine an image from its GCPs."""
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ..foundation.errors import InputError
-from ..foundation.options import describe_fields, option
+from ..foundation.options import option, options
 
 #: Sensors (`sensors.SENSORS`).
 SENSOR_NAMES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class SceneSpec:
     """What a scene should be like; the same spec and views always give the same scene.
 
@@ -46,8 +43,7 @@ class SceneSpec:
             raise InputError(f"change {self.change} of the scene between dates: give a share of 0 to 1")
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class PointCounts:
     """How many points a block gets; every tie point is on two images or more."""
 
@@ -56,8 +52,7 @@ class PointCounts:
     ties: int = option(200, "Number of tie points", minimum=0, metavar="N")
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class Noise:
     """Errors of the measurements; standard deviations of normal errors, and shares of gross ones."""
 

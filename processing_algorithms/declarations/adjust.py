@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import BlockOutput, DemOptions, PointFiles, images_option
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class AdjustAlgorithmOptions:
     """What `adjust` takes."""
 

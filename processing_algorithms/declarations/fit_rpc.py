@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import POINTS, Common, ResultFolder, ground_crs_option, height_datum_option
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class FitRpcOptions:
     """What `fit-rpc` takes."""
 

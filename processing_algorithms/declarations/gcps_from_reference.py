@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import RequiredDem, RequiredReference, ResultFolder, height_datum_option, images_option
 
 LAYERS_FILE, LAYER = "gcps.gpkg", "gcps"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class GcpsFromReferenceOptions:
     """What `gcps-from-reference` takes."""
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ...hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, DetectionOptions
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import ResultFolder, TerrainOptions, band_option, images_option, window_option
@@ -12,7 +10,7 @@ from ..interface.option_groups import ResultFolder, TerrainOptions, band_option,
 LAYERS_FILE, LAYER = "interest_points.gpkg", "interest_points"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class InterestPointsOptions:
     """What `interest-points` takes."""
 

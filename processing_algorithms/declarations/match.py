@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested
+from ...hrsi_engine.foundation.options import nested, options
 from ...hrsi_engine.measurement.control_network.options import ControlNetworkOptions
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import (
@@ -19,7 +17,7 @@ from ..interface.option_groups import (
 LAYERS_FILE, LAYER = "match.gpkg", "correspondences"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class MatchAlgorithmOptions:
     """What `match` takes."""
 

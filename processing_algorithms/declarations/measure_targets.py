@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ...hrsi_engine.measurement.targets.options import TargetOptions
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
@@ -22,7 +20,7 @@ AUTOMATIC_KIND = "auto"
 LAYERS_FILE, LAYER = "targets.gpkg", "targets"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class MeasureTargetsOptions:
     """What `measure-targets` takes."""
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ...hrsi_engine.ortho.options import MisregistrationOptions
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import Common, ResultFolder, report_option
@@ -12,7 +10,7 @@ from ..interface.option_groups import Common, ResultFolder, report_option
 LAYERS_FILE, LAYERS = "misregistration.gpkg", ("misregistration_utm", "misregistration_wgs84")
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class OrthoCheckOptions:
     """What `ortho-check` takes."""
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
     POINTS,
@@ -24,7 +22,7 @@ RESAMPLING_NAMES = (
 FORMAT_NAMES, COMPRESSION_NAMES = ("cog", "gtiff"), ("deflate", "lzw", "zstd", "none")
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class OrthorectifyOptions:
     """What `orthorectify` takes."""
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import POINTS, Common, OptionalFolder, TerrainOptions, ground_crs_option, images_option
 
 LAYERS_FILE = "points.gpkg"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class ProjectOptions:
     """What `project` takes."""
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ...hrsi_engine.refinement.options import RefineOptions
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import BlockOutput, PointFiles, images_option
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class RefineAlgorithmOptions:
     """What `refine-rpc` takes."""
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ...hrsi_engine.measurement.registration_options import RegistrationOptions
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import Common, ResultFolder, TerrainOptions, report_option
@@ -12,7 +10,7 @@ from ..interface.option_groups import Common, ResultFolder, TerrainOptions, repo
 LAYERS_FILE, LAYER = "registration.gpkg", "residuals"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class RegisterOptions:
     """What `register` takes."""
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested
+from ...hrsi_engine.foundation.options import nested, options
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import Common, OptionalFolder, TerrainOptions, images_option
 
 LAYERS_FILE = "rpc_info.gpkg"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class RpcInfoOptions:
     """What `rpc-info` takes."""
 

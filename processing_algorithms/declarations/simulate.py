@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ...hrsi_engine.simulation.options import SENSOR_NAMES, Noise, PointCounts, SceneSpec
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import Common, ResultFolder
 
 
-@dataclass(frozen=True)
+@options
 class ViewOptions:
     """Which sensor looks from where."""
 
@@ -45,7 +44,7 @@ def _error_option(what: str, unit: str) -> Any:
     )
 
 
-@dataclass(frozen=True)
+@options
 class VendorErrorOptions:
     """Errors of the vendor's orientation that are not random."""
 
@@ -66,7 +65,7 @@ class VendorErrorOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class SimulateOptions:
     """What `simulate` takes."""
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import ResultFolder, SearchOptions, TerrainOptions, images_option
 
 LAYERS_FILE, LAYER = "block.gpkg", "tie_points"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class TiePointsOptions:
     """What `tie-points` takes."""
 

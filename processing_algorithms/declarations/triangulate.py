@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
     BlockOutput,
@@ -19,7 +17,7 @@ from ..interface.option_groups import (
 AUTOMATIC_TIES, NO_TIES = "auto", "none"
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class TriangulateOptions:
     """What `triangulate` takes."""
 

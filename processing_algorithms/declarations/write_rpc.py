@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...hrsi_engine.foundation.options import nested, option
+from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import Common, images_option
 
@@ -15,7 +13,7 @@ OUTPUT_ENDINGS: dict[str, str | None] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class WriteRpcOptions:
     """What `write-rpc` takes."""
 

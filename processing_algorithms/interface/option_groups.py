@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from ...hrsi_engine.block.default_sigmas import Defaults
-from ...hrsi_engine.foundation.options import nested, option, threads_option
+from ...hrsi_engine.foundation.options import nested, option, options, threads_option
 from ...hrsi_engine.measurement.reference.options import ReferenceOptions
 from ...hrsi_engine.measurement.tie_options import TieOptions
 from .declare import Kind
@@ -39,14 +38,14 @@ def window_option(help: str) -> Any:
 # ---- where results go ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@options
 class Common:
     """What every algorithm takes."""
 
     threads: int = threads_option()
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class ResultFolder:
     """Where results go."""
 
@@ -56,7 +55,7 @@ class ResultFolder:
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
-@dataclass(frozen=True)
+@options
 class OptionalFolder:
     """Where results go, if anywhere."""
 
@@ -69,7 +68,7 @@ class OptionalFolder:
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class BlockOutput:
     """What is written of an adjusted block, and where."""
 
@@ -109,7 +108,7 @@ def height_datum_option() -> Any:
     )
 
 
-@dataclass(frozen=True)
+@options
 class DemOptions:
     """A DEM of the ground."""
 
@@ -122,14 +121,14 @@ class DemOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class RequiredDem(DemOptions):
     """A DEM that has to be named."""
 
     dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
 
 
-@dataclass(frozen=True)
+@options
 class TerrainOptions:
     """How high the ground is: a DEM or one height."""
 
@@ -141,7 +140,7 @@ class TerrainOptions:
 # ---- points ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@options
 class PointFiles:
     """Files of ground and image points, and which points are control."""
 
@@ -167,7 +166,7 @@ class PointFiles:
     sigmas: Defaults = nested(Defaults)
 
 
-@dataclass(frozen=True)
+@options
 class SearchOptions:
     """How tie points are found, by whom, and where what is finished is kept."""
 
@@ -189,7 +188,7 @@ class SearchOptions:
     threads: int = threads_option()
 
 
-@dataclass(frozen=True)
+@options
 class ReferenceImage:
     """A reference orthoimage, and how it is read, trusted and matched."""
 
@@ -207,7 +206,7 @@ class ReferenceImage:
     matching: ReferenceOptions = nested(ReferenceOptions)
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class RequiredReference(ReferenceImage):
     """A reference orthoimage that has to be named."""
 

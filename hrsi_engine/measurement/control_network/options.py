@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...foundation.options import describe_fields, option, threads_option
+from ...foundation.options import option, options, threads_option
 from ..interest_points.options import DETECTOR_SETS
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class ControlNetworkOptions:
     """How two windows are matched."""
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...foundation.options import describe_fields, nested, option, threads_option
+from ...foundation.options import nested, option, options, threads_option
 
 STRONG_QUALITY = 0.75  # as super points among corners: what another view has too
 CANDIDATE_QUALITY = 0.5  # what matching gets: the partner of a strong one may be weaker
@@ -14,8 +12,7 @@ DETECTOR_SETS = {
 }  # fmt: skip
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class CornerOptions:
     """How corners are found, on the strength of the normalised image."""
 
@@ -37,8 +34,7 @@ class CornerOptions:
     )
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class CentreOptions:
     """How gravity centres are found."""
 
@@ -58,8 +54,7 @@ class CentreOptions:
     )
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class DetectionOptions:
     """What to look for, and how much of it."""
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...foundation.options import describe_fields, option, threads_option
+from ...foundation.options import option, options, threads_option
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class ReferenceOptions:
     """How places are found; what is said of each option is also its help on the command line and in the dialogs.
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ...foundation.options import describe_fields, option
+from ...foundation.options import option, options
 
 
-@describe_fields
-@dataclass(frozen=True)
+@options
 class TargetOptions:
     """Where a target may be, and how large."""
 
