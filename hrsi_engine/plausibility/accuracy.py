@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
-from ..ground.geodesy import ground_difference_m
 
 UNKNOWN_SIGMA_PX, UNKNOWN_SIGMA_M = 12.0, 15.0  # of a shift, where the product says nothing
 LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
@@ -63,8 +62,7 @@ def image_accuracy(image: Image, sigma_shift_px: float = 0.0, sigma_drift: float
 
 
 def middle_gsd_m(image: Image) -> float:
-    """Return the side of a pixel on the ground in the middle of an image; NaN where the RPC has no ground there."""
-    steps = image.centre_px + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    ground = image.rpc.localize(steps, image.rpc.height_off).ground
-    across, down = ground_difference_m(ground[1:], ground[[0, 0]])[:, :2]
-    return float(np.sqrt(abs(across[0] * down[1] - across[1] * down[0])))
+    """Return the side of a pixel on the ground, in the middle of what the image's RPC was made for."""
+    rpc = image.rpc
+    _, by_ground = rpc.project_with_metric_jacobian(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))
+    return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))

@@ -54,6 +54,7 @@ def _without_consequences(reasons: list[Reason]) -> list[Reason]:
         follows = (
             (reason.code == "outside-image" and codes & OF_PIXELS)
             or (reason.code == "heights-out-of-range" and codes & EXPLAIN_RANGE)
+            or (reason.code in OF_HEIGHTS and any(other.code in OF_HEIGHTS for other in kept))
             or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
         )
         if not follows:

@@ -265,9 +265,8 @@ def _misfit_reason(control: SurveyedRows, given: RowFit) -> Reason:
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
     rows = np.isin(control.image, wrong)
-    points = np.unique(control.point[rows & ~given.belongs])
-    if not len(points):
-        points = np.unique(control.point[rows])
+    far = (np.hypot(*np.nan_to_num(given.shift_m).T) > control.of_images("far_m"))[control.image]
+    points = np.unique(control.point[rows & (far | ~given.belongs)])
     return Reason(
         "control-implausible", Level.UNUSABLE,
         f"the ground points lie {_typical(given)} from where the RPCs of {list_ids(control.image_ids(wrong))} put "

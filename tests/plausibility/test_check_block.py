@@ -1,0 +1,212 @@
+"""A right block has no reasons; a slip is named for what it is. Cameras that no code of the engine made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.foundation.reasons import Level
+from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.plausibility import check_block
+from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
+
+FOOT_M = 0.3048
+
+
+def block(**more) -> Block:
+    return blocks.block(**more)[0]
+
+
+def with_ground(given: Block, ground: np.ndarray) -> Block:
+    return replace(given, points=replace(given.points, ground=ground))
+
+
+def with_xy(given: Block, xy: np.ndarray, rows: np.ndarray | slice = slice(None)) -> Block:
+    changed = given.measurements.xy.copy()
+    changed[rows] = xy[rows]
+    return replace(given, measurements=replace(given.measurements, xy=changed))
+
+
+def of_known(given: Block) -> np.ndarray:
+    return given.known[given.measurements.point]
+
+
+def codes(given: Block, **more) -> dict[str, Level]:
+    return {reason.code: reason.level for reason in check_block(given, **more)}
+
+
+@pytest.mark.parametrize("gcps", [0, 1, 2, 3, 5, 10])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_right_block_has_no_reasons(gcps, seed):
+    """Shifts of 10 px and drifts of 1e-4 are errors of RPCs."""
+    assert check_block(block(gcps=gcps, checks=seed % 3, count=2 + seed % 3, seed=seed)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda ground: ground[:, [1, 0, 2]], "lon-lat-swapped"),
+        (lambda ground: ground * [-1, 1, 1], "lon-sign"),
+        (lambda ground: ground * [1, -1, 1], "lat-sign"),
+        (lambda ground: ground * [-1, -1, 1], "lon-lat-sign"),
+        (lambda ground: ground + [6, 0, 0], "utm-zone"),
+        (lambda ground: ground - [12, 0, 0], "utm-zone"),
+        (lambda ground: ground * [1, 1, 1 / FOOT_M], "height-unit"),
+        (lambda ground: ground + [0, 0, 900], "height-offset"),
+        (lambda ground: ground + [1, 1.3, 0], "control-implausible"),
+    ],
+)
+def test_slips_of_ground_points(change, code):
+    right = block(ties=0)
+    found = check_block(with_ground(right, change(right.points.ground)))
+    assert [reason.code for reason in found] == [code]
+    assert found[0].level is Level.UNUSABLE
+    assert set(found[0].points) == set(right.points.ids.tolist())
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda xy: xy[:, ::-1], "sample-line-swapped"),
+        (lambda xy: np.column_stack([xy[:, 0], 4000.0 - xy[:, 1]]), "lines-from-below"),
+        (lambda xy: xy * [1, -1], "lines-from-below"),
+        (lambda xy: np.column_stack([4000.0 - xy[:, 0], xy[:, 1]]), "samples-from-right"),
+        (lambda xy: (xy + 0.5) / 2 - 0.5, "image-scale"),
+    ],
+)
+@pytest.mark.parametrize("image", [None, 1])
+def test_slips_of_image_points(change, code, image):
+    """On all images, or on one that is named."""
+    right = block()
+    rows = of_known(right) & (True if image is None else right.measurements.image == image)
+    found = check_block(with_xy(right, change(right.measurements.xy), rows))
+    assert [reason.code for reason in found] == [code]
+    assert found[0].level is Level.UNUSABLE
+    assert found[0].images == (("image0", "image1", "image2") if image is None else ("image1",))
+
+
+def test_image_ids_permuted():
+    right = block()
+    image = np.array([1, 2, 0])[right.measurements.image]
+    wrong = replace(right, measurements=replace(right.measurements, image=image))
+    assert codes(wrong) == {"image-ids-permuted": Level.UNUSABLE}
+
+
+@pytest.mark.parametrize("order", [[1, 0, *range(2, 20)], [*range(1, 20), 0]], ids=["two", "off by one"])
+def test_point_ids_permuted(order):
+    right = block(ties=0)
+    found = check_block(with_ground(right, right.points.ground[order]))
+    assert [reason.code for reason in found] == ["point-ids-permuted"]
+    moved = np.array(order) != np.arange(20)
+    assert set(found[0].points) == set(right.points.ids[moved].tolist())
+    assert f"{right.points.ids[1]} is {right.points.ids[0]}" in found[0].message or not moved[0] or moved[5]
+
+
+def moved(given: Block, rows: np.ndarray, metres: tuple[float, float, float]) -> Block:
+    step = np.zeros((len(given.points), 3))
+    step[rows] = metres
+    return with_ground(given, moved_ground(given.points.ground, step))
+
+
+def test_two_surveys_that_disagree():
+    right = block(gcps=8, checks=0)
+    wrong = np.flatnonzero(right.points.role == Role.GCP)[::2]
+    found = check_block(moved(right, wrong, (16.0, 0.0, 0.0)))
+    assert [reason.code for reason in found] == ["control-groups"]
+    assert found[0].level is Level.UNUSABLE
+    assert len(found[0].points) == 4
+
+
+def test_a_few_points_off():
+    right = block(gcps=12, checks=0)
+    wrong = np.flatnonzero(right.points.role == Role.GCP)[[3]]
+    found = check_block(moved(right, wrong, (40.0, -30.0, 0.0)))
+    assert [(reason.code, reason.level) for reason in found] == [("control-outliers", Level.DOUBTFUL)]
+    assert found[0].points == tuple(right.points.ids[wrong].tolist())
+
+
+def test_a_shift_beyond_every_rpc():
+    right = block(ties=0)
+    every = np.arange(len(right.points))
+    assert codes(moved(right, every, (60.0, 0.0, 0.0))) == {}
+    assert codes(moved(right, every, (250.0, 0.0, 0.0))) == {"control-far": Level.DOUBTFUL}
+    assert codes(moved(right, every, (1600.0, 0.0, 0.0))) == {"control-implausible": Level.UNUSABLE}
+    assert codes(moved(right, every, (1600.0, 0.0, 0.0)), sigma_shift_px=500.0) == {}
+
+
+def test_another_datum():
+    """AGD66 is 200 m from WGS84 in Tasmania (EPSG:1458 and the like)."""
+    pyproj = pytest.importorskip("pyproj")
+    images = blocks.images(3)
+    right = block(ties=0, bias_px=0.5)
+    right = replace(right, images=tuple(replace(i, rpc=replace(i.rpc, err_bias=3.0)) for i in images))
+    lon, lat = pyproj.Transformer.from_crs(4326, 4202, always_xy=True).transform(*right.points.ground[:, :2].T)
+    found = check_block(with_ground(right, np.column_stack([lon, lat, right.points.ground[:, 2]])))
+    assert [reason.code for reason in found] == ["horizontal-datum"]
+    assert "AGD66" in found[0].message
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.6])
+def test_wrong_ties(share):
+    right = block(ties=300)
+    rng = np.random.default_rng(3)
+    rows = ~of_known(right) & (rng.random(len(right.measurements)) < share)
+    wrong = with_xy(right, right.measurements.xy + rng.uniform(-60.0, 60.0, right.measurements.xy.shape), rows)
+    level = {0.0: None, 0.05: None, 0.3: Level.DOUBTFUL, 0.6: Level.UNUSABLE}[share]
+    assert codes(wrong).get("ties-wrong") == level
+
+
+def test_swapped_columns_of_ties_alone():
+    right = block(gcps=0, checks=0, ties=200)
+    assert codes(with_xy(right, right.measurements.xy[:, ::-1])) == {"sample-line-swapped": Level.UNUSABLE}
+
+
+def test_an_image_twice():
+    right = block()
+    twin = replace(right.images[0], id="twin")
+    assert codes(replace(right, images=(*right.images, twin))) == {"duplicate-images": Level.DOUBTFUL}
+
+
+def test_points_outside_their_image():
+    right = block(ties=0)
+    xy = right.measurements.xy + 0.0
+    xy[5] = [9000.0, 100.0]
+    assert "outside-image" in codes(with_xy(right, xy))
+
+
+def test_a_dem_beside_the_block():
+    right = block()
+    ground = right.points.ground
+    low = np.nanmin(ground[:, :2], axis=0)
+    far = GridSurface.from_array(np.full((50, 50), 200.0), (low[0] + 1.0, low[1]), (1e-3, 1e-3))
+    assert codes(right, surface=far) == {"dem-coverage": Level.DOUBTFUL}
+
+
+def test_heights_that_disagree_with_the_dem():
+    right = block(gcps=20)
+    ground = right.points.ground.copy()
+    ground[right.known, 2] = 200.0 + np.random.default_rng(2).normal(0.0, 0.2, int(right.known.sum()))
+    flat = with_ground(right, ground)
+    xy = flat.measurements.xy.copy()
+    for index, image in enumerate(flat.images):
+        rows = of_known(flat) & (flat.measurements.image == index)
+        xy[rows] = image.rpc.project(ground[flat.measurements.point[rows]])
+    flat = with_xy(flat, xy)
+    assert codes(flat, surface=ConstantHeight(203.0)) == {}
+    assert codes(flat, surface=ConstantHeight(160.0)) == {"height-offset": Level.DOUBTFUL}
+
+
+def test_heights_all_alike():
+    right = block(ties=0)
+    found = codes(with_ground(right, right.points.ground * [1, 1, 0]))
+    assert found["heights-alike"] is Level.UNUSABLE
+
+
+def test_a_crop_of_unknown_origin():
+    right = block()
+    small = replace(right.images[0], size=(900, 900))
+    assert codes(replace(right, images=(small, *right.images[1:])))["crop-origin"] is Level.DOUBTFUL

@@ -1,0 +1,46 @@
+"""The benchmark of wrong inputs in short: every kind on one simulated block, from files as `adjust` reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hrsi.benchmarks.wrong_inputs import KINDS, clean, clean_blocks, real_blocks_outcome, run_checks, run_whole
+
+SENSORS = ("pleiades", "worldview-2", "spot5")
+BY_NAME = {kind.name: kind for kind in KINDS}
+
+
+def wrong(name: str, sensor: str, seed: int):
+    kind = BY_NAME[name]
+    right = clean(sensor, seed, kind.images, kind.gcps)
+    spoilt = kind.spoil(right, np.random.default_rng(seed))
+    return kind, kind.size(right, spoilt), spoilt
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_every_kind(name):
+    kind, size, spoilt = wrong(name, SENSORS[len(name) % 3], 200)
+    found = run_checks(spoilt)
+    assert not found.crash
+    if size != "below":
+        assert found.names(kind.codes), found
+    if size == "gross":
+        assert not found.written
+
+
+@pytest.mark.parametrize("name", ["longitude and latitude swapped", "GCPs 6 degrees off", "GCP ids off by one"])
+def test_no_refined_rpc_comes_out(name):
+    kind, _, spoilt = wrong(name, "pleiades", 200)
+    found = run_whole(spoilt)
+    assert found.names(kind.codes)
+    assert not found.written
+    assert not found.crash
+
+
+def test_right_blocks():
+    assert [found.codes for _, _, found in clean_blocks(range(200, 201), SENSORS, run_checks)] == [()] * 3
+
+
+def test_real_blocks(real_data):
+    assert {reasons for _, reasons in real_blocks_outcome(matching=False)} == {"none"}
