@@ -4,11 +4,17 @@ With few GCPs a loose prior lets scale and rotation of every image follow the no
 drift there is. The prior is an observation "no drift" of every such parameter: with values v, prior weights p and
 cofactors q of the parameters, ``s² = sum(p v²) / sum(1 - p q)`` tells how wrong its sigma was, as for any group of
 observations. Repeated until s = 1 this is the estimate by restricted maximum likelihood (Harville 1977).
+
+A block of a few images has few drifts, and what they say of their size is rough. So sizes stand in three levels, each
+worth a few observations to the one below (an inverse chi² distribution of the variance; Gelman et al. 2013, section
+5.4): what the sensor is believed to do, all drifts of the block, each term (sample by line, say) over the images, and
+each term of each image. A line that drifts along the samples in all images is followed though nothing else drifts, and
+an image that drifts by itself too.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +25,9 @@ from .precision import Precision
 from .result import VarianceComponent
 
 LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
-MOST_CHANGE = 5.0  # in one round
+MOST_CHANGE = 5.0  # of a sigma in one round
+BELIEF = 1.0  # observations that the sensor's believed drift counts for
+OF_BLOCK, OF_TERM = 6.0, 6.0  # … and the block's for a term's, and a term's for an image's
 
 
 def drifting(model: RefinementModel) -> np.ndarray:
@@ -32,36 +40,49 @@ def drifting(model: RefinementModel) -> np.ndarray:
 
 @dataclass(eq=False)
 class DriftPrior:
-    """The factor of the drifts' prior sigmas found so far; ``sums`` are the last squares, redundancy and number."""
+    """The drifts' prior sigmas found so far, as factors of the ``believed`` ones; both ``(cameras, p)``.
+
+    ``given`` are the weights of all parameters' priors, ``of_block`` is the factor of all drifts together; ``sums`` are
+    the last squares (in believed sigmas), redundancy and number of drifts.
+    """
 
     model: RefinementModel
     given: np.ndarray
-    factor: float = 1.0
+    believed: np.ndarray
+    factor: np.ndarray = field(init=False)
+    of_block: float = 1.0
     sums: tuple[float, float, int] = (0.0, 0.0, 0)
 
+    def __post_init__(self) -> None:
+        self.free = drifting(self.model) & np.isfinite(self.given) & np.isfinite(self.believed)
+        self.factor = np.where(self.free, 1.0 / (np.sqrt(self.given) * self.believed), 1.0)
+
     def update(self, loop: GaussNewton, solution: Solution, precise: Precision) -> float:
-        """Correct the factor and hold the loop's drifts with it; return the relative change."""
-        free = drifting(self.model) & np.isfinite(loop.prior_weight)
-        weight = np.where(free, loop.prior_weight, 0.0)
-        squares = float(np.sum(weight * solution.state.values**2))
-        freedom = float(np.sum(np.where(free, 1.0 - weight * precise.parameters, 0.0)))
-        self.sums = (squares, freedom, int(free.sum()))
-        if not freedom >= LEAST_DRIFT_FREEDOM:
+        """Correct the factors and hold the loop's drifts with them; return the largest relative change."""
+        weight = np.where(self.free, loop.prior_weight, 0.0)
+        squares = np.where(self.free, (solution.state.values / self.believed) ** 2, 0.0)
+        freedom = np.where(self.free, np.clip(1.0 - weight * precise.parameters, 0.0, 1.0), 0.0)
+        self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
+        if not self.sums[1] > 0.0:
             return 0.0
-        ratio = float(np.clip(np.sqrt(squares / freedom), 1.0 / MOST_CHANGE, MOST_CHANGE))
-        self.factor *= ratio
-        loop.hold(np.where(free, self.given / self.factor**2, self.given))
-        return abs(ratio - 1.0)
+        block = (BELIEF + self.sums[0]) / (BELIEF + self.sums[1])
+        term = (OF_BLOCK * block + squares.sum(axis=0)) / (OF_BLOCK + freedom.sum(axis=0))
+        self.of_block = float(np.sqrt(block))
+        own = np.sqrt((OF_TERM * term + squares) / (OF_TERM + freedom))
+        change = np.where(self.free, np.clip(own / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE), 1.0)
+        self.factor = self.factor * change
+        loop.hold(np.where(self.free, 1.0 / (self.factor * self.believed) ** 2, self.given))
+        return float(np.abs(change - 1.0).max())
 
     def summary(self) -> tuple[VarianceComponent, ...]:
         """Return the group, if the model has any drift."""
         _, freedom, count = self.sums
         if not count:
             return ()
-        sigma = float(np.median(1.0 / np.sqrt(self.given[:, drifting(self.model)])))
+        believed = float(np.sqrt(np.mean(self.believed[self.free] ** 2)))
         return (
             VarianceComponent(
-                "drift of the images", count, freedom, self.factor, self.factor * sigma, "px/px",
+                "drift of the images", count, freedom, self.of_block, self.of_block * believed, "px/px",
                 freedom >= LEAST_DRIFT_FREEDOM,
             ),
         )  # fmt: skip

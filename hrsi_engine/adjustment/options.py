@@ -50,6 +50,12 @@ class AdjustOptions:
     check_as_ties: bool = option(
         False, "Image points of check points take part like tie points (never their survey)", advanced=True
     )
+    test_sigmas: bool = option(
+        True,
+        "Test the sigmas of the observations by the residuals and estimate them where they fail, and how much the "
+        "images drift; without, all are as given",
+        advanced=True,
+    )
     variance_components: bool = option(
         False,
         "Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and adjust with them",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..block.block import Block
 from ..foundation.errors import list_ids
 from ..ground.geodesy import ground_difference_m
 from .delivery import Delivered, deliver
@@ -20,6 +21,7 @@ from .result import (
     DemAgreement,
     EstimatedCameras,
     Finding,
+    ModelTest,
     VarianceComponent,
 )
 
@@ -41,6 +43,9 @@ class Found:
     findings: list[Finding] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     components: tuple[VarianceComponent, ...] = ()
+    tests: tuple[ModelTest, ...] = ()
+    sigma_px: np.ndarray | None = None
+    survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     cross_validation: CrossValidation | None = None
 
 
@@ -118,7 +123,19 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         ),
         dem=agreement,
         estimate_residual_px=_estimate_residuals(problem, solution, kept),
+        tests=found.tests,
+        estimated_sigma_px=_measurement_sigmas(block, rows, found),
+        survey_factors=found.survey_factors,
     )
+
+
+def _measurement_sigmas(block: Block, rows: np.ndarray, found: Found) -> np.ndarray | None:
+    """Return the standard deviations of all measurements, estimated where they took part; None where as given."""
+    if found.sigma_px is None or np.array_equal(found.sigma_px, block.measurements.sigma_px[rows]):
+        return None
+    sigma = block.measurements.sigma_px.copy()
+    sigma[rows] = found.sigma_px
+    return sigma
 
 
 def _estimate_residuals(problem: Problem, solution: Solution, kept: np.ndarray) -> np.ndarray | None:

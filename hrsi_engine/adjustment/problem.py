@@ -18,7 +18,7 @@ from scipy.sparse import csgraph
 from ..block.block import Block, Image
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..refinement.image_space import ImagePolynomial, with_drift
-from ..refinement.model import UNFOLLOWED_DRIFT, Priors, RefinementModel, priors_of
+from ..refinement.model import UNFOLLOWED_DRIFT, Priors, RefinementModel, believed_drift, priors_of
 from ..refinement.models import MODELS
 from .dem_heights import DemHeights
 from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
@@ -48,6 +48,7 @@ class Problem:
 
     model : the refinement that is asked for, and delivered
     camera : what is estimated: the model, and the drift that it does not follow behind it
+    believed_drift : (cameras, p) standard deviations of the drifts that the sensors are believed to have
     """
 
     block: Block
@@ -58,6 +59,7 @@ class Problem:
     pattern: Pattern
     equations: NormalEquations
     prior_weight: np.ndarray
+    believed_drift: np.ndarray
     parts: tuple[Part, ...]
     start: State
     weighting: Weighting
@@ -134,7 +136,8 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
         observations, image_weight, observations.survey_weight
     )
     return Problem(
-        block, observations, model, camera, options, pattern, equations, prior_weight, parts, State(start, ground),
+        block, observations, model, camera, options, pattern, equations, prior_weight,
+        _believed_drift(observations, model, camera), parts, State(start, ground),
         Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)),
     )  # fmt: skip
 
@@ -273,6 +276,17 @@ def _prior_weight(
         raise InputError(f"fixed image {list_ids(unknown)} is not in the block (images: {list_ids(place)})")
     weight[[observations.camera_of_image[place[name]] for name in options.fixed_images]] = np.inf
     return weight
+
+
+def _believed_drift(observations: Observations, model: RefinementModel, camera: RefinementModel) -> np.ndarray:
+    """Return the standard deviations ``(cameras, p)`` of drifts by what is believed of the sensors."""
+    p = len(model.parameters)
+    sigma = np.empty((observations.cameras, len(camera.parameters)))
+    for index, image in reversed(list(enumerate(observations.images))):
+        drift = believed_drift(image)
+        number = observations.camera_of_image[index]
+        sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, Priors(1.0, drift)), drift
+    return sigma
 
 
 def _require_solvable(observations: Observations, model: RefinementModel, prior_weight: np.ndarray) -> None:

@@ -67,6 +67,19 @@ class VarianceComponent:
 
 
 @dataclass(frozen=True)
+class ModelTest:
+    """The test of a group's sigma by its residuals: they are ``ratio`` times as large as it lets expect.
+
+    ``failed`` is whether that is neither chance nor harmless; then the sigmas were estimated.
+    """
+
+    group: str
+    ratio: float
+    redundancy: float
+    failed: bool
+
+
+@dataclass(frozen=True)
 class DatumPart:
     """Images connected by common points: what holds them, and how well their position is known.
 
@@ -178,6 +191,12 @@ class Adjustment:
     estimate_residual_px : (measurements, 2) ndarray or None
         The residuals without the drift that the model does not follow, as it was estimated; redundancy numbers and
         statistic are of these. None: there is no such drift.
+    tests : tuple of ModelTest
+        The sigmas that were given, tested by the residuals.
+    estimated_sigma_px : (measurements,) ndarray or None
+        Standard deviations of the measurements as adjusted; None: as they were given.
+    survey_factors : tuple of float
+        Of the surveys' standard deviations as adjusted: horizontal, height, correlated ones.
     """
 
     block: Block
@@ -209,6 +228,27 @@ class Adjustment:
     warnings: tuple[str, ...]
     dem: DemAgreement | None = None
     estimate_residual_px: np.ndarray | None = None
+    tests: tuple[ModelTest, ...] = ()
+    estimated_sigma_px: np.ndarray | None = None
+    survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def sigma_px(self) -> np.ndarray:
+        """Standard deviations of the measurements as adjusted ``(measurements,)``: given, or estimated."""
+        return self.block.measurements.sigma_px if self.estimated_sigma_px is None else self.estimated_sigma_px
+
+    def survey_covariance_m2(self, points: np.ndarray) -> np.ndarray:
+        """Return the covariances ``(k, 3, 3)`` of some points' surveys as adjusted: given, or estimated.
+
+        Check points are of the same survey as the GCPs. A coordinate that is not surveyed has an infinite variance.
+        """
+        covariance = self.block.points.survey_covariance_m2(points)
+        horizontal, height, correlated = self.survey_factors
+        row, column = np.triu_indices(3, 1)
+        with np.errstate(invalid="ignore"):
+            mixed = (covariance[:, row, column] != 0.0).any(axis=1)
+            scale = np.where(mixed[:, None], correlated, [horizontal, horizontal, height])
+            return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
 
     @property
     def judged_residual_px(self) -> np.ndarray:

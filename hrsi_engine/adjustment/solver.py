@@ -6,17 +6,16 @@ import numpy as np
 
 from ..block.block import Block
 from ..foundation.errors import SolveError
-from ..foundation.progress import Progress, silent, stage
+from ..foundation.progress import Progress, advance, silent, stage
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
-from .drift_prior import DriftPrior
 from .gauss_newton import Solution
 from .options import AdjustOptions
 from .outcome import outcome
-from .precision import precision
-from .problem import prepare
+from .precision import Precision, precision
+from .problem import Problem, prepare
 from .result import Adjustment
-from .variance_components import ROUNDS, SETTLED, Groups, Sigmas, components, summary, wrong_sigmas
+from .sigma_estimation import ROUNDS, SETTLED_SHARE, SigmaEstimation
 
 
 def adjust(
@@ -61,6 +60,10 @@ def adjust(
 class Adjuster(Snooping):
     """The rounds of one adjustment: those that find blunders (`Snooping`), and those that find sigmas."""
 
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        self.sigmas = SigmaEstimation(problem)
+
     def run(self, progress: Progress) -> Adjustment:
         """Return the result of all rounds."""
         options = self.problem.options
@@ -70,42 +73,35 @@ class Adjuster(Snooping):
             solution = self.without_wrong_control(solution, stage(progress, 0.6, 0.7))
         else:
             solution = self.solve(None, progress)
-        if options.variance_components:
-            solution = self.with_estimated_sigmas(solution, stage(progress, 0.7, 0.9))
-            if rejecting:  # once more: by sigmas as they are
-                solution = self.without_wrong_control(solution, stage(progress, 0.9, 1.0))
+        solution, precise = self.with_fitting_sigmas(solution, stage(progress, 0.7, 0.9))
+        if self.sigmas.tried and rejecting:  # once more: by sigmas as they are
+            settled, solution = solution, self.without_wrong_control(solution, stage(progress, 0.9, 1.0))
+            if solution is not settled:
+                precise = precision(self.problem.equations, self.loop, solution)
         self.say()
-        precise = precision(self.problem.equations, self.loop, solution)
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
             loop = self.problem.loop()
             loop.hold(self.loop.prior_weight)
             self.found.cross_validation = cross_validate(self.problem, loop, solution, self.survey_weight, progress)
+        self.sigmas.report(self.found)
         return outcome(self.problem, self.loop, self.found, solution, precise)
 
     # ---- sigmas ----------------------------------------------------------------------------------------------------
 
-    def with_estimated_sigmas(self, solution: Solution, progress: Progress) -> Solution:
-        """Repeat the adjustment with the sigmas that its residuals show."""
-        problem, observations = self.problem, self.problem.observations
-        groups = Groups.of(problem.block, observations, problem.options.variance_groups, problem.options.sensor_images)
-        sigmas = Sigmas(np.ones(len(groups.names)))
-        given_image, given_survey = self.image_weight, self.survey_weight.copy()
-        drift = DriftPrior(problem.camera, problem.prior_weight)
-        for _ in range(ROUNDS):
+    def with_fitting_sigmas(self, solution: Solution, progress: Progress) -> tuple[Solution, Precision]:
+        """Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show."""
+        sigmas, problem = self.sigmas, self.problem
+        precise = precision(problem.equations, self.loop, solution)
+        if not sigmas.begin(solution, precise):
+            return solution, precise
+        for number in range(ROUNDS):
+            advance(progress, number / ROUNDS, "sigmas from the residuals")
+            change = sigmas.update(self.loop, solution, precise)
+            self.image_weight = sigmas.image_weight()
+            self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
+            solution = self.solve(solution, silent)
             precise = precision(problem.equations, self.loop, solution)
-            sums = components(groups, observations, solution, precise)
-            change = sigmas.update(sums)
-            if problem.options.sigma_drift is None:
-                change = max(change, drift.update(self.loop, solution, precise))
-            self.image_weight = sigmas.image_weight(groups, given_image)
-            self.survey_weight = np.where(
-                self.survey_weight > 0.0, sigmas.survey_weight(observations, given_survey), 0.0
-            )
-            solution = self.solve(solution, progress)
-            if change < SETTLED:
+            if change < SETTLED_SHARE and not sigmas.test(solution, precise):
                 break
-        self.found.components = summary(groups, observations, sigmas, sums)
-        self.found.warnings += wrong_sigmas(self.found.components)
-        self.found.components += drift.summary()
-        return solution
+        return solution, precise

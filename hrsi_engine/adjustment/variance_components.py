@@ -23,8 +23,7 @@ from .precision import Precision
 from .result import VarianceComponent
 
 LEAST_GROUP_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
-ROUNDS = 15
-SETTLED = 0.01  # relative change of a sigma
+UNINFORMED = 1e-5  # share of a survey in its own adjusted coordinate below which it says nothing of its sigma
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
 SURVEYS = len(SURVEY_GROUPS)
 NAMED_GROUPS = 8
@@ -129,31 +128,43 @@ def components(groups: Groups, observations: Observations, solution: Solution, p
     counted, observed = priors.matrices(points, observed=True), observations.survey_weight[points] > 0.0
     miss = priors.miss_m(solution.state.ground[points], points)
     squares = np.where(observed, miss * np.einsum("kij,kj->ki", counted, miss), 0.0)
-    share = np.where(observed, 1.0 - np.einsum("kij,kji->ki", counted, precise.points[points]), 0.0)
-    of_group = _survey_groups(observations)[points]
+    decided = np.einsum("kij,kji->ki", counted, precise.points[points])
+    informed = observed & (decided > UNINFORMED)
+    squares, share = np.where(informed, squares, 0.0), np.where(informed, 1.0 - decided, 0.0)
+    of_group = survey_groups(observations)[points]
     for group in range(SURVEYS):
         here = of_group == group
         result[group - SURVEYS] = squares[here].sum(), share[here].sum(), observed[here].sum()
     return result
 
 
-def _survey_groups(observations: Observations) -> np.ndarray:
+def survey_groups(observations: Observations) -> np.ndarray:
     """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``."""
     return np.where(observations.correlated[:, None], 2, [0, 0, 1])
 
 
 @dataclass(eq=False)
 class Sigmas:
-    """The factors found so far, one a group."""
+    """The factors found so far, one a group; those of groups that are not ``free`` stay.
+
+    The surveys' groups are of one surveyor: a group that the block hardly controls (the heights of few GCPs, say) takes
+    the factor of all surveys together.
+    """
 
     factor: np.ndarray
+    free: np.ndarray
 
     def update(self, sums: np.ndarray) -> float:
         """Correct the factors; return the largest relative change."""
-        usable = (sums[:, 1] >= LEAST_GROUP_FREEDOM) & (sums[:, 0] > 0.0)
-        ratio = np.ones(len(sums))
-        ratio[usable] = np.clip(np.sqrt(sums[usable, 0] / sums[usable, 1]), 0.2, 5.0)
-        self.factor *= ratio
+        squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # of the sigmas as given
+        usable = (freedom >= LEAST_GROUP_FREEDOM) & (squares > 0.0) & self.free
+        wanted = np.where(usable, squares / np.maximum(freedom, LEAST_GROUP_FREEDOM), self.factor**2)
+        survey = slice(-SURVEYS, None)
+        if self.free[survey].all() and freedom[survey].sum() >= LEAST_GROUP_FREEDOM:
+            surveyor = squares[survey].sum() / freedom[survey].sum()
+            wanted[survey] = np.where(usable[survey], wanted[survey], surveyor)
+        ratio = np.clip(np.sqrt(wanted) / self.factor, 0.2, 5.0)
+        self.factor = self.factor * ratio
         return float(np.abs(ratio - 1.0).max())
 
     def image_weight(self, groups: Groups, given: np.ndarray) -> np.ndarray:
@@ -162,7 +173,7 @@ class Sigmas:
 
     def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
         """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""
-        return given / self.factor[-SURVEYS:][_survey_groups(observations)] ** 2
+        return given / self.factor[-SURVEYS:][survey_groups(observations)] ** 2
 
 
 def summary(
@@ -176,12 +187,12 @@ def summary(
     given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
     surveyed = observations.survey_weight > 0.0
     for group in range(SURVEYS):
-        chosen = observations.survey_weight[surveyed & (_survey_groups(observations) == group)]
+        chosen = observations.survey_weight[surveyed & (survey_groups(observations) == group)]
         given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
     return tuple(
         VarianceComponent(
             name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
-            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= LEAST_GROUP_FREEDOM),
+            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= LEAST_GROUP_FREEDOM and sigmas.free[k]),
         )
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0

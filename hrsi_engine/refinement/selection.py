@@ -21,7 +21,7 @@ what a shift finds strange may be a drift.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +45,11 @@ LEAST_DEVIATION = 4.0  # in sigmas of the GCP; smaller ones do no harm
 DISAGREEMENT = 5.0  # in sigmas, beyond which too few GCPs are said to disagree
 WITHOUT_CONTROL = "shift"
 DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
+#: Models that `DRIFTING` contains: where the size of the drift is estimated with the block (`adjustment.drift_prior`),
+#: it is each of them where that is right, and none has to be chosen.
+FOLLOWED, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
+LEAST_ON_IMAGE = 6  # points, for an image's drift to show
+DRIFTS_ESTIMATED = 50_000  # measurements of a block up to which the adjustment always estimates the drift
 FEW, MANY = 3, 50  # GCPs; the thesis's rule (section 4.3)
 
 
@@ -103,7 +108,23 @@ def choose_model(block: Block, rule: str = "auto") -> Choice:
     Choice
         The model, and what spoke for it.
     """
-    return RULES[rule](controls_of(block))
+    choice = RULES[rule](controls_of(block))
+    if rule == "auto" and choice.model in FOLLOWED and _drift_shows(block):
+        reason = f"how much the images drift is estimated with the block, and followed so far; {choice.reason}"
+        return replace(choice, model=DRIFTING, reason=reason)
+    return choice
+
+
+def _drift_shows(block: Block) -> bool:
+    """Return whether a block has points enough for its images' drift, and not so many that its size is not asked."""
+    rows = block.measurements
+    rays, known = block.rays_per_point(), block.points.role == Role.GCP
+    holds = ((rays >= 2) & (block.points.role == Role.TIE)) | (known & (rays >= 1))
+    used = holds[rows.point]
+    per_image = np.bincount(rows.image[used], minlength=len(block.images))
+    observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
+    unknown = 3 * int(holds.sum()) + len(BLOCK_MODELS[DRIFTING].parameters) * len(block.images)
+    return bool((per_image >= LEAST_ON_IMAGE).all() and observed >= unknown and len(rows) <= DRIFTS_ESTIMATED)
 
 
 def choose_by_number(controls: Controls) -> Choice:
@@ -115,7 +136,7 @@ def choose_by_number(controls: Controls) -> Choice:
         return Choice("generic-shift", reason, {}, suspects, warnings)
     most = "generic-affine" if count < MANY else "generic-full"
     reason = f"{_gcps(count)}: from {FEW if count < MANY else MANY} corrections linear in the image"
-    errors = {name: _prediction_errors(name, clean, 1) for name in (*GENERIC_CANDIDATES[:-1], most)}
+    errors = {name: _predict(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
     if errors[most] is None:
         return Choice(most, reason, {}, suspects, warnings)
     model, said = _simplest(errors)
@@ -128,15 +149,20 @@ def choose_by_prediction(controls: Controls) -> Choice:
         return Choice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
     suspects, warnings, clean = _judge(controls)
     count = min(len(control) for _, control in clean)
-    errors = {name: _prediction_errors(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATE_MODELS}
+    found = {name: _predict(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATE_MODELS}
+    errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
         reason = f"{_gcps(count)} on an image: too few to tell more than a shift"
         return Choice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = _simplest(errors)
+    refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
+    reason += "".join(f"; {said}" for said in refused)
     # The root mean square prediction error of a model in sigmas
-    found = [estimate(BLOCK_MODELS[model], image, control) for image, control in clean]
-    sigmas = float(np.sqrt(np.mean(np.concatenate([_in_sigmas(one) for one in found]) ** 2)))
-    if errors[DISTORTED] is None and count >= FEW and sigmas > DISAGREEMENT:
+    estimates = [estimate(BLOCK_MODELS[model], image, control) for image, control in clean]
+    sigmas = float(np.sqrt(np.mean(np.concatenate([_in_sigmas(one) for one in estimates]) ** 2)))
+    # Only what could not be judged for want of GCPs may be taken unjudged, not what has no minimum.
+    unjudged = errors[DISTORTED] is None and not found[DISTORTED].refused
+    if unjudged and count >= FEW and sigmas > DISAGREEMENT:
         reason = f"{_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
         model = DISTORTED
     return Choice(model, reason, _scores(errors), suspects, warnings)
@@ -165,24 +191,28 @@ RULES: dict[str, Callable[[Controls], Choice]] = {"auto": choose_by_prediction, 
 # ---- prediction ----------------------------------------------------------------------------------------------------
 
 
-def _prediction_errors(name: str, controls: Controls, spare: int) -> np.ndarray | None:
-    """Return squared prediction errors (px²) of all GCPs.
+class Prediction(NamedTuple):
+    """Squared prediction errors (px²) of all GCPs; None where a model was not judged, or ``refused`` for a reason."""
 
-    None where the model has no solution on some image, or where that has fewer than ``spare`` GCPs more than it needs.
-    """
+    squared: np.ndarray | None
+    refused: str = ""
+
+
+def _predict(name: str, controls: Controls, spare: int) -> Prediction:
+    """Return how a model predicts each GCP; it is not judged with fewer than ``spare`` GCPs more than it needs."""
     model = BLOCK_MODELS[name]
     errors = []
     for image, control in controls:
         if len(control) < model.least_points + max(spare, 1):
-            return None
+            return Prediction(None)
         try:
             found = estimate(model, image, control)
         except SolveError:
-            return None
+            return Prediction(None, f"has no solution on {image.id}")
         if not found.converged:
-            return None
+            return Prediction(None, f"{found.status} on {image.id}")
         errors.append(np.sum(found.left_out_px**2, axis=1))
-    return np.concatenate(errors)
+    return Prediction(np.concatenate(errors))
 
 
 def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:

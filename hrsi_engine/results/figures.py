@@ -170,7 +170,7 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     points = result.block.points.role == Role.CHECK
     entry |= errors_90(entry["rmse_east_m"], entry["rmse_north_m"], entry["rmse_height_m"])
     entry["predicted"] = predicted_accuracy(
-        result.ground_covariance_m2[points], result.block.points.survey_covariance_m2(np.flatnonzero(points))
+        result.ground_covariance_m2[points], result.survey_covariance_m2(np.flatnonzero(points))
     )
     return entry
 

@@ -97,7 +97,7 @@ def residuals(result: Adjustment) -> Residuals:
 
 def measurement_sigma_px(result: Adjustment) -> np.ndarray:
     """Return the standard deviation of each image measurement, in sample as in line, ``(n,)`` px."""
-    return result.block.measurements.sigma_px
+    return result.sigma_px
 
 
 def unit_sigma(result: Adjustment) -> float:
@@ -162,7 +162,7 @@ def _known_covariances(
         at = cameras.model.equations(image, rows.xy[here])(values, ground)
         drift = rows.xy[here] - cameras.model.project(image, values, ground) - at_known[here]
         covariance = sigma[here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
-        survey = unit_sigma(result) ** 2 * block.points.survey_covariance_m2(points)
+        survey = unit_sigma(result) ** 2 * result.survey_covariance_m2(points)
         covariance += at.by_ground @ survey @ at.by_ground.swapaxes(1, 2)
         predicted = at.by_values @ cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
         covariance += np.where(check[points, None, None], predicted, 0.0)
@@ -173,7 +173,7 @@ def _ground_sigmas(result: Adjustment) -> np.ndarray:
     """Return the sigmas of survey - computed ``(points, 3)`` of what was measured on two images or more, else NaN."""
     block = result.block
     known = np.flatnonzero(block.known & (block.rays_per_point() >= 2))
-    covariance = unit_sigma(result) ** 2 * block.points.survey_covariance_m2(known)
+    covariance = unit_sigma(result) ** 2 * result.survey_covariance_m2(known)
     check = block.points.role[known] == Role.CHECK
     covariance[check] += result.ground_covariance_m2[known[check]]
     sigma = np.full((len(block.points), 3), np.nan)

@@ -33,8 +33,8 @@ def check_rmse(block, truth, result):
 def test_snooping_finds_the_blunders(share):
     block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
     bad, rows = spoilt(block, share)
-    clean = adjust(block, AdjustOptions(model="affine"))
-    result = adjust(bad, AdjustOptions(model="affine", reject_sigma=4.0))
+    clean = adjust(block, AdjustOptions(test_sigmas=False, model="affine"))
+    result = adjust(bad, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0))
     wrong = np.zeros(len(bad.measurements), dtype=bool)
     wrong[rows] = True
     touched = np.zeros(len(bad.points), dtype=bool)
@@ -59,8 +59,8 @@ def test_snooping_finds_the_blunders(share):
 def test_huber_holds_the_cameras(share, cost):
     block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
     bad, _ = spoilt(block, share)
-    clean = check_rmse(block, truth, adjust(block, AdjustOptions(model="affine", reject_sigma=0.0)))
-    result = adjust(bad, AdjustOptions(model="affine", robust="huber", reject_sigma=0.0))
+    clean = check_rmse(block, truth, adjust(block, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=0.0)))
+    result = adjust(bad, AdjustOptions(test_sigmas=False, model="affine", robust="huber", reject_sigma=0.0))
     assert result.converged
     assert result.solves < 26
     assert np.abs(check_rmse(bad, truth, result) / clean - 1.0).max() < cost
@@ -72,7 +72,10 @@ def test_two_rays_cannot_tell_which_is_wrong():
     worst = int(np.flatnonzero((block.points.role == Role.TIE)[rows.point])[10])
     xy = rows.xy.copy()
     xy[worst] += [30.0, 30.0]
-    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine", reject_sigma=4.0))
+    result = adjust(
+        replace(block, measurements=replace(rows, xy=xy)),
+        AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0),
+    )
     of_point = rows.point == rows.point[worst]
     assert np.all(result.decision[of_point] == Decision.DOUBTFUL)
     assert np.isnan(result.ground[rows.point[worst]]).all()
@@ -87,9 +90,11 @@ def with_gcp_error(block, index, metres):
 
 def test_wrong_gcp_position_is_named_and_left_out():
     block, truth, _ = blocks.block(gcps=7, checks=50, ties=0, count=2, seed=4)
-    clean = check_rmse(block, truth, adjust(block))
+    clean = check_rmse(block, truth, adjust(block, AdjustOptions(test_sigmas=False)))
     wrong = int(np.flatnonzero(block.points.role == Role.GCP)[2])
-    result = adjust(with_gcp_error(block, wrong, [25.0, -10.0, 0.0]), AdjustOptions(reject_sigma=4.0))
+    result = adjust(
+        with_gcp_error(block, wrong, [25.0, -10.0, 0.0]), AdjustOptions(test_sigmas=False, reject_sigma=4.0)
+    )
     assert [(finding.id, finding.what, finding.left_out) for finding in result.findings] == [("P0002", "ground", True)]
     assert any("P0002" in text and "ground position" in text for text in result.warnings)
     assert np.all(check_rmse(block, truth, result) < 1.2 * clean)
@@ -101,7 +106,10 @@ def test_wrong_gcp_measurement_is_told_from_a_wrong_position():
     row = int(np.flatnonzero((rows.point == 3) & (rows.image == 1))[0])
     xy = rows.xy.copy()
     xy[row] += [20.0, 15.0]
-    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(model="affine", reject_sigma=4.0))
+    result = adjust(
+        replace(block, measurements=replace(rows, xy=xy)),
+        AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0),
+    )
     assert [(finding.id, finding.what) for finding in result.findings] == [("P0003", "image1")]
     assert result.decision[row] == Decision.BLUNDER
 
@@ -110,13 +118,13 @@ def test_clean_control_is_not_accused():
     accused = 0
     for seed in range(40):
         block, _, _ = blocks.block(gcps=8, checks=0, ties=20, seed=seed)
-        accused += len(adjust(block, AdjustOptions(reject_sigma=4.0, model="affine")).findings)
+        accused += len(adjust(block, AdjustOptions(test_sigmas=False, reject_sigma=4.0, model="affine")).findings)
     assert accused <= 2  # 1280 tests at 4 sigma: 0.4 are to be expected
 
 
 def test_two_gcps_are_never_left_out():
     block, _, _ = blocks.block(gcps=2, checks=0, ties=30)
-    result = adjust(with_gcp_error(block, 0, [60.0, 0.0, 0.0]), AdjustOptions(reject_sigma=4.0))
+    result = adjust(with_gcp_error(block, 0, [60.0, 0.0, 0.0]), AdjustOptions(test_sigmas=False, reject_sigma=4.0))
     assert not any(finding.left_out for finding in result.findings)
 
 
@@ -138,10 +146,10 @@ def noisy_groups(seed):
 def test_variance_components_recover_the_sigmas():
     found = []
     for seed in range(8):
-        result = adjust(noisy_groups(seed), AdjustOptions(model="affine", variance_components=True))
+        result = adjust(noisy_groups(seed), AdjustOptions(test_sigmas=False, model="affine", variance_components=True))
         assert result.sigma0 == pytest.approx(1.0, abs=0.01)
         found.append({part.group: part.sigma for part in result.variance_components if part.estimated})
-    means = {name: np.mean([sigmas[name] for sigmas in found]) for name in found[0]}
+    means = {name: np.mean([sigmas[name] for sigmas in found if name in sigmas]) for name in found[0]}
     print({name: round(value, 3) for name, value in means.items()})
     assert means["image points: centre"] == pytest.approx(0.2, rel=0.05)
     assert means["image points: corner"] == pytest.approx(0.4, rel=0.05)
@@ -150,19 +158,19 @@ def test_variance_components_recover_the_sigmas():
 
 def test_cross_validation_equals_leaving_each_gcp_out():
     block, _, _ = blocks.block(gcps=5, checks=0, ties=20)
-    result = adjust(block, AdjustOptions(model="shift", cross_validate=True))
+    result = adjust(block, AdjustOptions(test_sigmas=False, model="shift", cross_validate=True))
     assert result.cross_validation.ids == ("P0000", "P0001", "P0002", "P0003", "P0004")
     for index in range(5):
         role = block.points.role.copy()
         role[index] = Role.CHECK
-        without = adjust(replace(block, points=replace(block.points, role=role)))
+        without = adjust(replace(block, points=replace(block.points, role=role)), AdjustOptions(test_sigmas=False))
         expected = ground_difference_m(block.points.ground[index : index + 1], without.ground[index : index + 1])[0]
         np.testing.assert_allclose(result.cross_validation.error_m[index], expected, atol=1e-4)
 
 
 def test_a_point_file_without_any_gcp_needs_no_cross_validation():
     block, _, _ = blocks.block(gcps=0, checks=0, ties=30)
-    assert adjust(block, AdjustOptions(cross_validate=True)).cross_validation.ids == ()
+    assert adjust(block, AdjustOptions(test_sigmas=False, cross_validate=True)).cross_validation.ids == ()
 
 
 def test_single_image_gcps_are_predicted_on_their_ray():
@@ -171,6 +179,6 @@ def test_single_image_gcps_are_predicted_on_their_ray():
     ids = [f"G{k}" for k in range(6)]
     rows = ImagePoints.create(ids, [image.id] * 6, image.rpc.project(truth) + [3.0, -2.0], 0.3)
     block = assemble([image], [GroundPoints.create(ids, truth, Role.GCP, 0.1)], [rows], defaults=Defaults())
-    error = adjust(block, AdjustOptions(cross_validate=True)).cross_validation.error_m
+    error = adjust(block, AdjustOptions(test_sigmas=False, cross_validate=True)).cross_validation.error_m
     assert np.abs(error[:, :2]).max() < 0.01  # exact measurements
     assert np.isnan(error[:, 2]).all()

@@ -63,11 +63,11 @@ def height_error_m(block: Block, truth: np.ndarray, options: AdjustOptions) -> n
 def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
     terrain, dirty, known = surfaces(0.25, seed)
     block, truth = weak_block(terrain, seed)
-    free = height_error_m(block, truth, AdjustOptions())
-    good = height_error_m(block, truth, AdjustOptions(dem=known, sigma_dem_m=SIGMA_DEM_M))
-    robust = height_error_m(block, truth, AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    free = height_error_m(block, truth, AdjustOptions(test_sigmas=False))
+    good = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=known, sigma_dem_m=SIGMA_DEM_M))
+    robust = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
     monkeypatch.setattr(dem_heights, "falling", np.ones_like)
-    plain = height_error_m(block, truth, AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    plain = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
     print(f"seed {seed}, least squares: {plain}")
     print(f"seed {seed}: mean and RMS of heights without DEM {free}, wrong heights known {good}, unknown {robust}")
     assert abs(good[0]) < 0.8  # 300 points of 5 m each by a pair of rays: 0.3 m
@@ -79,14 +79,14 @@ def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
 def test_wrong_heights_are_counted_and_named():
     terrain, dirty, _ = surfaces(0.25, 1)
     block, _ = weak_block(terrain, 1)
-    result = adjust(block, AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+    result = adjust(block, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
     assert result.dem is not None
     assert 0.15 < result.dem.left_out / result.dem.points < 0.35
     assert result.dem.rmse_m < 7.0  # the rays' own 5 m
     assert result.dem.left_out_median_m < -15.0
     assert any("heights of the DEM do not fit" in text for text in result.warnings)
     _, clean, _ = surfaces(0.0, 1)
-    result = adjust(block, AdjustOptions(dem=clean, sigma_dem_m=SIGMA_DEM_M))
+    result = adjust(block, AdjustOptions(test_sigmas=False, dem=clean, sigma_dem_m=SIGMA_DEM_M))
     assert result.dem is not None and result.dem.left_out <= 4
     assert not any("heights of the DEM" in text for text in result.warnings)
 
@@ -100,7 +100,7 @@ def test_blunders_of_image_points_are_found_although_a_dem_holds_them():
     moved[wrong] += [0.0, 30.0]  # across the epipolar lines
     result = adjust(
         replace(block, measurements=replace(rows, xy=moved)),
-        AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M, reject_sigma=4.0),
+        AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M, reject_sigma=4.0),
     )
     assert np.mean(result.decision[wrong] != int(Decision.KEPT)) > 0.95
     good = np.setdiff1d(np.arange(len(rows)), wrong)
@@ -119,7 +119,10 @@ def test_heights_of_a_single_strip_between_gcps_of_one_image():
     block = block.with_measurements(~(known[rows.point] & (rows.image == 1)))
     free, held = (
         height_error_m(block, truth, options)[0]
-        for options in (AdjustOptions(), AdjustOptions(dem=dirty, sigma_dem_m=SIGMA_DEM_M))
+        for options in (
+            AdjustOptions(test_sigmas=False),
+            AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M),
+        )
     )
     assert abs(free) > 5.0
     assert abs(held) < 1.0

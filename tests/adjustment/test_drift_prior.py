@@ -12,7 +12,7 @@ from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
 
-ESTIMATED = AdjustOptions(model="affine", variance_components=True)
+ESTIMATED = AdjustOptions(test_sigmas=False, model="affine", variance_components=True)
 
 
 def drift_of(result):
@@ -52,8 +52,10 @@ def test_it_is_never_worse_than_a_loose_prior_or_none_at_all(gcps, drift):
     squares = {"shift": [], "affine": [], "estimated": []}
     for seed in range(12):
         block, truth, _ = blocks.block(gcps=gcps, checks=40, ties=60, drift=drift, seed=seed)
-        squares["shift"].append(check_squares(block, truth, adjust(block, AdjustOptions())))
-        squares["affine"].append(check_squares(block, truth, adjust(block, AdjustOptions(model="affine"))))
+        squares["shift"].append(check_squares(block, truth, adjust(block, AdjustOptions(test_sigmas=False))))
+        squares["affine"].append(
+            check_squares(block, truth, adjust(block, AdjustOptions(test_sigmas=False, model="affine")))
+        )
         squares["estimated"].append(check_squares(block, truth, adjust(block, ESTIMATED)))
     rms = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
     print(gcps, "GCPs, drift", drift, {name: round(value, 3) for name, value in rms.items()}, "m")
@@ -63,12 +65,14 @@ def test_it_is_never_worse_than_a_loose_prior_or_none_at_all(gcps, drift):
 
 def test_a_drift_that_the_user_states_is_kept():
     block, _, _ = blocks.block()
-    result = adjust(block, AdjustOptions(model="affine", variance_components=True, sigma_drift=1e-5))
+    result = adjust(block, AdjustOptions(test_sigmas=False, model="affine", variance_components=True, sigma_drift=1e-5))
     assert all(part.group != "drift of the images" for part in result.variance_components)
 
 
 def test_cross_validation_uses_the_estimated_prior():
     block, _, _ = blocks.block(gcps=4, checks=0, ties=60, drift=0.0)
-    loose = adjust(block, AdjustOptions(model="affine", cross_validate=True)).cross_validation
-    held = adjust(block, AdjustOptions(model="affine", cross_validate=True, variance_components=True)).cross_validation
+    loose = adjust(block, AdjustOptions(test_sigmas=False, model="affine", cross_validate=True)).cross_validation
+    held = adjust(
+        block, AdjustOptions(test_sigmas=False, model="affine", cross_validate=True, variance_components=True)
+    ).cross_validation
     assert np.mean(held.error_m**2) < np.mean(loose.error_m**2)

@@ -40,7 +40,9 @@ def test_hobart_with_estimated_drift():
     """
     for count, limit in ((10, [0.435, 0.31, 1.18]), (5, [0.43, 0.31, 1.12]), (3, [0.43, 0.31, 1.12])):
         block = real_blocks.hobart(real_blocks.TEN[:count])
-        loose = real_blocks.check_rmse(adjust(block, AdjustOptions(model="affine", check_as_ties=True)), "center")
+        loose = real_blocks.check_rmse(
+            adjust(block, AdjustOptions(model="affine", check_as_ties=True, test_sigmas=False)), "center"
+        )
         options = AdjustOptions(model="affine", check_as_ties=True, variance_components=True)
         centres = real_blocks.check_rmse(adjust(block, options), "center")
         print(f"{count} GCPs: centres {centres.round(3)}, with a loose prior {loose.round(3)}")

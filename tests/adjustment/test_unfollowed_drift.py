@@ -26,7 +26,7 @@ def height_errors(drift, **options):
     for seed in SEEDS:
         block, truth, _ = blocks.block(gcps=0, checks=0, ties=1500, drift=drift, seed=seed, noise_px=0.05, bias_px=2.0)
         # of the same points each time: none may be left out
-        result = adjust(block, AdjustOptions(reject_sigma=0.0, **options))
+        result = adjust(block, AdjustOptions(test_sigmas=False, reject_sigma=0.0, **options))
         errors.append(ground_difference_m(truth, result.ground)[:, 2].mean())
         sigmas.append(result.parts[0].sigma_m[2])
     return np.array(errors), np.array(sigmas)
@@ -55,7 +55,7 @@ def test_with_gcps_it_costs_nothing_and_the_prediction_holds(gcps, drift):
         block, truth, _ = blocks.block(gcps=gcps, checks=40, ties=500, drift=drift, seed=seed, noise_px=0.05)
         check = block.points.role == Role.CHECK
         for name, sigma_drift in (("allowed", None), ("ignored", 0.0)):
-            result = adjust(block, AdjustOptions(sigma_drift=sigma_drift))
+            result = adjust(block, AdjustOptions(test_sigmas=False, sigma_drift=sigma_drift))
             squares[name].append(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
             if name == "allowed":
                 squares["predicted"].append(np.mean(result.ground_sigma_m[check] ** 2, axis=0))
@@ -97,7 +97,7 @@ def test_the_models_own_parameters_mean_what_they_did(name):
 def test_the_delivered_residuals_have_no_common_part():
     """The shift is where the image was measured, not at its centre: all points in one corner of each image."""
     block, _, _ = blocks.block(gcps=0, checks=0, ties=300, drift=1e-4, noise_px=0.05, bias_px=2.0)
-    result = adjust(block, AdjustOptions(sigma_drift=1e-4))
+    result = adjust(block, AdjustOptions(test_sigmas=False, sigma_drift=1e-4))
     for number in range(len(block.images)):
         mean = result.residual_px[block.measurements.image == number].mean(axis=0)
         assert np.abs(mean).max() < 0.01
@@ -111,7 +111,7 @@ def test_a_fixed_image_with_one_measurement_or_none_stays(model):
         keep = np.ones(len(block.measurements), dtype=bool)
         keep[first[left:]] = False
         few = replace(block, measurements=block.measurements.select(np.flatnonzero(keep)))
-        result = adjust(few, AdjustOptions(model=model, fixed_images=("image0",)))
+        result = adjust(few, AdjustOptions(test_sigmas=False, model=model, fixed_images=("image0",)))
         assert np.all(result.values[0] == 0.0)
         assert np.all(np.isfinite(result.values))
 
@@ -119,8 +119,8 @@ def test_a_fixed_image_with_one_measurement_or_none_stays(model):
 def test_measurements_are_judged_without_the_drift():
     """Normalised residuals are standard normal; over the delivered residuals the drift of 0.2 px would show."""
     block, _, _ = blocks.block(gcps=6, checks=0, ties=400, drift=1e-4, noise_px=0.05)
-    result = adjust(block, AdjustOptions(sigma_drift=1e-4))
+    result = adjust(block, AdjustOptions(test_sigmas=False, sigma_drift=1e-4))
     for values in normalised_residuals(result).values():
         assert np.std(values) == pytest.approx(1.0, abs=0.1)  # 1200 residuals: 2 %, and the drift's own estimate
     assert np.nanstd(result.residual_px) > 1.2 * np.nanstd(result.judged_residual_px)
-    assert adjust(block, AdjustOptions(model="affine")).estimate_residual_px is None
+    assert adjust(block, AdjustOptions(test_sigmas=False, model="affine")).estimate_residual_px is None

@@ -53,7 +53,7 @@ def sigmas(options: AdjustOptions, seeds: int = 5, **scene) -> dict[str, float]:
 
 def test_two_sensors_are_told_apart_by_their_pixels():
     """About 500 residuals a group in each block: a sigma is known to 3 %, the mean of five to 2 %."""
-    found = sigmas(AdjustOptions(variance_components=True))
+    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True))
     print(found)
     assert found["image points: 1 m"] == pytest.approx(0.2, rel=0.06)
     assert found["image points: 2 m"] == pytest.approx(0.5, rel=0.06)
@@ -66,7 +66,7 @@ def test_the_sigmas_make_the_cameras_better():
         block, truth = two_sensors(seed, (0.05, 1.0, 0.05, 1.0)), blocks.ground(160, seed + 7)
         # every point is compared, none may be left out
         for estimated, errors in ((True, with_), (False, without)):
-            options = AdjustOptions(variance_components=estimated, reject_sigma=0.0)
+            options = AdjustOptions(test_sigmas=False, variance_components=estimated, reject_sigma=0.0)
             away = (adjust(block, options).ground - truth) * [8e4, 1.1e5, 1.0]
             errors.append(np.mean(away[8:] ** 2))
     rms = np.sqrt([np.mean(with_), np.mean(without)])
@@ -75,7 +75,7 @@ def test_the_sigmas_make_the_cameras_better():
 
 
 def test_by_kind_and_sensor_together():
-    found = sigmas(AdjustOptions(variance_components=True), kinds=True)
+    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True), kinds=True)
     print(found)
     expected = {"1 m": 0.2, "2 m": 0.5, "corner, 1 m": 0.4, "corner, 2 m": 1.0}
     for name, sigma in expected.items():
@@ -84,7 +84,7 @@ def test_by_kind_and_sensor_together():
 
 def test_by_image():
     noise = (0.2, 0.3, 0.4, 0.6)
-    found = sigmas(AdjustOptions(variance_components=True, variance_groups="image"), noise=noise)
+    found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True, variance_groups="image"), noise=noise)
     print(found)
     for k, sigma in enumerate(noise):
         assert found[f"image points: I{k}"] == pytest.approx(sigma, rel=0.1)
@@ -92,7 +92,10 @@ def test_by_image():
 
 def test_the_user_names_the_images_of_a_sensor():
     options = AdjustOptions(
-        variance_components=True, variance_groups="sensor", sensor_images=(("I0", "I1"), ("I2", "I3"))
+        test_sigmas=False,
+        variance_components=True,
+        variance_groups="sensor",
+        sensor_images=(("I0", "I1"), ("I2", "I3")),
     )
     found = sigmas(options, noise=(0.2, 0.2, 0.5, 0.5))
     print(found)
@@ -102,7 +105,7 @@ def test_the_user_names_the_images_of_a_sensor():
 
 def test_like_images_are_one_group_without_a_name():
     block, _, _ = blocks.block(gcps=8, checks=0, ties=60)
-    result = adjust(block, AdjustOptions(variance_components=True))
+    result = adjust(block, AdjustOptions(test_sigmas=False, variance_components=True))
     assert result.variance_components[0].group == "image points"
 
 
@@ -125,16 +128,18 @@ def test_sensors_of_a_mixed_block():
 def test_unknown_names_are_refused():
     block = two_sensors(0)
     with pytest.raises(InputError, match="one sensor names image X"):
-        adjust(block, AdjustOptions(sensor_images=(("I0", "X"),)))
+        adjust(block, AdjustOptions(test_sigmas=False, sensor_images=(("I0", "X"),)))
     with pytest.raises(InputError, match="unknown grouping of image points 'colour'"):
-        adjust(block, AdjustOptions(variance_groups="colour"))
+        adjust(block, AdjustOptions(test_sigmas=False, variance_groups="colour"))
 
 
 @pytest.mark.parametrize("grouping", GROUPINGS)
 def test_every_grouping_leaves_a_variance_factor_of_one(grouping):
     block = two_sensors(3, kinds=True)
     # every observation is counted, none may be left out
-    result = adjust(block, AdjustOptions(variance_components=True, variance_groups=grouping, reject_sigma=0.0))
+    result = adjust(
+        block, AdjustOptions(test_sigmas=False, variance_components=True, variance_groups=grouping, reject_sigma=0.0)
+    )
     assert result.sigma0 == pytest.approx(1.0, abs=0.02)
     image = sum(part.observations for part in result.variance_components if part.unit == "px")
     assert image == 2 * len(block.measurements)
@@ -145,7 +150,7 @@ def test_many_wrong_sigmas_are_said_briefly():
     rows = block.measurements
     result = adjust(
         replace(block, measurements=replace(rows, sigma_px=np.full(len(rows), 0.01))),
-        AdjustOptions(variance_components=True, variance_groups="kind-image"),
+        AdjustOptions(test_sigmas=False, variance_components=True, variance_groups="kind-image"),
     )
     said = [text for text in result.warnings if "sigma given" in text]
     assert 4 <= len(said) <= 8
@@ -154,7 +159,7 @@ def test_many_wrong_sigmas_are_said_briefly():
 def test_redundancy_is_shared_out_as_a_dense_solution_shares_it():
     """GCPs that the images know better than the survey, and others that they do not: each group has its own share."""
     block, _, _ = blocks.block(gcps=12, checks=0, ties=8, drift=0.0, noise_px=0.4, noise_m=0.3)
-    options = AdjustOptions(model="shift", sigma_drift=0.0, variance_components=True)
+    options = AdjustOptions(test_sigmas=False, model="shift", sigma_drift=0.0, variance_components=True)
     found = {part.group: part for part in adjust(block, options).variance_components}
     image, plane, height = (found[name] for name in ("image points", "GCP east, north", "GCP height"))
     sigma_m = np.tile([plane.sigma, height.sigma], (len(block.points), 1))

@@ -9,11 +9,11 @@ import pytest
 import simulated_blocks as blocks
 from real_control import ZY3_CONTROL, quickbird, rmse_2d, ziyuan
 
-from hrsi.hrsi_engine.refinement import MODELS
+from hrsi.hrsi_engine.refinement import MODELS, selection
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.options import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import compare_models, refine_image
-from hrsi.hrsi_engine.refinement.selection import choose_by_number, choose_model
+from hrsi.hrsi_engine.refinement.selection import choose_by_number, choose_by_prediction, choose_model
 
 
 @pytest.fixture
@@ -92,16 +92,38 @@ def test_the_rule_by_number(image):
     assert choose_by_number([(image, many)]).model == "generic-full"
 
 
-def test_a_block_without_control_gets_a_shift():
-    block, _, _ = blocks.block(gcps=0, checks=5, ties=30)
+def test_a_block_of_few_points_without_control_gets_a_shift():
+    block, _, _ = blocks.block(gcps=0, checks=5, ties=5)
     choice = choose_model(block)
     assert (choice.model, choice.suspects) == ("shift", ())
     assert "no GCP" in choice.reason
 
 
+def test_a_block_whose_points_show_its_drift_follows_it():
+    """What drifts is the adjustment's to find out: where nothing does, its estimate is a shift."""
+    for gcps in (0, 1, 10):
+        block, _, _ = blocks.block(gcps=gcps, drift=0.0, checks=5, ties=30)
+        choice = choose_model(block)
+        assert choice.model == "affine" and "how much the images drift is estimated" in choice.reason
+
+
+def test_what_has_no_minimum_is_not_taken_unjudged(image, monkeypatch):
+    """A model that does not converge is refused, and said to be; one with too few GCPs is not judged."""
+    control = simulated(image, 9, (5.0, 2e-2, -1e-2, -3.0, 1e-2, 2e-2))
+    assert choose_by_prediction([(image, control)]).model == "affine"
+
+    def estimate_badly(model, *arguments):
+        found = estimate(model, *arguments)
+        bad = model.name == "generic-affine"
+        return replace(found, converged=False, status="stopped at the iteration limit") if bad else found
+
+    monkeypatch.setattr(selection, "estimate", estimate_badly)
+    choice = choose_by_prediction([(image, control)])
+    assert choice.model == "affine" and choice.scores["generic-affine"] is None
+    assert "generic-affine stopped at the iteration limit" in choice.reason
+
+
 def test_a_block_with_control():
-    shifted, _, _ = blocks.block(gcps=10, drift=0.0)
-    assert choose_model(shifted).model == "shift"
     drifting, _, _ = blocks.block(gcps=12, drift=3e-3)
     assert choose_model(drifting).model in ("affine", "generic-affine")
 

@@ -113,7 +113,7 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
     result, points = evidence.result, evidence.result.block.points
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
-    covariance = result.ground_covariance_m2[check] + points.survey_covariance_m2(check)
+    covariance = result.ground_covariance_m2[check] + result.survey_covariance_m2(check)
     covariance += evidence.camera_px**2 * _cofactors_of_rays(evidence, check)
     usable = np.isfinite(error[:, :2]).all(axis=1) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]

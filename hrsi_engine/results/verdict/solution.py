@@ -41,17 +41,17 @@ def not_converged(evidence: Evidence) -> Iterator[Reason]:
 def sigma0_too_large(evidence: Evidence) -> Iterator[Reason]:
     """Residuals that are much larger than the sigmas of the observations and the cameras' own errors explain."""
     result = evidence.result
-    squares = result.sigma0**2 * result.redundancy
-    if not is_significant(squares, result.redundancy):
+    stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
+    sigma0 = result.sigma0 * adjusted / stated  # of the sigmas as they were given, should they have been estimated
+    if not is_significant(sigma0**2 * result.redundancy, result.redundancy):
         return
-    stated = float(np.median(result.block.measurements.sigma_px))
-    needed, allowed = result.sigma0 * stated, float(np.hypot(stated, CAMERA_PX))
+    needed, allowed = sigma0 * stated, float(np.hypot(stated, CAMERA_PX))
     if needed < LARGE_RESIDUALS * allowed:
         return
     yield Reason(
         "residuals-too-large",
         Level.UNUSABLE if needed >= RUINED_RESIDUALS * allowed else Level.DOUBTFUL,
-        f"sigma0 is {result.sigma0:.2g}: residuals are that many times as large as the sigmas of the observations let "
+        f"sigma0 is {sigma0:.2g}: residuals are that many times as large as the sigmas of the observations let "
         f"expect; image points would need a sigma of {needed:.2g} px instead of {stated:.2g} px",
         "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
         "points are no better than that, state their sigmas as they are",

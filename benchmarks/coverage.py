@@ -1,0 +1,224 @@
+"""Do predicted accuracies hold? Shares of check errors inside the predicted CE90 and LE90, over many simulated blocks.
+
+`coverage.py [--seeds N] [--first SEED] [--estimated] [--docs] [NAME …]` adjusts every configuration with the engine's
+defaults, with ``--estimated`` with variance components as well. Seeds below `JUDGED` were looked at while the code was
+written; the documented table is of others.
+
+Truth and adjustment share nothing but the vendor's RPC: a physical pushbroom camera, disturbed by errors drawn from its
+sensor's accuracy (and, where a configuration says so, by a drift in the image), measures points with noise; the RPC is
+that of the undisturbed camera.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hrsi.hrsi_engine import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment import Adjustment
+from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.refinement.selection import RULES, choose_model
+from hrsi.hrsi_engine.simulation import SENSORS, PushbroomCamera, aim, fit_camera
+from hrsi.hrsi_engine.simulation.vendor import stated_accuracy
+
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "coverage.md"
+JUDGED = 1000  # the first seed of those that judge
+CHECKS, TIES = 60, 200
+NOISE_PX = 0.3
+SURVEY_M = (0.1, 0.1, 0.15)
+CENTRE = (5.45, 43.53, 250.0)
+RELIEF_M = 200.0
+DEFAULTS = AdjustOptions(model="auto", reject_sigma=4.0)
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A kind of block.
+
+    angles_deg : of each image along the track; size : samples and lines
+    drift : standard deviation of a drift in each image, px/px, beside that of the sensor, which ``sensor_drift`` scales
+    survey_m : the survey's true standard deviations; ``stated`` is what the file says of them, over the truth
+    poor : how many of the GCPs are ten times worse than the others, and said to be so
+    height_only : GCPs of which only the height is known; they come after the ``gcps``
+    """
+
+    sensor: str
+    angles_deg: tuple[float, ...]
+    gcps: int
+    size: int = 8000
+    drift: float = 0.0
+    sensor_drift: float = 1.0
+    survey_m: tuple[float, float, float] = SURVEY_M
+    stated: float = 1.0
+    poor: int = 0
+    height_only: int = 0
+
+
+TWO, THREE, NARROW = (12.0, -12.0), (15.0, 0.0, -15.0), (2.0, -2.0)
+CONFIGURATIONS = {
+    "Pleiades, 3 images, 0 GCPs": Configuration("pleiades", THREE, 0),
+    "Pleiades, 3 images, 10 GCPs": Configuration("pleiades", THREE, 10),
+    "Pleiades, 2 images, 6 GCPs, no drift": Configuration("pleiades", TWO, 6, sensor_drift=0.0),
+    "Pleiades, 2 narrow images, 6 GCPs": Configuration("pleiades", NARROW, 6),
+    "IKONOS, 2 images, 1 GCP": Configuration("ikonos", TWO, 1),
+    "IKONOS, 3 images, 2 GCPs": Configuration("ikonos", THREE, 2),
+    "IKONOS, 3 images, 6 GCPs, drift 1e-4": Configuration("ikonos", THREE, 6, drift=1e-4),
+    "WorldView-2, 2 images, 2 GCPs": Configuration("worldview-2", TWO, 2),
+    "WorldView-2, 3 images, 6 GCPs, drift 3e-5": Configuration("worldview-2", THREE, 6, drift=3e-5),
+    "SPOT 5, 2 images, 6 GCPs": Configuration("spot5", TWO, 6),
+    "SPOT 5, 3 images, 0 GCPs": Configuration("spot5", THREE, 0),
+    "QuickBird, 3 images, 0 GCPs": Configuration("quickbird", THREE, 0),
+    "QuickBird, 2 images, 1 GCP": Configuration("quickbird", TWO, 1),
+    "QuickBird, 3 images, 2 GCPs": Configuration("quickbird", THREE, 2),
+    "QuickBird, 3 images, 6 GCPs": Configuration("quickbird", THREE, 6),
+    "QuickBird, 3 images, 10 GCPs": Configuration("quickbird", THREE, 10),
+    "QuickBird, 3 images, 10 GCPs, 2000 px": Configuration("quickbird", THREE, 10, 2000),
+    "wide field, 2 images, 10 GCPs": Configuration("wide-field", TWO, 10, 4000),
+    "Pleiades, 3 images, 10 GCPs stated 5 x too small": Configuration(
+        "pleiades", THREE, 10, survey_m=(0.5, 0.5, 0.75), stated=0.2
+    ),
+    "Pleiades, 3 images, 10 GCPs stated 5 x too large": Configuration("pleiades", THREE, 10, stated=5.0),
+    "Pleiades, 3 images, 10 GCPs, half of them poor": Configuration("pleiades", THREE, 10, poor=5),
+    "IKONOS, 3 images, 2 GCPs, 6 of height only": Configuration("ikonos", THREE, 2, height_only=6),
+}
+
+
+@cache
+def cameras(sensor: str, angles_deg: tuple[float, ...], size: int) -> list[tuple[PushbroomCamera, Image]]:
+    """Return undisturbed cameras and the images with their RPCs, with the sensor's stated accuracy."""
+    found = []
+    for number, angle in enumerate(angles_deg):
+        camera = aim(SENSORS[sensor], (size, size), np.array(CENTRE), angle, 0.0, 190.0)
+        rpc = fit_camera(camera, (CENTRE[2] - RELIEF_M, CENTRE[2] + RELIEF_M)).rpc
+        rpc = stated_accuracy(rpc, camera, SENSORS[sensor].accuracy, 1.0)
+        found.append((camera, Image(f"image_{number + 1}", rpc, (size, size))))
+    return found
+
+
+def simulate(kind: Configuration, seed: int) -> Block:
+    """Return a block of a kind."""
+    rng = np.random.default_rng([seed, 7])
+    taken = cameras(kind.sensor, kind.angles_deg, kind.size)
+    known = kind.gcps + kind.height_only + CHECKS
+    total = known + TIES
+    ids = [f"{'GCP' if n < known - CHECKS else 'CHK' if n < known else 'TIE'}{n:04d}" for n in range(total)]
+    role = np.full(known, int(Role.CHECK), dtype=np.int8)
+    role[: known - CHECKS] = int(Role.GCP)
+    reach = 0.46 * kind.size * SENSORS[kind.sensor].gsd_m
+    offsets = np.column_stack([rng.uniform(-reach, reach, (total, 2)), rng.uniform(-0.5, 0.5, total) * RELIEF_M])
+    offsets[: known - CHECKS, :2] = _spread(rng, known - CHECKS, 0.9 * reach)
+    truth = moved_ground(np.tile(CENTRE, (total, 1)), offsets)
+    tables = []
+    accuracy = SENSORS[kind.sensor].accuracy
+    for camera, image in taken:
+        error = accuracy.draw(rng)
+        drift = kind.sensor_drift
+        error = replace(
+            error,
+            position_drift_m=tuple(drift * value for value in error.position_drift_m),
+            attitude_drift_rad=tuple(drift * value for value in error.attitude_drift_rad),
+        )
+        xy = camera.disturb(error).ground_to_image(truth)
+        xy = xy + (xy - image.centre_px) @ rng.normal(0.0, kind.drift, (2, 2)).T
+        xy = xy + rng.normal(0.0, NOISE_PX, xy.shape)
+        tables.append(ImagePoints.create(ids, [image.id] * total, xy, NOISE_PX))
+    sigma = np.tile(kind.survey_m, (known, 1))
+    sigma[: kind.poor] *= 10.0
+    surveyed = moved_ground(truth[:known], rng.normal(0.0, 1.0, (known, 3)) * sigma)
+    said = kind.stated * sigma[:, [0, 2]]
+    said[kind.gcps : kind.gcps + kind.height_only, 0] = 1000.0
+    return assemble([image for _, image in taken], [GroundPoints.create(ids[:known], surveyed, role, said)], tables)
+
+
+def _spread(rng: np.random.Generator, count: int, reach: float) -> np.ndarray:
+    """Return positions of ``count`` GCPs, drawn so that they are far from each other."""
+    chosen = [rng.uniform(-reach, reach, 2)]
+    while len(chosen) < count:
+        drawn = rng.uniform(-reach, reach, (12, 2))
+        nearest = np.linalg.norm(drawn[:, None] - np.array(chosen)[None], axis=2).min(axis=1)
+        chosen.append(drawn[np.argmax(nearest)])
+    return np.array(chosen[:count]).reshape(-1, 2)
+
+
+class Shares(NamedTuple):
+    """Of one block: shares of check errors inside CE90 and LE90, RMSE found and predicted (plan, height), sigma0."""
+
+    inside_ce90: float
+    inside_le90: float
+    plan_m: float
+    height_m: float
+    predicted_plan_m: float
+    predicted_height_m: float
+    sigma0: float
+
+
+def shares(result: Adjustment) -> Shares:
+    """Return how the check points of an adjustment fare: each against the report's CE90 and LE90."""
+    points = result.block.points
+    check = np.flatnonzero(points.role == Role.CHECK)
+    miss = ground_difference_m(points.ground[check], result.ground[check])
+    predicted = result.ground_covariance_m2[check] + result.survey_covariance_m2(check)
+    east, north, height = np.sqrt(predicted.diagonal(axis1=1, axis2=2).mean(axis=0))
+    plan = float(np.sqrt(0.5 * (east**2 + north**2)))
+    return Shares(
+        float(np.mean(np.hypot(*miss[:, :2].T) <= CIRCLE_90 * np.hypot(east, north))),
+        float(np.mean(np.abs(miss[:, 2]) <= LINE_90 * height)),
+        float(np.sqrt(np.mean(miss[:, :2] ** 2))), float(np.sqrt(np.mean(miss[:, 2] ** 2))), plan, float(height),
+        result.sigma0,
+    )  # fmt: skip
+
+
+def run(kind: Configuration, seeds: range, options: AdjustOptions) -> np.ndarray:
+    """Return the `Shares` of many blocks, ``(seeds, 7)``."""
+    return np.array([shares(_adjusted(simulate(kind, seed), options)) for seed in seeds])
+
+
+def _adjusted(block: Block, options: AdjustOptions) -> Adjustment:
+    """Return the adjustment with the model that a rule chooses, where the options name one."""
+    if options.model in RULES:
+        options = replace(options, model=choose_model(block, options.model).model)
+    return adjust(block, options)
+
+
+HEADER = (
+    f"{'configuration':50s} {'CE90 %':>7s} {'LE90 %':>7s} {'plan m':>8s} {'pred.':>8s} {'height m':>8s} {'pred.':>8s} "
+    f"{'sigma0':>7s}"
+)
+
+
+def row(name: str, found: np.ndarray) -> str:
+    """Return a row of the table: mean shares, and root mean squares."""
+    rms = np.sqrt(np.mean(found[:, 2:6] ** 2, axis=0))
+    return (
+        f"{name:50s} {100 * found[:, 0].mean():7.1f} {100 * found[:, 1].mean():7.1f} {rms[0]:8.3f} {rms[2]:8.3f} "
+        f"{rms[1]:8.3f} {rms[3]:8.3f} {np.median(found[:, 6]):7.2f}"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--estimated", action="store_true")
+    parser.add_argument("--model", default=DEFAULTS.model)
+    parser.add_argument("--docs", action="store_true")
+    words = parser.parse_args()
+    options = replace(DEFAULTS, model=words.model, variance_components=words.estimated)
+    print(HEADER)
+    for name, kind in CONFIGURATIONS.items():
+        if words.names and not any(word in name for word in words.names):
+            continue
+        print(row(name, run(kind, range(words.first, words.first + words.seeds), options)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""The global model test of an adjustment, and the sigmas that make it hold.
+
+A sigma is wrong where the squares of its observations' residuals are not what it lets expect (chi², two-sided). What
+then explains them is estimated with everything else at once, by variance components: the sigmas of image points by
+kind and sensor, those of the surveys, and how much the images drift. So a drift is not taken for a poor survey, nor
+poor GCPs for a drift. Drifts of small blocks are always estimated: their size is the least known of all sigmas, and
+where nothing drifts the estimate costs nothing. What was tested, found and done is in `SigmaEstimation.tests`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import special
+
+from ..refinement.selection import DRIFTS_ESTIMATED
+from .drift_prior import DriftPrior
+from .gauss_newton import GaussNewton, Solution
+from .outcome import Found
+from .precision import Precision
+from .problem import Problem
+from .result import ModelTest
+from .variance_components import LEAST_GROUP_FREEDOM, SURVEYS, Groups, Sigmas, components, summary, wrong_sigmas
+
+ROUNDS = 25
+SETTLED_SHARE = 0.01  # relative change of a sigma
+SIGNIFICANCE_OF_SIGMA = 0.01  # where it fails by chance, what is estimated is nearly what was given
+MATERIAL = 1.25  # a sigma that is wrong by less does no harm
+
+
+@dataclass(eq=False)
+class SigmaEstimation:
+    """The sigmas of one adjustment: as given, as found, and what was tested."""
+
+    problem: Problem
+    tests: list[ModelTest] = field(default_factory=list)
+    tried: bool = False
+
+    def __post_init__(self) -> None:
+        problem, options = self.problem, self.problem.options
+        self.groups = Groups.of(problem.block, problem.observations, options.variance_groups, options.sensor_images)
+        count = len(self.groups.names)
+        self.sigmas = Sigmas(np.ones(count), np.zeros(count, dtype=bool))
+        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift)
+        self.sums = np.zeros((count, 3))
+        self.drifts = False
+
+    def begin(self, solution: Solution, precise: Precision) -> bool:
+        """Return whether anything is to be estimated at a solution: drifts, or what `test` finds wrong."""
+        options = self.problem.options
+        if precise.cameras is None or not (options.test_sigmas or options.variance_components):
+            return False
+        small = options.test_sigmas and self.problem.observations.count <= DRIFTS_ESTIMATED
+        self.drifts = bool(
+            options.sigma_drift is None and self.drift.free.any() and (options.variance_components or small)
+        )
+        if options.variance_components:
+            self.sigmas.free[:] = True
+        elif not self.drifts:
+            self.test(solution, precise)
+        self.tried = self.drifts or bool(self.sigmas.free.any())
+        return self.tried
+
+    def test(self, solution: Solution, precise: Precision) -> bool:
+        """Test the sigmas of observations at a solution; return whether they are to be estimated from now on."""
+        if self.sigmas.free.any():
+            return False
+        self.sums = components(self.groups, self.problem.observations, solution, precise)
+        self.tests = [
+            self._test(name, float(squares), float(freedom))
+            for name, (squares, freedom, _) in zip(self.groups.names, self.sums, strict=True)
+            if freedom >= LEAST_GROUP_FREEDOM
+        ]
+        failed = any(test.failed for test in self.tests)
+        self.sigmas.free[:] = failed
+        return failed
+
+    def _test(self, name: str, squares: float, freedom: float) -> ModelTest:
+        larger, smaller = special.chdtrc(freedom, squares), special.chdtr(freedom, squares)
+        ratio = float(np.sqrt(squares / freedom))
+        failed = 2.0 * min(larger, smaller) < SIGNIFICANCE_OF_SIGMA and not 1.0 / MATERIAL < ratio < MATERIAL
+        return ModelTest(name, ratio, freedom, bool(failed))
+
+    def update(self, loop: GaussNewton, solution: Solution, precise: Precision) -> float:
+        """Correct the sigmas; return the largest relative change."""
+        change = 0.0
+        if self.sigmas.free.any():
+            self.sums = components(self.groups, self.problem.observations, solution, precise)
+            change = self.sigmas.update(self.sums)
+        return max(change, self.drift.update(loop, solution, precise)) if self.drifts else change
+
+    def image_weight(self) -> np.ndarray:
+        """Return the weights of the image points ``(n,)``, none left out."""
+        return self.sigmas.image_weight(self.groups, self.problem.weighting.image)
+
+    def survey_weight(self) -> np.ndarray:
+        """Return the weights of the surveys ``(m, 3)``, none left out."""
+        observations = self.problem.observations
+        return self.sigmas.survey_weight(observations, observations.survey_weight)
+
+    def report(self, found: Found) -> None:
+        """Add what was tested and estimated to what the adjustment found."""
+        found.tests = tuple(self.tests)
+        horizontal, height, correlated = (float(factor) for factor in self.sigmas.factor[-SURVEYS:])
+        found.survey_factors = horizontal, height, correlated
+        found.sigma_px = self.problem.observations.sigma_px * self.sigmas.factor[self.groups.of_image_point]
+        if not self.tried:
+            return
+        if self.sigmas.free.any():
+            found.components = summary(self.groups, self.problem.observations, self.sigmas, self.sums)
+            found.warnings += wrong_sigmas(found.components)
+        if self.drifts:
+            found.components += self.drift.summary()
