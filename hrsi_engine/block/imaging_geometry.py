@@ -275,7 +275,7 @@ def _size_warnings(image: Image, ground: np.ndarray) -> list[str]:
     if image.size is None:
         return []
     rpc, warnings = image.rpc, []
-    reach = np.abs(rpc.normalised(ground)[:2]).max()
+    reach = np.abs(rpc.normalise(ground)[:2]).max()
     if reach > GROUND_REACH:
         warnings.append(
             f"the image of {image.size[0]} x {image.size[1]} px reaches {reach:.1f} times as far as the ground "

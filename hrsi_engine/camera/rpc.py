@@ -219,7 +219,7 @@ class RPC:
         ratios += self._image_off[:, None]
         image[:, 0], image[:, 1] = ratios  # column by column: five times as fast as a transposed copy
 
-    def normalised(self, ground: np.ndarray) -> np.ndarray:
+    def normalise(self, ground: np.ndarray) -> np.ndarray:
         """Return normalised lon, lat and height ``(3, n)`` of ground points ``(n, 3)``: [-1, 1] in the RPC's domain.
 
         Parameters
@@ -251,7 +251,7 @@ class RPC:
         (2, n) ndarray
             The denominators of sample and of line; they are 1 near the middle of the domain.
         """
-        return np.asarray(self.polynomials[2:] @ monomials(self.normalised(ground)))
+        return np.asarray(self.polynomials[2:] @ monomials(self.normalise(ground)))
 
     def project(self, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` (sample, line) of ground points ``(n, 3)`` (lon, lat, height).

@@ -120,7 +120,7 @@ def correct(rpc: RPC, change: np.ndarray) -> RPC:
 
 def by_coefficients(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     """Return the derivatives ``(n, 2, 78)`` of image points by the coefficients, px."""
-    terms = monomials(rpc.normalised(ground)).T
+    terms = monomials(rpc.normalise(ground)).T
     ratios = (rpc.project(ground) - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
     denominators = rpc.denominators(ground).T
     result = np.zeros((len(ground), 2, COEFFICIENTS))

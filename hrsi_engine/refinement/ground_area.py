@@ -26,7 +26,7 @@ class GroundArea:
         """Half extent of the area in metres."""
         return float(self.reach[1] * metres_per_degree(self.middle[None])[0, 1])
 
-    def normalised(self, ground: np.ndarray) -> np.ndarray:
+    def normalise(self, ground: np.ndarray) -> np.ndarray:
         """Return lon, lat, height as ``(n, 3)`` shares of the half extents."""
         difference = ground - self.middle
         difference[:, 0] = wrap_degrees(difference[:, 0])

@@ -75,7 +75,7 @@ class GroundPolynomial:
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
         # The monomials, ``(n, m)``
-        terms = np.prod(ground_area(image).normalised(ground)[:, None, :] ** self.powers, axis=2)
+        terms = np.prod(ground_area(image).normalise(ground)[:, None, :] ** self.powers, axis=2)
         return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T)
 
     def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
