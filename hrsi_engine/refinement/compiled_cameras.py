@@ -141,16 +141,16 @@ def _pseudo_sensors(
 @njit(**OPTIONS)
 def _draw_rays(
     rpcs: Arrays, constants: np.ndarray, lower: np.ndarray, middle: np.ndarray, upper: np.ndarray, xy: np.ndarray,
-    rays: np.ndarray,
+    rows: np.ndarray, rays: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the rays ``(n, 18)`` of the image points of one image from their ground positions at three heights."""
+    """Write the rays ``(n, 18)`` of the image points ``rows`` of one image from their ground at three heights."""
     scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
-    for a in range(len(xy)):
+    for a in range(len(rows)):
         low = _placed(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
         high = _placed(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
         position = ellipsoid.geocentric(middle[a, 0], middle[a, 1], middle[a, 2])
         between, _, _ = place_in_frame(constants, 0, position, ellipsoid.axes(middle[a, 0], middle[a, 1]), by_ground, 0)
-        draw_ray(constants, 0, xy[a, 1], low, between, high, rays, a)
+        draw_ray(constants, 0, xy[rows[a], 1], low, between, high, rays, rows[a])
 
 
 @njit(**OPTIONS)
@@ -165,25 +165,23 @@ def _placed(
     return place_in_frame(constants, 0, position, axes, by_ground, 0)
 
 
-def _rays_of(image: Image, xy: np.ndarray) -> np.ndarray:
-    """Return the rays of image points, as `pseudo_rays.pseudo_rays` does."""
-    rays = np.empty((len(xy), COLUMNS))
+def _rays_of(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray) -> None:
+    """Write the rays of some image points to their rows of a table, as `pseudo_rays.pseudo_rays` computes them."""
     constants = sensor_frame(image).constants[None]
-    _draw_rays(rpc_tables([image.rpc]), constants, *ends_of_rays(image.rpc, xy), xy, rays)
-    return rays
+    _draw_rays(rpc_tables([image.rpc]), constants, *ends_of_rays(image.rpc, xy[rows]), xy, rows, rays)
 
 
 class Family(NamedTuple):
     """How the models of a family are linearised.
 
     loop : over points; table : what tells the models of the family apart
-    columns, rays : what is computed once for the image points (n, 2) of an image, ``(n, columns)``
+    columns, rays : how many numbers are computed once for each image point, and what writes those of some rows
     """
 
     loop: Callable[..., None]
     table: Callable[[Any], np.ndarray]
     columns: int = 0
-    rays: Callable[[Image, np.ndarray], np.ndarray] = lambda image, xy: np.empty((len(xy), 0))
+    rays: Callable[[Image, np.ndarray, np.ndarray, np.ndarray], None] = lambda image, xy, rows, table: None
 
 
 FAMILIES: dict[type, Family] = {
@@ -209,9 +207,8 @@ class CameraTables:
         self._rpcs = rpc_tables([one.rpc for one in images])
         self._constants = np.stack([model.constants(one) for one in images])
         table = np.empty((len(xy), family.columns))
-        if family.columns:
-            for one, rows in zip(images, by_image, strict=True):
-                table[rows] = family.rays(one, xy[rows])
+        for one, rows in zip(images, by_image, strict=True):
+            family.rays(one, xy, rows, table)
         self._observed = (first, image, xy, table)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
