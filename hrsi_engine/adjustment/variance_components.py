@@ -34,8 +34,7 @@ def gsd_m(image: Image) -> float:
     """Return the size of a pixel on the ground, the mean of both directions (m)."""
     rpc = image.rpc
     middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-    by_ground = rpc.project_with_metric_jacobian(middle)[1][0, :, :2]
-    return float(1.0 / np.sqrt(np.abs(np.linalg.det(by_ground))))
+    return float(1.0 / rpc.px_per_m(middle)[0])
 
 
 def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:

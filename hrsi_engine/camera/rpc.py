@@ -323,6 +323,22 @@ class RPC:
         image, jacobian = self.project_with_jacobian(ground)
         return image, jacobian / metres_per_degree(ground)[:, None, :]
 
+    def px_per_m(self, ground: np.ndarray) -> np.ndarray:
+        """Return how many pixels a metre on the ground is, the geometric mean of all directions.
+
+        Parameters
+        ----------
+        ground : (n, 3) ndarray
+            Lon, lat in degrees, ellipsoidal height in metres.
+
+        Returns
+        -------
+        (n,) ndarray
+            Pixels per metre; the inverse is the side of a square as large as a pixel on the ground.
+        """
+        _, by_ground = self.project_with_metric_jacobian(ground)
+        return np.asarray(np.sqrt(np.abs(np.linalg.det(by_ground[:, :, :2]))))
+
     # ---- inverse -----------------------------------------------------------------------------------------------
 
     @cached_property

@@ -24,8 +24,7 @@ def terrain_below(image: Image, surface: HeightSurface) -> np.ndarray:
 def mean_gsd_m(image: Image, ground: np.ndarray) -> float:
     """Return the geometric mean of an image's ground sample distances at the middle one of ground points."""
     middle = ground[len(ground) // 2][None]
-    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
-    return float(abs(np.linalg.det(by_ground[0, :, :2])) ** -0.5)
+    return float(1.0 / image.rpc.px_per_m(middle)[0])
 
 
 def utm_of(ground: np.ndarray) -> str:

@@ -52,5 +52,4 @@ def ground_area(image: Image) -> GroundArea:
 def px_per_m(image: Image) -> float:
     """Return how many pixels a metre on the ground is in the middle of an image."""
     middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
-    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
-    return float(np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
+    return float(image.rpc.px_per_m(middle)[0])

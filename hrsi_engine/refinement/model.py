@@ -193,8 +193,7 @@ def believed_drift(image: Image) -> float:
 def _pointing_px(image: Image) -> float:
     """Return the RPC's ERR_BIAS in px."""
     middle = np.array([[image.rpc.long_off, image.rpc.lat_off, image.rpc.height_off]])
-    _, by_ground = image.rpc.project_with_metric_jacobian(middle)
-    return float(image.rpc.err_bias * np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
+    return float((image.rpc.err_bias or 0.0) * image.rpc.px_per_m(middle)[0])
 
 
 Linearise = Callable[[np.ndarray, np.ndarray], Equations]

@@ -156,8 +156,7 @@ def mean_ground_sample_m(image: Image) -> float:
     ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
     if not np.isfinite(ground).all():
         return 1.0
-    _, by_ground = image.rpc.project_with_metric_jacobian(ground)
-    return float(1.0 / np.sqrt(max(abs(np.linalg.det(by_ground[0, :, :2])), 1e-12)))
+    return float(1.0 / max(image.rpc.px_per_m(ground)[0], 1e-6))
 
 
 def coarseness(image: Image) -> int:

@@ -89,8 +89,7 @@ class ReferenceControl:
 
 def ground_sample_m(image: Image, ground: np.ndarray) -> float:
     """Return the ground distance in metres of an image's pixels at a ground point ``(3,)``, mean of both directions."""
-    _, by_ground = image.rpc.project_with_metric_jacobian(ground[None])
-    return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
+    return float(1.0 / image.rpc.px_per_m(ground[None])[0])
 
 
 def match_reference(

@@ -65,8 +65,7 @@ def _area_px(reference: Orthoimage, ground: np.ndarray) -> float:
 
 
 def _pixel_m(image: Image, ground: np.ndarray) -> float:
-    _, by_ground = image.rpc.project_with_metric_jacobian(ground[len(ground) // 2][None])
-    return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))
+    return float(1.0 / image.rpc.px_per_m(ground[len(ground) // 2][None])[0])
 
 
 def _best_spot(
