@@ -106,24 +106,20 @@ def measure_folder(folder: str) -> dict[str, Any]:
 
 
 def print_models(folder: str, to_docs: bool) -> None:
-    """Print processor seconds and memory of every model, each in processes of its own, the faster of two runs.
+    """Print processor seconds and memory of every model on one block: solve, all sigmas and tests, the faster of two.
 
-    The runs of a round follow each other, so that other work on the machine slows all models alike.
+    The models follow each other in one process, so that other work on the machine slows all of them alike.
     """
-    rounds = [{name: in_own_process("--one-model", name, folder) for name in BLOCK_MODELS} for _ in range(2)]
-    best = {name: min((one[name] for one in rounds), key=lambda numbers: numbers["cpu_s"]) for name in BLOCK_MODELS}
-    affine = best["affine"]["cpu_s"]
-    compiled = "NumPy" if os.environ.get("HRSI_COMPILED") == "0" else "compiled"
-    rows = [
-        f"| model ({compiled}) | parameters | CPU s | of affine's | peak MB | systems | cost |",
-        "|---|---|---|---|---|---|---|",
-        *(
-            f"| {name} | {len(BLOCK_MODELS[name].parameters)} | {n['cpu_s']:.1f} | {n['cpu_s'] / affine:.2f} | "
-            f"{n['all_mb']:.0f} | {n['solves']} | {n['cost']:.2f} |"
-            for name, n in best.items()
-        ),
-    ]
-    print("\n".join(rows))
+    block, best = read_folder(folder), {}
+    for _ in range(2):
+        for name in BLOCK_MODELS:
+            numbers = timed(block, replace(OPTIONS, model=name))
+            numbers.pop("result")
+            before = best.get(name, numbers)
+            least_mb = min(before["all_mb"], numbers["all_mb"])  # without what the models before leave behind
+            best[name] = min(before, numbers, key=lambda one: one["cpu_s"]) | {"all_mb": least_mb}
+        rows = models_table(best)
+        print("\n".join(rows), flush=True)
     if to_docs:
         page = Path(__file__).parents[1] / "docs" / "adjustment.md"
         text = page.read_text(encoding="utf-8")
@@ -131,12 +127,15 @@ def print_models(folder: str, to_docs: bool) -> None:
         page.write_text(text[:begin] + "\n" + "\n".join(rows) + "\n" + text[end:], encoding="utf-8")
 
 
-def measure_model(name: str, folder: str) -> dict[str, Any]:
-    """Adjust the block of a folder with a model in this process; precision included."""
-    block = read_folder(folder)
-    numbers = timed(block, replace(OPTIONS, model=name))
-    numbers.pop("result")
-    return numbers
+def models_table(best: dict[str, dict[str, Any]]) -> list[str]:
+    """Return the rows of the table of models."""
+    affine = best["affine"]["cpu_s"]
+    head = "| model | parameters | CPU s | of affine's | peak MB | systems | cost |"
+    return [head, "|---|---|---|---|---|---|---|"] + [
+        f"| {name} | {len(BLOCK_MODELS[name].parameters)} | {n['cpu_s']:.1f} | {n['cpu_s'] / affine:.2f} | "
+        f"{n['all_mb']:.0f} | {n['solves']} | {n['cost']:.2f} |"
+        for name, n in best.items()
+    ]
 
 
 def corrections(result: Any) -> list[float]:
@@ -353,7 +352,6 @@ def main() -> None:
     parser.add_argument("--grown", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--models", metavar="FOLDER")
     parser.add_argument("--docs", action="store_true", help="put the table of --models into the documentation")
-    parser.add_argument("--one-model", nargs=2, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         print(json.dumps(measure_folder(given.one)))
@@ -366,8 +364,6 @@ def main() -> None:
         numbers = timed(block, OPTIONS)
         numbers.pop("result")
         print(json.dumps(numbers | {"base_mb": base_mb}))
-    elif given.one_model:
-        print(json.dumps(measure_model(*given.one_model)))
     elif given.models:
         print_models(given.models, given.docs)
     elif given.blunders:

@@ -26,7 +26,8 @@ def is_wanted(worth_it: bool = True) -> bool:
 def register(*formulas: Callable[..., Any]) -> None:
     """Let compiled loops call functions that are written once for numbers and for arrays; needs numba.
 
-    The functions themselves stay as they are: NumPy's users need no numba.
+    The functions themselves stay as they are: NumPy's users need no numba. numba's cache on disk looks at the file of a
+    loop alone: whoever changes a formula removes the ``*.nbi`` in the ``__pycache__`` of the loops that call it.
     """
     from numba.extending import register_jitable
 

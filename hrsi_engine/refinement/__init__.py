@@ -10,6 +10,8 @@
 | object_space       | corrections of the ground position                                               |
 | pseudo_rays        | pseudo light rays of image points                                                |
 | pseudo_sensor      | the generic method: corrections of a pseudo sensor                               |
+| corrected_rays     | … its formula: where a corrected ray passes, and the equations of it             |
+| compiled_cameras   | the equations of many image points by compiled loops over the models' formulas   |
 | direct_rpc         | corrections of the coefficients themselves                                       |
 | estimate           | parameters of one image from its GCPs                                            |
 | selection          | which model the GCPs support, and which GCPs disagree                            |
