@@ -2,13 +2,13 @@
 
 Parts: ``ties`` (5 to 40 % wrong tie measurements), ``control`` (wrong GCPs), ``clean`` (nothing wrong). Simulated
 blocks with known truth, the command line's defaults (`--reject 4`). Seeds from 1000 on were never looked at while
-thresholds were chosen; ``--seeds 0 20`` takes others. ``--docs`` writes docs/accuracy_blunders.md.
+thresholds were chosen; ``--seeds 0 20`` takes others. ``--docs`` writes the tables into docs/accuracy_blunders.md.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -267,22 +267,24 @@ def clean_blocks(seeds: Sequence[int]) -> Section:
 
 #: Parts, and how many seeds judge each.
 PARTS: dict[str, tuple[Callable[[Sequence[int]], Section], int]] = {
-    "ties": (wrong_ties, 8),
-    "control": (wrong_control, 12),
+    "ties": (wrong_ties, 5),
+    "control": (wrong_control, 6),
     "clean": (clean_blocks, 100),
 }
 FIRST_SEED = 1000
+TITLES = ("Wrong tie measurements", "Wrong GCPs", "Clean blocks")
 INTRODUCTION = """# Accuracy: blunders
 
 Made by `python benchmarks/blunders.py --docs`. How blunders are found: [adjustment](adjustment.md).
 """
 
 
-def sections(names: Sequence[str], seeds: tuple[int, int] | None) -> Iterator[Section]:
-    """Yield the tables of the named parts, or of all."""
-    for name in names or PARTS:
-        make, count = PARTS[name]
-        yield make(range(*seeds) if seeds else range(FIRST_SEED, FIRST_SEED + count))
+def write_page(made: dict[str, str]) -> None:
+    """Write the page with the sections ``made``; those that are there and were not made again stay."""
+    text = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    found = {part.splitlines()[0]: part.split("\n", 1)[1] for part in text.split("\n## ")[1:]} | made
+    parts = [f"## {title}\n{found[title]}" for title in TITLES if title in found]
+    PAGE.write_text("\n".join([INTRODUCTION, *parts]), encoding="utf-8")
 
 
 def main() -> None:
@@ -292,17 +294,20 @@ def main() -> None:
     parser.add_argument(
         "--seeds", nargs=2, type=int, metavar=("FIRST", "END"), help="other seeds than the judging ones"
     )
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
+    parser.add_argument("--docs", action="store_true", help=f"write the tables into {PAGE.name}")
     options = parser.parse_args()
-    if options.docs and (options.names or options.seeds):
-        parser.error("--docs writes all tables with the judging seeds: leave parts and seeds out")
-    parts = [INTRODUCTION]
-    for title, text, head, rows in sections(options.names, options.seeds):
+    if options.docs and options.seeds:
+        parser.error("--docs takes the judging seeds: leave --seeds out")
+    made: dict[str, str] = {}
+    for name in options.names or PARTS:
+        make, count = PARTS[name]
+        seeds = range(*options.seeds) if options.seeds else range(FIRST_SEED, FIRST_SEED + count)
+        title, text, head, rows = make(seeds)
         table = render(head, rows)
         print(f"\n{title}\n{text}\n\n{table}", flush=True)
-        parts.append(f"## {title}\n\n{text}\n\n{table}\n")
+        made[title] = f"\n{text}\n\n{table}\n"
     if options.docs:
-        PAGE.write_text("\n".join(parts), encoding="utf-8")
+        write_page(made)
 
 
 if __name__ == "__main__":

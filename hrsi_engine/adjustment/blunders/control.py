@@ -38,7 +38,7 @@ STARTS = 12
 GROUP_STEPS = 8
 UNEXPLAINED = 15.0  # squares in units of the variance factor that an equally good explanation may leave
 LIKE = 0.02  # … or share of what the best one explains: equations are only nearly linear
-SIMPLICITY = 4.0  # squares that another unknown must explain
+SIMPLICITY = 9.0  # squares that another unknown must explain
 UNDECIDED = 6.0  # by which one explanation of a GCP must be better than another
 MOST_LOG = 1e4
 

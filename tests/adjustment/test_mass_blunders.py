@@ -1,0 +1,135 @@
+"""Blunders by the dozen, and GCPs that are wrong together; `benchmarks/blunders.py` has the long study."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+
+from hrsi.benchmarks.adjust_speed import visible_sigmas
+from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
+from hrsi.hrsi_engine.adjustment.blunders.discrepancies import discrepancies
+from hrsi.hrsi_engine.adjustment.problem import prepare
+from hrsi.hrsi_engine.adjustment.solver import Adjuster
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.foundation.progress import silent
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+
+TESTED = AdjustOptions(reject_sigma=4.0)
+
+
+def with_wrong_ties(block, share, size_px, seed):
+    """Return the block with a share of its tie measurements moved in any direction, their rows and errors."""
+    rng = np.random.default_rng(seed)
+    ties = np.flatnonzero(block.points.role[block.measurements.point] == Role.TIE)
+    rows = rng.choice(ties, round(share * len(ties)), replace=False)
+    angle = rng.uniform(0.0, 2.0 * np.pi, len(rows))
+    error = size_px * np.column_stack([np.cos(angle), np.sin(angle)])
+    xy = block.measurements.xy.copy()
+    xy[rows] += error
+    return replace(block, measurements=replace(block.measurements, xy=xy)), rows, error
+
+
+def moved(block, gcps, metres):
+    ground = block.points.ground.copy()
+    ground[gcps] = moved_ground(ground[gcps], np.tile(np.array(metres, dtype=float), (len(gcps), 1)))
+    return replace(block, points=replace(block.points, ground=ground))
+
+
+def check_rmse(truth, result):
+    check = result.block.points.role == Role.CHECK
+    return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
+
+
+@pytest.mark.parametrize(("images", "share", "least"), [(2, 0.3, 0.95), (3, 0.3, 0.95), (3, 0.4, 0.9), (4, 0.4, 0.9)])
+def test_ties_wrong_by_the_dozen(images, share, least):
+    """RPCs tens of pixels off, errors of 30 px: no start from all measurements finds its way here."""
+    found, shown, alarms, right = 0, 0, 0, 0
+    for seed in range(2):
+        block, truth, _ = blocks.block(8, 60, 300, count=images, seed=seed, bias_px=40.0, drift=2e-5)
+        clean = adjust(block, TESTED)
+        bad, rows, error = with_wrong_ties(block, share, 30.0, seed)
+        result = adjust(bad, TESTED)
+        out = result.decision != Decision.KEPT
+        visible = visible_sigmas(bad, clean, rows, error) > 10.0
+        found, shown = found + out[rows][visible].sum(), shown + visible.sum()
+        touched = np.isin(bad.measurements.point, bad.measurements.point[rows])
+        alarms, right = alarms + out[~touched].sum(), right + (~touched).sum()
+        assert not result.findings  # no GCP is wrong
+        assert np.all(check_rmse(truth, result) < 1.05 * check_rmse(truth, clean))
+    print(f"{images} rays, {share:.0%} wrong: {found} of {shown} left out, {alarms} of {right} good ones")
+    assert found >= least * shown
+    assert alarms <= 0.001 * right
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_wrong_heights_do_not_hide_each_other(seed):
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=100, seed=seed, drift=2e-5)
+    result = adjust(moved(block, [1, 4], [0.0, 0.0, 25.0]), TESTED)
+    assert {(finding.id, finding.what, finding.left_out) for finding in result.findings} == {
+        ("P0001", "height", True), ("P0004", "height", True)
+    }  # fmt: skip
+    for finding in result.findings:
+        assert finding.unit == "m"
+        assert finding.size == pytest.approx(25.0, abs=2.0)  # four sigmas of the height of three rays
+        assert "too high" in finding.message
+
+
+def test_a_group_of_gcps_that_agree_on_another_datum_is_named():
+    block, _, _ = blocks.block(gcps=15, checks=0, ties=100, drift=2e-5)
+    wrong = [0, 2, 5, 9, 13]
+    result = adjust(moved(block, wrong, [0.0, 0.0, -30.0]), TESTED)
+    assert {finding.id for finding in result.findings if finding.left_out} == {f"P{k:04d}" for k in wrong}
+
+
+def test_of_two_halves_nobody_can_tell_which_is_wrong():
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=100, drift=2e-5)
+    result = adjust(moved(block, [0, 2, 4], [0.0, 0.0, 40.0]), TESTED)
+    (finding,) = result.findings
+    assert not finding.left_out
+    halves = [{"P0000", "P0002", "P0004"}, {"P0001", "P0003", "P0005"}]
+    assert set(finding.group) in halves
+    assert set(finding.rivals) in halves
+    assert set(finding.concerned) == halves[0] | halves[1]
+    assert all(name in finding.message for name in finding.concerned)
+
+
+def test_height_control_is_tested_as_such():
+    """1000 m in plan lends the heights no credit, is no reason to accuse anybody, and hides no wrong height."""
+    accused, found = 0, 0
+    for seed in range(10):
+        block, _, _ = blocks.block(gcps=6, checks=0, ties=100, seed=seed, drift=2e-5)
+        sigma = block.points.sigma_m.copy()
+        sigma[:, 0] = 1000.0
+        block = replace(block, points=replace(block.points, sigma_m=sigma))
+        accused += len(adjust(block, TESTED).findings)
+        result = adjust(moved(block, [3], [0.0, 0.0, 25.0]), TESTED)
+        found += [(finding.id, finding.what) for finding in result.findings] == [("P0003", "height")]
+    assert accused == 0
+    assert found >= 9
+
+
+def test_leaving_out_by_cofactors_is_leaving_out():
+    """What `Discrepancies` says of a group equals the fall of the cost of a new solution without it."""
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=60, drift=2e-5)
+    rounds = Adjuster(prepare(moved(block, [1, 4], [0.3, -0.2, 0.5]), AdjustOptions()))
+    solution = rounds.solve(None, silent)
+    gcps = np.flatnonzero(rounds.problem.observations.surveyed)
+    control = discrepancies(rounds.problem, rounds.loop, solution, gcps)
+    heights = np.flatnonzero(np.isin(control.point, [1, 4]) & (control.axis == 2))
+    squares, dimensions = control.test(heights)
+    assert dimensions == 2
+    rounds.survey_weight[gcps[[1, 4]], 2] = 0.0
+    without = rounds.solve(solution, silent)
+    # the loop ends at 1e-9 of the cost; the equations are linear to some 1e-6 over metres
+    assert squares == pytest.approx(2.0 * (solution.cost - without.cost), rel=1e-4)
+    errors = ground_difference_m(
+        rounds.problem.observations.survey[gcps[[1, 4]]], without.state.ground[gcps[[1, 4]]]
+    )[:, 2]  # fmt: skip
+    np.testing.assert_allclose(control.errors(heights), errors, atol=1e-3)
+    one_by_one = control.test(heights[:1])[0] + control.without(heights[:1]).test(
+        np.flatnonzero((control.without(heights[:1]).point == 4) & (control.without(heights[:1]).axis == 2))
+    )[0]  # fmt: skip
+    assert one_by_one == pytest.approx(squares, rel=1e-9)
