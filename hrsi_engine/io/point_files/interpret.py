@@ -1,4 +1,9 @@
-"""From the rows of a point file to ground points and image points: the one place where point files are checked."""
+"""From the rows of a point file to ground points and image points: the one place where point files are checked.
+
+Every reader brings a `PointTable` of texts and numbers and checks nothing. Here a row becomes a ground point where it
+has a position, and a measurement where it has sample and line; one row may be both (a GCP measured on one image). What
+is wrong with a row is said with its file and line or feature, as the user finds it there.
+"""
 
 from __future__ import annotations
 

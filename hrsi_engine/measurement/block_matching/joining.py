@@ -1,4 +1,15 @@
-"""From the matches of all windows to tracks: tested by pair, free of contradictions and repetitions, evenly spread."""
+"""From the matches of all windows to tracks: tested by pair, free of contradictions and repetitions, evenly spread.
+
+Two tests see two kinds of wrong matches. *Across* the epipolar line of its pair a match may be off only by what the
+RPCs are off, which changes slowly over the image: the deviations are compared with a polynomial trend, fitted robustly
+(`without_outliers`). *Along* the line every deviation looks like a height h; but the pairs of one reference must agree
+on it. A match of a pair whose views are s px per metre of height apart tells h with the weight s^2, so the heights of
+a track are compared with their mean
+
+    h_mean = sum(s^2 h) / sum(s^2),        away = s (h - h_mean)  in px,
+
+after each pair's own trend, again what the RPCs are off, has been taken from its heights (`without_contradictions`).
+"""
 
 from __future__ import annotations
 

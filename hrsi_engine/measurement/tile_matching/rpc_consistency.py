@@ -1,4 +1,10 @@
-"""Matches between the features of two images: mutual nearest neighbours, ratio test, RPC geometry."""
+"""Matches between the features of two images: mutual nearest neighbours, ratio test, RPC geometry.
+
+The RPCs of a pair are off by an offset that hardly changes within a window, so true matches lie in a narrow band
+across their epipolar lines whose place is not known beforehand: it is the mode of all matches' distances across,
+around which a trend is then fitted. Along the lines parallax is free, but neighbours stand on the same ground: a match
+whose parallax leaves the median of its neighbours by more than buildings explain is wrong.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Least-squares matching by NumPy, many windows at once: the same steps as the compiled loops of `lsm_kernels`."""
+"""Least-squares matching by NumPy, many windows at once: the same steps as the compiled loops of `lsm_kernels`.
+
+The equation of `least_squares_matching` is linear in eight unknowns (g d, g D, g, o), in this order: with the columns
+
+    A = [Tx, Ty, Tx x, Tx y, Ty x, Ty y, T - mean(T), 1]
+
+(Tx, Ty slopes of the template, x, y offsets in half windows) and weights P the solution is (A'PA)^-1 A'P I(W). A'PA
+belongs to the template alone and is inverted once a window; d and D are the solution's first six terms over g.
+"""
 
 from __future__ import annotations
 
