@@ -112,7 +112,9 @@ def test_terrain_points_of_a_block_layer_lie_where_they_were_adjusted(tmp_path: 
     lines += [f"{name},gcp,{x},{y},50,{x},{y},80" for name, x, y in rows[3:]]
     (tmp_path / "points.csv").write_text("\n".join(lines), encoding="utf-8")
     options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
-    terrain = open_ortho_terrain(made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal"}))
+    terrain = open_ortho_terrain(
+        made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal", "images": (), "output_dir": "out"})
+    )
     assert surface_heights(terrain.surface, np.array([[LON + 0.005, LAT + 0.005]])) == pytest.approx(50.0)
 
 
@@ -126,7 +128,9 @@ def test_terrain_points_count_by_the_sigmas_of_their_adjusted_heights(tmp_path: 
     head = "id,role,lon,lat,height,sigma_height_m,sigma_h"
     (tmp_path / "points.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
-    terrain = open_ortho_terrain(made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal"}))
+    terrain = open_ortho_terrain(
+        made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal", "images": (), "output_dir": "out"})
+    )
     places = np.random.default_rng(1).uniform([LON + 2e-4, LAT + 2e-4], [LON + 1.7e-3, LAT + 1.7e-3], (200, 2))
     assert np.abs(surface_heights(terrain.surface, places) - 50.0).max() < 0.2
 
@@ -375,10 +379,10 @@ def test_coarse_orthoimages_are_means(scene: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"dem": None}, "height of the ground: give --dem"),
-        ({"height": 3.0}, "--dem and --height all say"),
-        ({"crs": "EPSG:0"}, "--crs"),
-        ({"extent": "1,2,3"}, "--extent"),
+        ({"dem": None}, "height of the ground: give `dem`"),
+        ({"height": 3.0}, "`dem` and `height` all say"),
+        ({"crs": "EPSG:0"}, "`crs`"),
+        ({"extent": "1,2,3"}, "`extent`"),
         ({"extent": "0,0,10,10"}, "holds nothing of a"),
         ({"nodata": "300000"}, "UInt16 pixels, which cannot hold it"),
         ({"nodata": "none"}, "neither a number nor mask"),
