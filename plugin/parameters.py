@@ -29,7 +29,7 @@ from qgis.core import (
     QgsProcessingParameterString,
 )
 
-from ..processing_algorithms.interface.declare import Kind, Param, typed
+from ..processing_algorithms.interface.declare import Kind, Param, typed_value
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
@@ -137,7 +137,7 @@ def _common(param: Param) -> dict[str, Any]:
     return {
         "name": qgis_name(param),
         "description": label_of(param),
-        "defaultValue": typed(param) if isinstance(param.default, tuple) else param.default,
+        "defaultValue": typed_value(param) if isinstance(param.default, tuple) else param.default,
         "optional": not (param.required or param.piped) and param.default in (None, ()),
     }
 

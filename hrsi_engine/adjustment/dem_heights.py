@@ -38,7 +38,7 @@ class DemHeights:
     points: np.ndarray
     sigma_m: float
 
-    def applied(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
         """Return the priors with the DEM's heights at positions ``(m, 3)``, weighted by how well they fit.
 
         ``cofactors (m, 3, 3)`` are those of the positions, for the cameras as they are, under the ``priors``.

@@ -113,7 +113,7 @@ class GaussNewton:
         """Return the same state with robust factors from its residuals and heights from the DEM."""
         weighting = at.weighting
         if self.heights is not None:
-            points = self.heights.applied(weighting.points, at.state.ground, at.normals.inverse)
+            points = self.heights.apply(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
         return self._at(at.state, weighting, robustly(t))

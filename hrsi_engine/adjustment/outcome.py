@@ -118,7 +118,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         warnings=(
             *problem.warnings,
             *found.warnings,
-            *_undetermined(problem, loop, prior_share),
+            *_find_undetermined(problem, loop, prior_share),
             *_dem_warnings(agreement),
         ),
         dem=agreement,
@@ -235,7 +235,7 @@ def _parts(
     )  # fmt: skip
 
 
-def _undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
+def _find_undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
     """Name parameters of images with control that nevertheless come from their priors.
 
     Not those whose prior was estimated from the block: these are as good as the block can say.

@@ -241,6 +241,16 @@ class Adjustment:
         """Return the covariances ``(k, 3, 3)`` of some points' surveys as adjusted: given, or estimated.
 
         Check points are of the same survey as the GCPs. A coordinate that is not surveyed has an infinite variance.
+
+        Parameters
+        ----------
+        points : (k,) ndarray or slice
+            The points.
+
+        Returns
+        -------
+        (k, 3, 3) ndarray
+            Of east, north and height in square metres.
         """
         covariance = self.block.points.survey_covariance_m2(points)
         horizontal, height, correlated = self.survey_factors

@@ -119,7 +119,7 @@ def descend(
             astray, growth = 0, RAISED
             if damping:
                 # a damped step promises little everywhere, so where it is little the next one is not damped
-                needed = max(_lowered(damping, came, braked / max(promised, 1e-300)), LEAST_DAMPING)
+                needed = max(_lower(damping, came, braked / max(promised, 1e-300)), LEAST_DAMPING)
                 damping = 0.0 if done else needed
         elif astray < LOOK_AHEAD and taken.ahead.cost < (GREAT_LEAP * at.cost if astray else np.inf):
             at, astray = taken.ahead, astray + 1
@@ -132,7 +132,7 @@ def descend(
     raise AssertionError("a descent has one step at least")
 
 
-def _lowered(damping: float, came: float, share: float) -> float:
+def _lower(damping: float, came: float, share: float) -> float:
     """Return the damping after a step that helped.
 
     ``came`` is the decrease over that of the damped equations, (g' s) / 2, and ``share`` the damping's part in what was

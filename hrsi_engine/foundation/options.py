@@ -112,7 +112,7 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
     for name, method in _SHARED.items():
         setattr(made, name, method)
-    made.__doc__ = _described(made)
+    made.__doc__ = _describe(made)
     return made
 
 
@@ -141,7 +141,7 @@ def _set_once(own: Any, name: str, value: Any) -> None:
 _SHARED: dict[str, Any] = {"__repr__": _show, "__eq__": _equal, "__hash__": _hash, "__setattr__": _set_once}
 
 
-def _described(options: type) -> str:
+def _describe(options: type) -> str:
     """Return the docstring of a class with the section Parameters that its fields tell."""
     doc = inspect.cleandoc(options.__doc__ or "")
     opening, _, rest = doc.partition(_HEADING)

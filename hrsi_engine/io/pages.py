@@ -60,11 +60,11 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters["figure"] = figure
-    environment.filters["coded"] = coded
+    environment.filters["coded"] = mark_code
     return environment
 
 
-def coded(text: str) -> Markup:
+def mark_code(text: str) -> Markup:
     """Return a message as HTML; the arguments that it names in backticks are code.
 
     Parameters

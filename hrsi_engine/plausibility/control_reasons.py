@@ -144,7 +144,7 @@ def _read_pixels(control: SurveyedRows, undo: Callable[..., np.ndarray], some: n
     if not rows.any():
         return fit(control)
     fresh = sights(control.block.images, control.image[rows], xy[rows])
-    return fit(control, seen=control.sights.replaced(rows, fresh))
+    return fit(control, seen=control.sights.replace(rows, fresh))
 
 
 def _image_exchange(control: SurveyedRows, owner: np.ndarray) -> str:

@@ -44,14 +44,14 @@ def disagreement(given: RowFit) -> Disagreement | None:
     two = _two_heaps(vector, expected, float(least.max()))
     if two is not None:
         smaller, gap = two
-        return _described(given, points, vector, smaller, gap, group=True)
+        return _describe(given, points, vector, smaller, gap, group=True)
     middle = np.median(vector, axis=0)
     away = np.abs(vector - middle).max(axis=1)
     spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
     off = (away > HEAPS_APART * spread) & (away > least)
     if not off.any() or off.sum() > len(points) / 2:
         return None
-    return _described(given, points, vector, off, float((away / spread)[off].min()), group=False)
+    return _describe(given, points, vector, off, float((away / spread)[off].min()), group=False)
 
 
 def point_vectors(given: RowFit) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +112,7 @@ def _width(along: np.ndarray) -> float:
     return 2.0 * spread if len(along) < 4 else spread
 
 
-def _described(
+def _describe(
     given: RowFit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
 ) -> Disagreement:
     step = -(np.median(vector[off], axis=0) - np.median(vector[~off], axis=0))

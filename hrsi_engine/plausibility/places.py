@@ -127,7 +127,7 @@ def _outside(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray) -> np.nd
 def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     """Return whether a DEM leaves out a part of the block, and whether its heights and the surveyed ones disagree."""
     reasons = []
-    covered = np.array([_covered(image, block, surface) for image in block.images])
+    covered = np.array([_cover(image, block, surface) for image in block.images])
     if covered.mean() < COVERED:
         ids = tuple(image.id for image, share in zip(block.images, covered, strict=True) if share < COVERED)
         reasons.append(
@@ -174,7 +174,7 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     return reasons
 
 
-def _covered(image: Image, block: Block, surface: HeightSurface) -> float:
+def _cover(image: Image, block: Block, surface: HeightSurface) -> float:
     """Return the share of an image's ground at which a DEM has a height."""
     known = block.points.ground[block.known, 2]
     height = float(np.median(known)) if len(known) else image.rpc.height_off

@@ -39,7 +39,7 @@ class Sights:
         """Return some of the rays."""
         return Sights(self.ground[rows], self.slope[rows])
 
-    def replaced(self, rows: np.ndarray, others: Sights) -> Sights:
+    def replace(self, rows: np.ndarray, others: Sights) -> Sights:
         """Return the rays with others at some rows (mask)."""
         ground, slope = self.ground.copy(), self.slope.copy()
         ground[rows], slope[rows] = others.ground, others.slope

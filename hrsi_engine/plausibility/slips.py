@@ -44,13 +44,13 @@ class Slip:
 UndoPixels = Callable[[np.ndarray, Image], np.ndarray]
 
 
-def _mirrored(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
+def _mirror(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
     turned = xy.copy()
     turned[:, axis] = 2.0 * image.centre_px[axis] - xy[:, axis]
     return turned
 
 
-def _scaled(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
+def _scale(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
     """Return coordinates of larger or smaller pixels; both images have their corner in common."""
     return (xy + 0.5) * factor - 0.5
 
@@ -67,7 +67,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     ),
     (
         Slip("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
-        lambda xy, image: _mirrored(xy, image, 1),
+        lambda xy, image: _mirror(xy, image, 1),
     ),
     (
         Slip("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
@@ -75,7 +75,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     ),
     (
         Slip("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
-        lambda xy, image: _mirrored(xy, image, 0),
+        lambda xy, image: _mirror(xy, image, 0),
     ),
     *(
         (
@@ -83,7 +83,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
                 "image-scale", f"image coordinates are those of an image with pixels {text}",
                 "measure on the image itself, or multiply the coordinates", length=factor,
             ),
-            partial(_scaled, factor=factor),
+            partial(_scale, factor=factor),
         )
         for factor, text in SCALES
     ),
@@ -103,7 +103,7 @@ def ground_readings(control: SurveyedRows, shift_m: np.ndarray, suspicious_shift
     """
     ground = control.ground
     near = np.nanmedian(control.sights.ground, axis=0)
-    yield from _exchanged(ground)
+    yield from _exchange(ground)
     yield from _other_zone(ground, near)
     yield from _other_hemisphere(ground, near)
     yield from _other_heights(control, shift_m)
@@ -111,7 +111,7 @@ def ground_readings(control: SurveyedRows, shift_m: np.ndarray, suspicious_shift
         yield from _other_datum(ground, near)
 
 
-def _exchanged(ground: np.ndarray) -> Iterator[GroundReading]:
+def _exchange(ground: np.ndarray) -> Iterator[GroundReading]:
     yield (
         Slip("lon-lat-swapped", "longitude and latitude are exchanged", "exchange the columns of the ground points"),
         ground[:, [1, 0, 2]],

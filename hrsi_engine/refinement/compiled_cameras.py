@@ -146,15 +146,15 @@ def _draw_rays(
     """Write the rays ``(n, 18)`` of the image points ``rows`` of one image from their ground at three heights."""
     scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
     for a in range(len(rows)):
-        low = _placed(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
-        high = _placed(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
+        low = _place(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
+        high = _place(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
         position = ellipsoid.geocentric(middle[a, 0], middle[a, 1], middle[a, 2])
         between, _, _ = place_in_frame(constants, 0, position, ellipsoid.axes(middle[a, 0], middle[a, 1]), by_ground, 0)
         draw_ray(constants, 0, xy[rows[a], 1], low, between, high, rays, rows[a])
 
 
 @njit(**OPTIONS)
-def _placed(
+def _place(
     rpcs: Arrays, constants: np.ndarray, lon: float, lat: float, height: float, scratch: np.ndarray,
     computed: np.ndarray, by_ground: np.ndarray,
 ) -> Any:  # fmt: skip

@@ -64,13 +64,13 @@ class Structure:
         """Number of quantities."""
         return 2 if self.quantities is None else self.quantities
 
-    def folded(self, blocks: np.ndarray) -> np.ndarray:
+    def fold(self, blocks: np.ndarray) -> np.ndarray:
         """Return blocks ``(b, m m, q q)`` of a matrix of the coefficients as those of the parameters, ``(b, p, p)``."""
         q, m = self.size, self.terms
         by_coefficient = blocks.reshape(len(blocks), m, m, q, q).transpose(0, 3, 1, 4, 2)
         return self._mixed(by_coefficient.reshape(len(blocks), q * m, q * m), self.mixing)
 
-    def unfolded(self, blocks: np.ndarray) -> np.ndarray:
+    def unfold(self, blocks: np.ndarray) -> np.ndarray:
         """Return blocks ``(b, p, p)`` of a cofactor matrix of the parameters as ``(b, m m, q q)`` of coefficients."""
         q, m = self.size, self.terms
         by_coefficient = self._mixed(blocks, self.mixing.T).reshape(len(blocks), q, m, q, m)

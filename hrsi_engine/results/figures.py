@@ -56,7 +56,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
         "ties": _tie_entry(result, left),
         **outlier_entries(result, left),
         "solves": result.solves,
-        "rejected": _rejected(result),
+        "rejected": _list_rejected(result),
         "findings": [asdict(finding) for finding in result.findings],
         "variance_components": [asdict(part) for part in result.variance_components],
         "parts": [_part_entry(part) for part in result.parts],
@@ -65,7 +65,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
     }
 
 
-def _rejected(result: Adjustment) -> dict[str, Any]:
+def _list_rejected(result: Adjustment) -> dict[str, Any]:
     """Return how many measurements were left out, as blunders or as doubtful, and the worst of them."""
     out = np.flatnonzero(result.decision != int(Decision.KEPT))
     out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
@@ -207,7 +207,7 @@ def rejection_warnings(result: Adjustment) -> list[str]:
         return []
     worst = [
         f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
-        for entry in _rejected(result)["measurements"][: min(gross, MEASUREMENTS_NAMED)]
+        for entry in _list_rejected(result)["measurements"][: min(gross, MEASUREMENTS_NAMED)]
     ]
     return [
         f"{out.sum()} image points ({100.0 * out.mean():.2g} %) do not fit their points and are left out, {gross} of "

@@ -152,17 +152,17 @@ class PointsModel(RowsModel):
         return next((index for index, row in enumerate(self.rows) if row.point.id == name), -1)
 
 
-def _measured(part: str, digits: int) -> Callable[[MeasurementRow], str]:
+def _measurement_of(part: str, digits: int) -> Callable[[MeasurementRow], str]:
     return lambda row: "" if row.measured is None else rounded_text(getattr(row.measured, part), digits)
 
 
 _MEASUREMENT_TEXT: dict[str, Callable[[MeasurementRow], str]] = {
     "image": lambda row: row.image,
-    "sample": _measured("sample", 2),
-    "line": _measured("line", 2),
+    "sample": _measurement_of("sample", 2),
+    "line": _measurement_of("line", 2),
     "ds px": lambda row: rounded_text(row.residual_px[0], 2),
     "dl px": lambda row: rounded_text(row.residual_px[1], 2),
-    "sigma px": _measured("sigma", 2),
+    "sigma px": _measurement_of("sigma", 2),
     "kind": lambda row: row.measured.kind if row.measured else "",
 }
 _MEASUREMENT_FIELDS = {"sample": "sample", "line": "line", "sigma px": "sigma"}

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import Algorithm, Kind, Param, params_of, typed
+from .declare import Algorithm, Kind, Param, params_of, typed_value
 from .naming import spell_arguments
 from .option_groups import Common, ResultFolder
 from .options import suggestion
@@ -180,7 +180,7 @@ def _section(param: Param) -> str:
 def _default_text(param: Param) -> str:
     if param.default is None or param.default in ("", (), []):
         return ""
-    text = DEFAULT_TEXT[param.kind](param.default) if param.kind in DEFAULT_TEXT else typed(param)
+    text = DEFAULT_TEXT[param.kind](param.default) if param.kind in DEFAULT_TEXT else typed_value(param)
     return f"default {text}"
 
 

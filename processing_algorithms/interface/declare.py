@@ -171,7 +171,7 @@ def _plain(value: Any) -> Any:
     return ["+".join(item) if isinstance(item, tuple) else item for item in value]
 
 
-def typed(param: Param) -> str | None:
+def typed_value(param: Param) -> str | None:
     """Return a default of several words or numbers as a person types it; None where there is none."""
     plain = _plain(param.default)
     if not isinstance(plain, list):

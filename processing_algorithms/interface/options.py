@@ -29,7 +29,7 @@ def checked_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
     for key in given:
         if key not in known:
             raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
-    values = {param.key: _checked(param, given.get(param.key)) for param in algorithm.params}
+    values = {param.key: _check(param, given.get(param.key)) for param in algorithm.params}
     missing = [option_label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
     if missing:
         raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see hrsi {algorithm.name} --help")
@@ -53,7 +53,7 @@ def _is_empty(value: Any) -> bool:
     return value is None or value in ("", ())
 
 
-def _checked(param: Param, value: Any) -> Any:
+def _check(param: Param, value: Any) -> Any:
     """Return the value of one option; its default where none is given."""
     if value is None:
         return param.default

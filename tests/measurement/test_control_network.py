@@ -107,7 +107,7 @@ def test_votes_bound_every_pair_of_roots(name: str):
     """No pair of roots has more correspondences than the votes say."""
     (first, second, _), reach_px, scales = SETS[name]
     sets = candidates(first, second, TOLERANCE, reach_px, scales)
-    for bound, roots, scale in sets.ranked():
+    for bound, roots, scale in sets.rank_roots():
         for support, evaluate in sets.hypotheses(roots, scale, 0):
             assert evaluate().count <= support <= bound
 

@@ -133,7 +133,7 @@ def suspects(control: Discrepancies, sigmas: float, tests: int | None = None) ->
     if search.consistent():
         return []
     group = search.wrong(search.core(gcps // 2))
-    return search.decided(group) if group else []
+    return search.decide(group) if group else []
 
 
 class _Search:
@@ -156,13 +156,13 @@ class _Search:
             for one in _explanations(self.control, gcp)
         )
 
-    def explained(self, group: tuple[int, ...]) -> tuple[float, int]:
+    def explain(self, group: tuple[int, ...]) -> tuple[float, int]:
         """Return the squares and dimensions that go with a group of GCPs."""
         return self.control.test(self.control.measurements_of(group))
 
     def factor(self, group: tuple[int, ...], rest: Discrepancies) -> VarianceFactor:
         """Return the variance factor of the control without a group, ``rest``."""
-        squares, dimensions = self.explained(group)
+        squares, dimensions = self.explain(group)
         return VarianceFactor.of(rest, self.squares - squares, self.freedom - dimensions)
 
     # ---- which -----------------------------------------------------------------------------------------------------
@@ -170,11 +170,11 @@ class _Search:
     def core(self, size: int) -> tuple[int, ...]:
         """Return the group of ``size`` GCPs without which the others agree best."""
         if special.binom(self.gcps, size) <= ALL_SUBSETS:
-            return max(combinations(range(self.gcps), size), key=lambda group: self.explained(group)[0])
+            return max(combinations(range(self.gcps), size), key=lambda group: self.explain(group)[0])
         rng = np.random.default_rng(1)  # the same starts every time
-        alone = np.array([self.explained((gcp,))[0] for gcp in range(self.gcps)])
+        alone = np.array([self.explain((gcp,))[0] for gcp in range(self.gcps)])
         starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(STARTS))]
-        return max((self._concentrated(start) for start in starts), key=lambda group: self.explained(group)[0])
+        return max((self._concentrated(start) for start in starts), key=lambda group: self.explain(group)[0])
 
     def _concentrated(self, start: np.ndarray) -> tuple[int, ...]:
         """Return a group whose members are those that disagree most with the rest, beginning at ``start``."""
@@ -191,7 +191,7 @@ class _Search:
 
     def _against_the_rest(self, group: tuple[int, ...], gcp: int) -> float:
         others = tuple(one for one in group if one != gcp)
-        return self.explained(group)[0] - self.explained(others)[0]
+        return self.explain(group)[0] - self.explain(others)[0]
 
     def wrong(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
@@ -216,7 +216,7 @@ class _Search:
 
     # ---- what, and whether it is clear -----------------------------------------------------------------------------
 
-    def decided(self, group: tuple[int, ...]) -> list[Suspect]:
+    def decide(self, group: tuple[int, ...]) -> list[Suspect]:
         """Return the GCPs of a group with what is wrong with each, and those that others may be wrong instead of."""
         factor = self.factor(group, self.control.without(self.control.measurements_of(group)))
         alternatives = list(self._alternatives(group, factor))
@@ -233,14 +233,14 @@ class _Search:
 
     def _alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
         """Yield other groups of the same size that explain nearly as much."""
-        best, _ = self.explained(group)
+        best, _ = self.explain(group)
         needed = best - max(UNEXPLAINED * factor.largest, LIKE * best)
         others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
         if special.binom(self.gcps, len(group)) > ALL_SUBSETS:  # one exchanged for another
             outside = sorted(set(range(self.gcps)) - set(group))
             others = (tuple(sorted((set(group) - {one}) | {other})) for one in group for other in outside)
         for other in others:
-            if other != group and self.explained(other)[0] >= needed:
+            if other != group and self.explain(other)[0] >= needed:
                 yield other
 
     def _explained(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> Suspect:

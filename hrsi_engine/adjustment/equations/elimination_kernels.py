@@ -6,7 +6,7 @@ With the derivatives composed as `refinement.model.Structure` says, A = G (x) t'
     S (x) t_a t_b'        S = delta_ab w_a G_a' G_a - U_a W_b'      (q, q)
 
 A block is kept as t t matrices of q q numbers, so that the innermost loop runs over all of S at once
-(`Structure.folded` brings it into the order of the parameters). It is symmetric, or the transpose of the one that is
+(`Structure.fold` brings it into the order of the parameters). It is symmetric, or the transpose of the one that is
 kept, so the image point of the lower camera comes first. Where ``by_quantity`` is None, G is the identity (sample and
 line are the quantities): numba compiles loops of their own for that. The kernels release the interpreter's lock; the
 caller gives ranges of points to threads.

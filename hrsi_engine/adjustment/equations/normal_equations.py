@@ -136,7 +136,7 @@ class NormalEquations:
         for more in sums[1:]:
             total.blocks += more.blocks
             total.right += more.right
-        total.blocks, total.right = structure.folded(total.blocks), total.right @ structure.mixing
+        total.blocks, total.right = structure.fold(total.blocks), total.right @ structure.mixing
         return total
 
     def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
@@ -162,7 +162,7 @@ class NormalEquations:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
         linearise = self.cameras.at(state)
         out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
-        by_coefficient = self.cameras.structure.unfolded(cameras)
+        by_coefficient = self.cameras.structure.unfold(cameras)
 
         def write(part: Portion, _: int) -> None:
             self._elimination.spread(part, linearise(part), weight, normals, by_coefficient, out)

@@ -64,7 +64,7 @@ def grown(
             new = _one_round(network, first, second, options, stage, tried)
             if not len(new):
                 break
-            before, network = len(network), network.joined(new)
+            before, network = len(network), network.join(new)
             network = network.kept(consistent(network, options.consistency_px, before))
     return network
 

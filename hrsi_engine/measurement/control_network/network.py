@@ -47,7 +47,7 @@ class Network:
         }
         return replace(self, father=number[father[keep]], **columns)
 
-    def joined(self, other: Network) -> Network:
+    def join(self, other: Network) -> Network:
         """Return this network with more nodes, whose fathers are rows of this one."""
         columns = {
             name: np.concatenate([getattr(self, name), getattr(other, name)])

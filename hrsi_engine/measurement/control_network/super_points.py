@@ -155,7 +155,7 @@ class RootPairs:
             self._leaves[key] = leaves_of((self.first, self.second)[which] / scale, root, reach)
         return self._leaves[key]
 
-    def ranked(self) -> Iterator[tuple[int, tuple[int, int], float]]:
+    def rank_roots(self) -> Iterator[tuple[int, tuple[int, int], float]]:
         """Yield bound, roots and scale from the largest bound down."""
         for flat in np.argsort(-self.bounds, axis=None, kind="stable"):
             scale, i, j = np.unravel_index(flat, self.bounds.shape)
@@ -209,7 +209,7 @@ def match_super_points(
         return SuperMatch(NO_MATCH, None, 0, 0.0, evaluated)
     # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
     runner_up, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_CORRESPONDENCES_SHARE * best.count)))
-    for bound, roots, scale in sets.ranked():
+    for bound, roots, scale in sets.rank_roots():
         if bound <= runner_up or bound < least.min():
             break
         for support, evaluate in sets.hypotheses(roots, scale, max(int(least[roots[0]]), runner_up + 1)):
@@ -227,7 +227,7 @@ def _winner(sets: RootPairs, progress: Progress) -> tuple[Hypothesis | None, int
     best: Hypothesis | None = None
     least = significant_counts(sets)
     least_of_all, evaluated = int(least.min()), 0
-    for done, (bound, roots, scale) in enumerate(sets.ranked()):
+    for done, (bound, roots, scale) in enumerate(sets.rank_roots()):
         if bound < (least_of_all if best is None else best.count):
             break
         if done % 64 == 0:
@@ -254,7 +254,7 @@ def _better(
 
 def likely_hypotheses(sets: RootPairs, most: int) -> list[Hypothesis]:
     """Return the best hypothesis of each of the pairs of roots with the largest bounds, chance or not."""
-    found = (_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.ranked(), most))
+    found = (_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.rank_roots(), most))
     return sorted((hypothesis for hypothesis in found if hypothesis is not None), key=_rank)
 
 

@@ -148,16 +148,16 @@ def describe_reached(report: Mapping[str, Any]) -> str:
     count = f"{images} image{'s' if images > 1 else ''}"
     text = f"{count} tied to {brief(ties['rmse_px'])} px" if ties["points"] else count
     gcps = report["control"]["points"]
-    text += f"; {_counted(gcps, 'GCP')}, {_counted(check['points'], 'check point')}"
-    accuracy = _checked(check) if check["points"] else _predicted(report)
+    text += f"; {_count(gcps, 'GCP')}, {_count(check['points'], 'check point')}"
+    accuracy = _tell_checks(check) if check["points"] else _predict(report)
     return f"{text}: {accuracy}" if accuracy else text
 
 
-def _counted(number: int, what: str) -> str:
+def _count(number: int, what: str) -> str:
     return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
 
 
-def _checked(check: Mapping[str, Any]) -> str:
+def _tell_checks(check: Mapping[str, Any]) -> str:
     """Return the accuracy that check points show; in the image where no ground position follows."""
     predicted = check.get("predicted") or {}
     if check["ce90_m"] is None:
@@ -170,7 +170,7 @@ def _checked(check: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _predicted(report: Mapping[str, Any]) -> str:
+def _predict(report: Mapping[str, Any]) -> str:
     """Return what the covariances promise where nothing was tested; of the largest part of the block."""
     part = next(iter(report["parts"]), None)
     if part is None or part["ce90_m"] is None:
