@@ -1,8 +1,8 @@
 """Do predicted accuracies hold? Shares of check errors inside the predicted CE90 and LE90, over many simulated blocks.
 
-`coverage.py [--seeds N] [--first SEED] [--estimated] [--docs] [NAME …]` adjusts every configuration with the engine's
-defaults, with ``--estimated`` with variance components as well. Seeds below `JUDGED` were looked at while the code was
-written; the documented table is of others.
+`sigma_coverage.py [--seeds N] [--first SEED] [--estimated] [--docs] [NAME …]` adjusts every configuration with the
+engine's defaults, with ``--estimated`` with variance components as well. Seeds below `JUDGED` were looked at while the
+code was written; the documented table is of others.
 
 Truth and adjustment share nothing but the vendor's RPC: a physical pushbroom camera, disturbed by errors drawn from its
 sensor's accuracy (and, where a configuration says so, by a drift in the image), measures points with noise; the RPC is
