@@ -15,7 +15,7 @@ MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
 LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
 LINK_TIES = 8  # points of a pair from which their share left out says something
 BROKEN_LINK = 0.5
-LARGE_EXTRAPOLATION_PX = 3.0  # standard deviation that an image's corners have beyond that of its points
+LARGE_EXTRAPOLATION_PX = 5.0  # standard deviation that an image's corners have beyond that of its points
 
 
 def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
