@@ -28,8 +28,7 @@ LEAST_OF_PAIR = 8  # points of a pair that tell something
 WEAK_SLOPE = 0.02  # difference of the slopes of two rays below which they tell no height
 MISS_PX, MISS_SIGMAS, MISS_DRIFT = 4.0, 6.0, 3e-4
 MODE_SHARE = 0.15  # of a pair's points, whose narrowest interval is where the bulk is
-MANY_WRONG, MOST_WRONG = 0.2, 0.37  # share of wrong measurements that is worth a look, and that nobody should trust
-SUSPICIOUS_SHARE = 0.25  # of points that do not join, from which on slips are tried
+MANY_WRONG, MOST_WRONG = 0.15, 0.37  # share of wrong measurements that is worth a look, and that nobody should trust
 JOINED = 0.5  # share of a pair's points that must agree for the pair to fit
 CURED, CURED_BY = 0.15, 3.0  # share of wrong points that a named slip leaves, and how many times fewer
 LEAST_CURED = 12  # points that a named slip makes join
@@ -170,7 +169,7 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
     given = joint(pairs)
     failing = np.flatnonzero(given.good < JOINED)
     share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
-    if not len(failing) and given.share < SUSPICIOUS_SHARE:
+    if not len(failing) and (share < MANY_WRONG or given.wrong.sum() < LEAST_CURED):
         return []
     suspects = _suspects(pairs, given, failing)
     found = _named_slip(pairs, given, suspects)
@@ -186,8 +185,6 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
                 slip.advice, ids,
             )
         ]  # fmt: skip
-    if not len(failing) and share < MANY_WRONG:
-        return []
     ids = tuple(block.images[index].id for index in np.unique(pairs.image[np.isin(pairs.pair, failing)]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
     unusable = share >= MOST_WRONG or bool((given.good < 0.25).any())
