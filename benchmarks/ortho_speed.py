@@ -33,6 +33,7 @@ from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _bilinear
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
 
 RESOLUTION = 0.7
 EXACT, OURS = "gdalwarp -rpc -et 0", "hrsi orthorectify"
@@ -109,7 +110,7 @@ def _creation(job: Job) -> list[str]:
 def position_errors(image: str, dem: str, grid: MapGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return errors (px) against GDAL's transformer of the mapping used, of our exact one, and of -et 0.125."""
     opened = open_image(image)
-    mapping = OrthoMapping(opened.rpc, opened.size, open_dem(dem, "ellipsoidal"), grid)
+    mapping = OrthoMapping(opened.rpc, opened.size, open_dem(dem, "ellipsoidal"), grid, OrthorectifyOptions.error_px)
     dataset = gdal.Open(image)
     options = ["METHOD=RPC", f"RPC_DEM={dem}", "DST_SRS=EPSG:32631"]
     transformer = gdal.Transformer(dataset, None, options)
@@ -186,7 +187,7 @@ def in_process(image: str, dem: str, grid: MapGrid) -> None:
     west, _, _, north, _, _ = grid.geotransform
     corner = west + column * RESOLUTION, north - row * RESOLUTION
     bounds = corner[0], corner[1] - 1024 * RESOLUTION, corner[0] + 1024 * RESOLUTION, corner[1]
-    mapping = OrthoMapping(opened.rpc, opened.size, surface, grid)
+    mapping = OrthoMapping(opened.rpc, opened.size, surface, grid, OrthorectifyOptions.error_px)
 
     def theirs(error_px: float) -> None:
         gdal.Warp(

@@ -90,8 +90,8 @@ class OrthoFormat:
         One of `COMPRESSION`.
     """
 
-    name: str = "cog"
-    compression: str = "deflate"
+    name: str
+    compression: str
 
     def creation_options(self, is_integer: bool, threads: int) -> list[str]:
         """Return GDAL's creation options.

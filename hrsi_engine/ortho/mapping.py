@@ -204,7 +204,7 @@ class OrthoMapping:
     size: tuple[int, int]
     surface: HeightSurface
     grid: MapGrid
-    error_px: float = 0.05
+    error_px: float
 
     def exact(self, pixels: np.ndarray) -> np.ndarray:
         """Return the image positions of the grid's pixels.

@@ -7,6 +7,8 @@ from ..foundation.options import option, options
 
 #: Sensors (`sensors.SENSORS`).
 SENSOR_NAMES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
+#: Azimuth of the flight (degrees), and the share by which neighbouring places overlap.
+HEADING_DEG, STRIP_OVERLAP = 190.0, 0.2
 
 
 @options

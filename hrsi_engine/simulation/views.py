@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .options import HEADING_DEG, STRIP_OVERLAP
 from .pushbroom import PushbroomCamera, aim
 from .sensors import OrientationError, Radiometry, Sensor
 from .terrain import Chart
@@ -48,7 +49,7 @@ class SceneView:
     size: tuple[int, int]
     along_deg: float = 0.0
     across_deg: float = 0.0
-    heading_deg: float = 190.0
+    heading_deg: float = HEADING_DEG
     scan_deg: float | None = None
     offset_m: tuple[float, float] = (0.0, 0.0)
     jitter: OrientationError = OrientationError()
@@ -87,7 +88,7 @@ def along_track_views(
     images: int,
     size: tuple[int, int],
     across_deg: float = 0.0,
-    heading_deg: float = 190.0,
+    heading_deg: float = HEADING_DEG,
     offset_m: tuple[float, float] = (0.0, 0.0),
     prefix: str = "image",
 ) -> tuple[SceneView, ...]:
@@ -126,8 +127,8 @@ def strip_views(
     per_strip: int,
     images_per_place: int,
     size: tuple[int, int],
-    overlap: float = 0.2,
-    heading_deg: float = 180.0,
+    overlap: float = STRIP_OVERLAP,
+    heading_deg: float = HEADING_DEG,
 ) -> tuple[SceneView, ...]:
     """Return a block of strips.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...hrsi_engine.foundation.options import nested, option, options
-from ...hrsi_engine.simulation.options import SENSOR_NAMES, Noise, PointCounts, SceneSpec
+from ...hrsi_engine.simulation.options import HEADING_DEG, SENSOR_NAMES, STRIP_OVERLAP, Noise, PointCounts, SceneSpec
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import Common, ResultFolder
 
@@ -26,11 +26,16 @@ class ViewOptions:
     across: float = option(
         0.0, "Off-nadir angle to the right of the track", minimum=-50.0, maximum=50.0, unit="deg", metavar="DEG"
     )
-    heading: float = option(190.0, "Azimuth of the flight, and of the lines", unit="deg", metavar="DEG")
+    heading: float = option(HEADING_DEG, "Azimuth of the flight, and of the lines", unit="deg", metavar="DEG")
     strips: int = option(1, "Strips beside each other", minimum=1, advanced=True, metavar="N")
     places: int = option(1, "Places along each strip", minimum=1, advanced=True, metavar="N")
     overlap: float = option(
-        0.2, "Share by which neighbouring places overlap", minimum=0.0, maximum=0.9, advanced=True, metavar="SHARE"
+        STRIP_OVERLAP,
+        "Share by which neighbouring places overlap",
+        minimum=0.0,
+        maximum=0.9,
+        advanced=True,
+        metavar="SHARE",
     )
 
 
