@@ -120,7 +120,9 @@ class Snooping:
         """Return the solution without the GCPs, or what of them, that disagree with the rest of the block."""
         if not isinstance(self.loop.system, Factored):  # a block too large for its cofactors
             return solution
-        self._undecided, problem = [], self.problem
+        if self._undecided:  # sigmas that were estimated over a contradiction decide nothing
+            return solution
+        problem = self.problem
         for number in range(CONTROL_ROUNDS):
             gcps = self._gcps(solution)
             if len(gcps) < 2:
