@@ -656,7 +656,8 @@ A run counts as *gross* above 20 standard deviations of what its block can tell,
 than their RPCs), a common shift is told from the RPCs' own errors. So the same 50 m of undulation are subtle for one
 sensor and invisible for another; with a DEM they are seen from 5 m on. A shift of half a pixel or one pixel of all
 measurements is exactly what an RPC's error is: it cannot be seen, and does no harm but for itself. Kinds without a size
-are the same for every block. *Not written*: no refined RPC came out.
+are the same for every block. *Not written*: a reason forbade refined RPCs, and with the whole of `adjust` none came
+out.
 """
 
 
