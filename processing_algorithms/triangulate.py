@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ..hrsi_engine.adjustment.solver import adjust
-from ..hrsi_engine.block.block import Image, ImagePoints
+from ..hrsi_engine.block.block import Block, Image, ImagePoints
 from ..hrsi_engine.foundation.progress import stage
-from .block_steps import dem_offset, model_choice, plausibility, reference_control
+from .block_steps import dem_offset, model_choice, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps.summary import summarise as summarise
-from .block_steps.tie_search import Finished, find
 from .declarations.triangulate import AUTOMATIC_TIES, NO_TIES, TriangulateOptions
 from .files.image_files import open_images
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
+
+if TYPE_CHECKING:
+    from .block_steps.tie_search import Finished
 
 
 def run(options: TriangulateOptions, context: Context) -> Report:
@@ -27,12 +30,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     searching = context.stage(0.0, 0.4)
     found, warnings, finished = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
-    file = None if options.tie_points in (NO_TIES, AUTOMATIC_TIES) else options.tie_points
-    reading = context.stage(0.4, 0.5)
-    sigma_dem_m = options.adjustment.sigma_dem_m
-    block, more, entries = reference_control.read_reference_block(
-        images, options.points, options.dem, file, found, options.reference, sigma_dem_m, reading
-    )
+    block, more, entries = _read(images, options, found, context.stage(0.4, 0.5))
     how = options.adjustment
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
@@ -42,7 +40,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         result = adjust(block, how, stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
     rest = context.stage(0.7, 1.0)
-    offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, sigma_dem_m)
+    offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
     warnings += [*more, *chosen.warnings, *offset]
     report = block_outputs.write_results(
         "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}, reasons
@@ -57,7 +55,22 @@ def _automatic_ties(
 ) -> tuple[list[ImagePoints], list[str], Finished | None]:
     if options.tie_points != AUTOMATIC_TIES:
         return [], [], None
+    from .block_steps.tie_search import find  # needs OpenCV, which a QGIS may lack
 
     surface = dem_surface(options.dem, options.points.height_datum)
     found, finished = find(images, options.search, surface, options.output.folder.output_dir, context)
     return [found.image_points], list(found.warnings), finished
+
+
+def _read(
+    images: Sequence[Image], options: TriangulateOptions, ties: Sequence[ImagePoints], context: Context
+) -> tuple[Block, list[str], Report]:
+    """Return the block, warnings and entries of the report; with GCPs of a reference where one is named."""
+    points, dem = options.points, options.dem
+    file = None if options.tie_points in (NO_TIES, AUTOMATIC_TIES) else options.tie_points
+    if not options.reference.reference:
+        return *block_inputs.read_block(images, points, dem, file, ties), {}
+    from .block_steps.reference_control import read_reference_block  # needs OpenCV, too
+
+    sigma_dem_m = options.adjustment.sigma_dem_m
+    return read_reference_block(images, points, dem, file, ties, options.reference, sigma_dem_m, context)

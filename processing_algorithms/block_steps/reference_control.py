@@ -155,12 +155,10 @@ def read_reference_block(
     sigma_dem_m: float | None,
     context: Context,
 ) -> tuple[Block, list[str], Report]:
-    """Read a block with the GCPs of the reference, if one is given, among its points; also warnings, report entries.
+    """Read a block with the GCPs of the reference among its points; also warnings, report entries.
 
     Where surveyed GCPs contradict the reference, they are right, and it is left out.
     """
-    if not reference.reference:
-        return *read_files(images, files, dem, tie_points, ties), {}
     found = match(images, reference, dem_surface(dem, files.height_datum), sigma_dem_m, context)
     ground, measured = points(found)
     control = files
