@@ -57,6 +57,9 @@ def match_patches(
             column[rows] = values
     xy, shape, covariance, figures, status = results
     _mark_unclear(second, xy, shape, status, options)
+    # Compiled loops add in an order that depends on where arrays lie in memory: what is below a millionth of a pixel
+    # means nothing and is dropped, so that threads, processes and runs that were stopped give the same points.
+    xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
     return Patches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
 
 
