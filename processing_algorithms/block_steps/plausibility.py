@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError, SolveError
-from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.plausibility import check_block
 from ..files.terrain import dem_surface
 from ..interface.option_groups import DemOptions, PointFiles
@@ -34,7 +34,7 @@ def explained_by(reasons: Sequence[Reason]) -> Iterator[None]:
     try:
         yield
     except (SolveError, InputError) as error:
-        worst = next((reason for reason in reasons if reason.level is Level.UNUSABLE), None)
+        worst = next(iter(reasons), None)
         if worst is None:
             raise
         raise InputError(f"{worst.message}: {worst.advice} ({worst.code}; {error})") from error
