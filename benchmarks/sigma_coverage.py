@@ -204,11 +204,11 @@ def row(name: str, found: np.ndarray) -> str:
 
 INTRODUCTION = """# Do predicted accuracies hold?
 
-Printed by `benchmarks/sigma_coverage.py`. Shares of check errors inside the CE90 and LE90 that the adjustment predicts, of
-{seeds} simulated blocks each (seeds from {first} on; those below {judged} were looked at while the code was written),
-with 60 check points and 200 tie points, noise 0.3 px, surveys of 0.1 and 0.15 m where nothing else is said. RMSE found
-and predicted in plan (one coordinate) and height, root mean squares over the blocks, surveys' errors included; the
-median of sigma0.
+Printed by `benchmarks/sigma_coverage.py`. Shares of check errors inside the CE90 and LE90 that the adjustment predicts,
+of {seeds} simulated blocks each (seeds from {first} on; those below {judged} were looked at while the code was
+written), with 60 check points and 200 tie points, noise 0.3 px, surveys of 0.1 and 0.15 m where nothing else is said.
+RMSE found and predicted in plan (one coordinate) and height, root mean squares over the blocks, surveys' errors
+included; the median of sigma0.
 """
 
 
