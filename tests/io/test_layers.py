@@ -190,7 +190,7 @@ def test_the_log_of_a_replaced_file_is_not_played_into_the_new_one(tmp_path: Pat
     assert (tmp_path / "block.gpkg-wal").stat().st_size > 0
     layers = [Layer("q", "Point", 4326, positions(5)[:, :2], {"id": np.arange(5)})]
     if in_staged_folder:
-        with stage_folder(str(tmp_path), []) as folder:
+        with stage_folder(str(tmp_path), [], overwrite=True) as folder:
             write_geopackage(str(folder / path.name), layers)
     else:
         write_geopackage(str(path), layers)

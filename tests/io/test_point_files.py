@@ -345,7 +345,7 @@ DAMAGED = [
     ("id,lon,lat,height,role\nA,5,44,1,contrl\n", "role 'contrl' is unknown: use gcp, check or tie"),
     ("id,lon,lat,height,sigma_xy\nA,5,44,1,0\n", "field 'sigma_xy' is 0"),
     ("id,lon,lat,height\n", "holds no points"),
-    ("id,x,y,z\nA,5,44,1\n", "--ground-crs"),
+    ("id,x,y,z\nA,5,44,1\n", "ground_crs"),
     ("id,foo\nA,1\n", "neither positions"),
     ("5,44,1\n6,45,2\n", "add a header line"),
     ("", "add a header line"),
