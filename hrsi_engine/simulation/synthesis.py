@@ -212,8 +212,7 @@ def _with_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: Poin
     """Return the scene with a target on plane ground for every surveyed point, GCPs first."""
     rng = np.random.default_rng([scene.spec.seed, 43])
     known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
-    # whole millimetres: the last bits of where a ray meets the terrain depend on where arrays lie in memory
-    targets = scene.chart.from_ground(known).round(3)
+    targets = scene.chart.from_ground(known)
     terrain = scene.terrain.plane_around(targets, scene.target_radius_m + 1.5 * scene.terrain.post_m)
     return replace(scene, terrain=terrain, targets_m=targets)
 
