@@ -8,7 +8,10 @@ from enum import IntEnum
 import numpy as np
 
 from ..block.block import Block
+from ..block.points import Role
 from ..refinement.model import RefinementModel
+
+STATED_ALIKE = 0.01  # variances that differ by less were stated as the same
 
 
 @dataclass(frozen=True)
@@ -240,7 +243,8 @@ class Adjustment:
     def survey_covariance_m2(self, points: np.ndarray) -> np.ndarray:
         """Return the covariances ``(k, 3, 3)`` of some points' surveys as adjusted: given, or estimated.
 
-        Check points are of the same survey as the GCPs. A coordinate that is not surveyed has an infinite variance.
+        What was estimated of the GCPs' sigmas holds for the points whose sigmas were stated like theirs: those are of
+        one survey. Check points with other sigmas keep them. What is not surveyed has an infinite variance.
 
         Parameters
         ----------
@@ -258,7 +262,17 @@ class Adjustment:
         with np.errstate(invalid="ignore"):
             mixed = (covariance[:, row, column] != 0.0).any(axis=1)
             scale = np.where(mixed[:, None], correlated, [horizontal, horizontal, height])
+            scale = np.where(self._stated_like_gcps(covariance), scale, 1.0)
             return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
+
+    def _stated_like_gcps(self, covariance: np.ndarray) -> np.ndarray:
+        """Return where stated variances ``(k, 3)`` lie within those of the GCPs."""
+        gcps = np.flatnonzero(self.block.points.role == Role.GCP)
+        stated = self.block.points.survey_covariance_m2(gcps).diagonal(axis1=1, axis2=2)
+        low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - STATED_ALIKE)
+        high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + STATED_ALIKE)
+        variance = covariance.diagonal(axis1=1, axis2=2)
+        return np.asarray((variance >= low) & (variance <= high))
 
     @property
     def judged_residual_px(self) -> np.ndarray:

@@ -174,3 +174,22 @@ def test_redundancy_is_shared_out_as_a_dense_solution_shares_it():
     assert share.sum() < 0.7 * 36  # far from all of it
     miss = ground_difference_m(block.points.ground[gcp], dense.ground[gcp])
     assert np.sum(miss[:, :2] ** 2) / plane.sigma**2 == pytest.approx(share[:, :2].sum(), rel=0.03)
+
+
+def test_check_points_of_another_survey_keep_their_sigmas():
+    """GCPs' sigmas are stated 5 x too large; check points that are stated alike are of that survey, others are not."""
+    right, _, _ = blocks.block(gcps=12, checks=12, ties=60, seed=4)
+    points = right.points
+    role, sigma = points.role, points.sigma_m.copy()
+    gcp, check = np.flatnonzero(role == Role.GCP), np.flatnonzero(role == Role.CHECK)
+    sigma[gcp] *= 5.0
+    sigma[check[:6]] *= 5.0
+    stated = replace(right, points=replace(points, sigma_m=sigma))
+    result = adjust(stated, AdjustOptions(variance_components=True))
+    factor = (
+        np.sqrt(result.survey_covariance_m2(np.arange(len(points))).diagonal(axis1=1, axis2=2)) / sigma[:, [0, 0, 1]]
+    )
+    assert result.survey_factors[0] < 0.5
+    np.testing.assert_allclose(factor[gcp], np.tile(np.array(result.survey_factors)[[0, 0, 1]], (len(gcp), 1)))
+    np.testing.assert_allclose(factor[check[:6]], factor[gcp[:6]])
+    np.testing.assert_allclose(factor[check[6:]], 1.0)
