@@ -33,7 +33,7 @@ class Transaction:
 
     Parameters
     ----------
-    home : folder that gets the journal; it must exist when `commit` is called
+    home : folder that gets the journal; where it is none on the disk (a virtual file system), that of the first change
     """
 
     def __init__(self, home: str) -> None:
@@ -75,6 +75,8 @@ class Transaction:
         """
         if not self._steps:
             return
+        if not os.path.isdir(self.home):
+            self.home = os.path.dirname(self._steps[0][1])
         journal = os.path.join(self.home, JOURNAL)
         signposts = [os.path.join(folder, SIGNPOST) for folder in self._other_folders()]
         try:

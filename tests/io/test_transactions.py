@@ -55,6 +55,13 @@ def test_all_changes_happen(folders: list[Path]) -> None:
     assert state_of(folders) == {"new"}
 
 
+def test_the_journal_lies_with_the_files_where_results_go_to_a_virtual_file_system(folders: list[Path]) -> None:
+    with Transaction("/vsimem/results") as changes:
+        fill(changes, folders, "new")
+        changes.commit()
+    assert state_of(folders) == {"new"}
+
+
 def test_nothing_happens_without_a_commit(folders: list[Path]) -> None:
     with Transaction(str(folders[0])) as changes:
         fill(changes, folders, "new")
