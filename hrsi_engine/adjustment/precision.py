@@ -57,9 +57,7 @@ def precision(equations: NormalEquations, loop: GaussNewton, solution: Solution)
         return Precision(
             np.full(shape, np.nan), np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None
         )  # fmt: skip
-    spread: Cofactors = equations.cofactors(
-        solution.state, solution.weight, solution.normals, cameras, solution.weighting.contributes
-    )
+    spread: Cofactors = equations.cofactors(solution.state, solution.weight, solution.normals, cameras)
     own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
     residuals = np.negative(spread.computed, out=spread.computed)
     weight = solution.weight

@@ -112,7 +112,7 @@ def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
         monkeypatch.setenv("HRSI_COMPILED", compiled)
         equations = NormalEquations(observations, model, pattern)
         normals = equations.normals(state, weight, priors, contributes)
-        cofactors = equations.cofactors(state, weight, normals, np.abs(normals.blocks), contributes)
+        cofactors = equations.cofactors(state, weight, normals, np.abs(normals.blocks))
         local = equations.point_jacobians(state, np.array([3, 8, 20]))
         results.append(
             (
@@ -163,7 +163,7 @@ def test_reduced_system_equals_the_dense_normal_matrix(name, tolerance):
     sigma = np.sqrt(np.diag(inverse))
     # in standard deviations: position and attitude of a sensor are nearly collinear, their sum is what counts
     assert np.abs((found_steps - inverse @ right) / sigma).max() < 1e-4
-    found = equations.cofactors(state, weight, normals, system.cofactors(), contributes)
+    found = equations.cofactors(state, weight, normals, system.cofactors())
     n, every = observations.count, np.arange(points)
     ground = inverse[step.size :, step.size :].reshape(points, 3, points, 3)[every, :, every, :]
     sigma_ground = sigma[step.size :].reshape(points, 3)

@@ -156,9 +156,7 @@ class NormalEquations:
         linear = self.cameras.at(state)(Portion.of(self.observations, points))
         return PointJacobians(rows, linear.residual, linear.by_ground)
 
-    def cofactors(
-        self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray, contributes: np.ndarray
-    ) -> Cofactors:
+    def cofactors(self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray) -> Cofactors:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
         linearise = self.cameras.at(state)
         out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
