@@ -40,8 +40,8 @@ demo-images: set-up
 	  --output-dir $(IMAGES)/check --overwrite
 
 .PHONY: lint
-lint: set-up-test  ## ruff, mypy, docstrings of the public API, and the plugin's readiness for Qt 6
-	@echo "lint: ruff, mypy, numpydoc, flake8-qgis, enumerations"
+lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's readiness for Qt 6 and its zip's security
+	@echo "lint: ruff, mypy, numpydoc, flake8-qgis, enumerations, bandit, detect-secrets"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check . || { echo "make format mends this"; exit 1; }
 	@mkdir -p $(BUILD)/typing && ln -sfn $(CURDIR) $(BUILD)/typing/hrsi  # modules have names in a clone of any name
@@ -49,6 +49,7 @@ lint: set-up-test  ## ruff, mypy, docstrings of the public API, and the plugin's
 	@$(BIN)/python scripts/check_docstrings.py
 	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
 	@$(BIN)/python scripts/check_qt6.py plugin
+	@$(BIN)/python scripts/scan_plugin.py
 
 .PHONY: format
 format: set-up-test  ## bring the code into ruff's format

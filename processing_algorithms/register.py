@@ -106,13 +106,12 @@ def _pair(options: RegisterOptions, names: list[str], table: ImagePoints) -> tup
     chosen = names or present
     first = options.first or next(iter(chosen), None)
     second = options.second or next((name for name in chosen if name != first), None)
-    for name in (first, second):
-        if name not in present:
-            raise InputError(
-                f"{options.image_points} has no points on image {name!r} (it has {', '.join(present)}): "
-                "name two of them by `first` and `second`"
-            )
-    assert first is not None and second is not None
+    missing = [name for name in (first, second) if name not in present]
+    if first is None or second is None or missing:
+        raise InputError(
+            f"{options.image_points} has no points on image {missing[0]!r} (it has {', '.join(present)}): "
+            "name two of them by `first` and `second`"
+        )
     return first, second
 
 

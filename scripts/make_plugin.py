@@ -21,18 +21,23 @@ PARTS = ("plugin", "processing_algorithms", "hrsi_engine")
 #: What else the plugin repository wants beside what metadata.txt holds.
 PUBLISHER_FIELDS = ("email", "repository", "tracker")
 REQUIRED = ("name", "description", "about", "version", "qgisMinimumVersion", "author", "icon")
-COMPILED = {".pyc", ".so", ".dll", ".pyd", ".dylib", ".exe"}
+#: Kinds of files that the plugin consists of; what a build, an editor or a system leaves beside them is none of it.
+KINDS = {".py", ".html", ".css", ".j2", ".qml", ".svg", ".png"}
+LEFT_BEHIND = {".pyc", ".pyo", ".nbi", ".nbc"}
 LARGEST_BYTES = 20 * 1024**2  # the plugin repository's limit
 OLDEST = (1980, 1, 1, 0, 0, 0)  # one time for all files: the same sources give the same zip
 
 
 def plugin_files(root: Path = ROOT) -> Iterator[Path]:
-    """Yield the files of the plugin, in order."""
+    """Yield the files of the plugin, in order; raise ValueError for a file that is none of its kinds."""
     yield from (root / name for name in FILES)
     for part in PARTS:
         for path in sorted((root / part).rglob("*")):
-            if path.is_file() and "__pycache__" not in path.parts and path.suffix not in COMPILED:
-                yield path
+            if not path.is_file() or path.suffix in LEFT_BEHIND:
+                continue
+            if path.suffix not in KINDS or path.name.startswith(".") or path.is_symlink():
+                raise ValueError(f"{path.relative_to(root)} is no file of the plugin: remove it, or name its kind here")
+            yield path
 
 
 def plugin_metadata(root: Path, publisher: Mapping[str, str]) -> str:
@@ -60,8 +65,9 @@ def build(target: Path, publisher: Mapping[str, str], root: Path = ROOT) -> None
         for path in plugin_files(root):
             name = path.relative_to(root)
             entry = zipfile.ZipInfo(f"{FOLDER}/{name.as_posix()}", OLDEST)
-            entry.external_attr, entry.compress_type = 0o644 << 16, zipfile.ZIP_DEFLATED
-            archive.writestr(entry, metadata if str(name) == "metadata.txt" else path.read_bytes())
+            entry.external_attr, entry.create_system = 0o100644 << 16, 3  # readable, not executable, on every system
+            content = metadata.encode("utf-8") if str(name) == "metadata.txt" else path.read_bytes()
+            archive.writestr(entry, content, zipfile.ZIP_DEFLATED, 9)
     size = temporary.stat().st_size
     if size > LARGEST_BYTES:
         temporary.unlink()

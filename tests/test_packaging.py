@@ -99,6 +99,68 @@ def test_plugin_zip_is_refused_without_a_required_field(repository: Path, make_p
         make_plugin.plugin_metadata(repository, {"about": ""})
 
 
+def test_plugin_zip_depends_on_its_sources_alone(repository: Path, make_plugin: ModuleType, tmp_path: Path):
+    """Times, permissions and what builds leave behind change nothing; a file of another kind is refused by name."""
+    zips = []
+    for name, mode in (("one", 0o600), ("other", 0o755)):
+        root = tmp_path / name
+        for path in (*make_plugin.FILES, *(f"{part}/__init__.py" for part in make_plugin.PARTS)):
+            copy = root / path
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes((repository / path).read_bytes())
+            copy.chmod(mode)
+        (root / "plugin" / "__pycache__").mkdir()
+        (root / "plugin" / "__pycache__" / f"{name}.cpython-311.pyc").write_bytes(name.encode())
+        make_plugin.build(tmp_path / f"{name}.zip", {}, root)
+        zips.append((tmp_path / f"{name}.zip").read_bytes())
+    assert zips[0] == zips[1]
+    for stranger in ("plugin/run.sh", "hrsi_engine/.hidden.py", "plugin/fast.so", "hrsi_engine/block.gpkg"):
+        (root / stranger).write_text("")
+        with pytest.raises(ValueError, match=f"{stranger} is no file of the plugin"):
+            make_plugin.build(tmp_path / "refused.zip", {}, root)
+        (root / stranger).unlink()
+
+
+def test_scan_sees_what_does_not_belong_into_the_zip(tmp_path: Path):
+    """Executable, hidden, binary, outside: one finding each, none for the plain file."""
+    import scan_plugin
+
+    with zipfile.ZipFile(tmp_path / "bad.zip", "w") as archive:
+        for name, mode, content in (
+            ("hrsi/plain.py", 0o100644, "pass"), ("hrsi/run.py", 0o100755, ""), ("hrsi/link.py", 0o120777, "/etc"),
+            ("hrsi/.env", 0o100644, ""), ("hrsi/fast.so", 0o100644, ""), ("hrsi/data.html", 0o100644, "a\0b"),
+            ("other/evil.py", 0o100644, ""),
+        ):  # fmt: skip
+            entry = zipfile.ZipInfo(name)
+            entry.external_attr = mode << 16
+            archive.writestr(entry, content)
+    with zipfile.ZipFile(tmp_path / "bad.zip") as archive:
+        found = [line.partition(":")[0] for line in scan_plugin.file_findings(archive)]
+    assert found == ["hrsi/run.py", "hrsi/link.py", "hrsi/.env", "hrsi/fast.so", "hrsi/data.html", "other/evil.py"]
+
+
+def test_scan_sees_faults_of_the_code(tmp_path: Path):
+    """Bandit at its lowest severity, detect-secrets and Flake8 run over what is unpacked; `make lint` scans the zip."""
+    pytest.importorskip("bandit")
+    pytest.importorskip("detect_secrets")
+    import scan_plugin
+
+    key = "AKIA" + "QYLPMN5HHHFPZAM2"
+    with zipfile.ZipFile(tmp_path / "bad.zip", "w") as archive:
+        for name, content in (
+            ("low.py", "assert True\n"), ("secret.txt", f"key = {key}\n"), ("name.py", "print(unknown)\n"),
+            ("sql.py", "def drop(cursor, name):\n    cursor.execute(f'DELETE FROM {name}')\n"),
+        ):  # fmt: skip
+            entry = zipfile.ZipInfo(f"hrsi/{name}")
+            entry.external_attr = 0o100644 << 16
+            archive.writestr(entry, content)
+    findings, exempt = scan_plugin.scan(tmp_path / "bad.zip")
+    assert [[line.partition(":")[0].removeprefix("./") for line in found] for found in findings.values()] == [
+        ["hrsi/low.py", "hrsi/sql.py"], ["hrsi/secret.txt"], ["hrsi/name.py"], []
+    ]  # fmt: skip
+    assert exempt == 0
+
+
 def test_root_imports_nothing_of_qgis(repository: Path):
     """pytest, pip and the command line import the root package where there is no QGIS."""
     code = "import sys, hrsi; print(hasattr(hrsi, 'classFactory'), [m for m in sys.modules if 'qgis' in m])"

@@ -81,6 +81,20 @@ class Image:
     raster: Raster | None = None
 
     @property
+    def known_size(self) -> tuple[int, int]:
+        """`size`, for what cannot do without it; raises `InputError` where it is not known."""
+        if self.size is None:
+            raise InputError(f"{self.id}: the size of the image is not known: name the image itself, not its RPC file")
+        return self.size
+
+    @property
+    def pixels(self) -> Raster:
+        """`raster`, for what cannot do without it; raises `InputError` for an image without pixels."""
+        if self.raster is None:
+            raise InputError(f"{self.id} has no pixels: name the image itself, not its RPC file")
+        return self.raster
+
+    @property
     def domain_px(self) -> tuple[float, float, float, float]:
         """Image area: first and last sample, first and last line (pixel centres).
 

@@ -17,6 +17,7 @@ from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
 from .layer_styles import default_styles
 from .layers import Layer, create_layer, create_style_table, insert_rows, insert_styles, write_geopackage
+from .sql import sql_text
 
 _WAIT_S = 5.0  # for another program that is writing
 _SQL_TYPES = {"f": "REAL", "i": "INTEGER", "u": "INTEGER", "b": "BOOLEAN"}
@@ -64,11 +65,12 @@ def _make_missing_layers(path: str, layers: Sequence[Layer]) -> None:
 
 def _replace(database: sqlite3.Connection, layer: Layer) -> None:
     """Empty a layer and its spatial index, add fields that it lacks, insert the rows."""
-    present = {str(row[1]).lower() for row in database.execute(f'PRAGMA table_info("{layer.name}")')}
+    present = {str(row[1]).lower() for row in database.execute("SELECT * FROM pragma_table_info(?)", (layer.name,))}
     for name, column in layer.fields.items():
         if name.lower() not in present:
             sql_type = _SQL_TYPES.get(column.dtype.kind, "TEXT")
-            database.execute(f'ALTER TABLE "{layer.name}" ADD COLUMN "{name}" {sql_type}')
+            added = sql_text("ALTER TABLE {table} ADD COLUMN {column}", table=layer.name, column=name)
+            database.execute(f"{added} {sql_type}")
     for _ in insert_rows(database, layer, empty_first=True):
         pass
 

@@ -24,6 +24,7 @@ from .datasets import gdal_messages
 from .layer_styles import Style, default_styles
 from .replacing import replacing
 from .rtree import empty_rtree, fill_rtree
+from .sql import insert_text, sql_text
 
 _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
@@ -153,11 +154,10 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
 def insert_rows(database: sqlite3.Connection, layer: Layer, empty_first: bool = False) -> Iterator[None]:
     """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows."""
     columns = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
-    names = ", ".join(f'"{name}"' for name in columns)
-    statement = f'INSERT INTO "{layer.name}" ({names}) VALUES ({", ".join("?" * len(columns))})'
+    statement = insert_text(layer.name, columns)
     with _without_triggers(database, layer.name):
         if empty_first:
-            database.execute(f'DELETE FROM "{layer.name}"')
+            database.execute(sql_text("DELETE FROM {table}", table=layer.name))
             empty_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}")
         for start in range(0, len(layer), _CHUNK_ROWS):
             rows = slice(start, min(start + _CHUNK_ROWS, len(layer)))
@@ -178,7 +178,7 @@ def _without_triggers(database: sqlite3.Connection, table: str) -> Iterator[None
         "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND tbl_name = ?", (table,)
     ).fetchall()
     for name, _ in triggers:
-        database.execute(f'DROP TRIGGER "{name}"')
+        database.execute(sql_text("DROP TRIGGER {trigger}", trigger=name))
     yield
     for _, sql in triggers:
         database.execute(sql)

@@ -351,8 +351,8 @@ def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp)
         mask = dataset.GetRasterBand(1).GetMaskBand()
         mask.WriteArray(np.where(pixels.valid, 255, 0).astype(np.uint8), window.column, window.row)
         return int(np.count_nonzero(pixels.valid))
-    assert warp.nodata is not None
-    empty = np.isnan(pixels.values[0]) if np.isnan(warp.nodata) else pixels.values[0] == warp.nodata
+    nodata = np.nan if warp.nodata is None else warp.nodata  # floats say it by NaN
+    empty = np.isnan(pixels.values[0]) if np.isnan(nodata) else pixels.values[0] == nodata
     return int(empty.size - np.count_nonzero(empty))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import jinja2
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from ..foundation.errors import OutputError
 from .replacing import replacing
@@ -77,7 +77,9 @@ def mark_code(text: str) -> Markup:
     Markup
         The message, escaped.
     """
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+    parts = re.split(r"`([^`]+)`", text)  # what is in backticks comes second, fourth, …
+    code = Markup("<code>{}</code>")
+    return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
 
 
 def figure(value: Any, digits: int = 3, unit: str = "") -> str:

@@ -20,7 +20,7 @@ def pixel_view(path: str) -> str:
 
     It lives in memory, for this process. Raises `InputError` where the image cannot be opened.
     """
-    name = f"/vsimem/hrsi/{hashlib.sha1(path.encode('utf-8')).hexdigest()}.vrt"
+    name = f"/vsimem/hrsi/{hashlib.sha256(path.encode('utf-8')).hexdigest()}.vrt"
     source = open_raster(path)
     view = None
     with gdal_messages() as messages:

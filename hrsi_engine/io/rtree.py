@@ -11,10 +11,13 @@ import sqlite3
 
 import numpy as np
 
+from .sql import insert_text, sql_text
+
 _MOST_CELLS = 51  # SQLite's limit
 _CELL = np.dtype([("id", ">i8"), ("bounds", ">f4", (4,))])
 _NODE = np.dtype([("depth", ">u2"), ("cells", ">u2"), ("cell", _CELL, (_MOST_CELLS,))])
 _ROOT = 1
+_REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"
 
 
 def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bounds: np.ndarray) -> None:
@@ -51,23 +54,23 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bou
         content["cell"]["id"][row, place] = child
         content["cell"]["bounds"][row, place] = boxes
         nodes = list(zip(node[starts].tolist(), content.view(f"V{_NODE.itemsize}").tolist(), strict=True))
-        database.executemany(f'INSERT OR REPLACE INTO "{rtree}_node" (nodeno, data) VALUES (?, ?)', nodes)
+        database.executemany(insert_text(f"{rtree}_node", ("nodeno", "data"), _REPLACE), nodes)
         ascending = np.argsort(child)  # SQLite appends to the table's end
         table, key, value = ("rowid", "rowid", "nodeno") if depth == 0 else ("parent", "nodeno", "parentnode")
-        database.executemany(
-            f'INSERT INTO "{rtree}_{table}" ({key}, {value}) VALUES (?, ?)',
-            zip(child[ascending].tolist(), node[ascending].tolist(), strict=True),
-        )
+        numbers = zip(child[ascending].tolist(), node[ascending].tolist(), strict=True)
+        database.executemany(insert_text(f"{rtree}_{table}", (key, value)), numbers)
 
 
 def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
     """Empty an R-tree, if it is there; row by row, as SQLite does it, would take minutes for a million rows."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (f"{rtree}_node",)).fetchone():
         return
-    size = database.execute(f'SELECT length(data) FROM "{rtree}_node" WHERE nodeno = {_ROOT}').fetchone()[0]
+    nodes = f"{rtree}_node"
+    size = database.execute(sql_text("SELECT length(data) FROM {nodes} WHERE nodeno = ?", nodes=nodes), (_ROOT,))
+    root = bytes(size.fetchone()[0])
     for shadow in ("node", "rowid", "parent"):
-        database.execute(f'DELETE FROM "{rtree}_{shadow}"')
-    database.execute(f'INSERT INTO "{rtree}_node" (nodeno, data) VALUES ({_ROOT}, zeroblob(?))', (size,))
+        database.execute(sql_text("DELETE FROM {table}", table=f"{rtree}_{shadow}"))
+    database.execute(insert_text(nodes, ("nodeno", "data")), (_ROOT, root))
 
 
 def _rounded_outwards(bounds: np.ndarray) -> np.ndarray:

@@ -88,10 +88,9 @@ def _outlier_chips(result: Adjustment, residual: np.ndarray, statistic: np.ndarr
 
 def _chip(image: Image, xy: np.ndarray, residual: np.ndarray) -> TargetChip:
     """Return the pixels around a measurement, wide enough for the computed position where that is near."""
-    assert image.raster is not None
     half = int(np.clip(1.5 * np.abs(residual).max(), CHIP_HALF_PX, 3 * CHIP_HALF_PX))
     low = np.round(xy).astype(int) - half
-    grey, _ = image.raster.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
+    grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
     nothing = np.empty((0, 2))
     line = np.array([xy, xy - residual])
     return TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), (line,), xy)

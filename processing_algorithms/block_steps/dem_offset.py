@@ -23,11 +23,12 @@ def offset_warning(result: Adjustment, dem: DemOptions, height_datum: str, sigma
     tangents of their view angles.
     """
     role = result.block.points.role
-    if not dem.dem or sigma_dem_m is not None or np.any(role == Role.GCP):
+    if sigma_dem_m is not None or np.any(role == Role.GCP):
+        return []
+    surface = dem_surface(dem, height_datum)
+    if surface is None:
         return []
     ground = result.ground[(role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
-    surface = dem_surface(dem, height_datum)
-    assert surface is not None
     above = ground[:, 2] - surface_heights(surface, ground[:, :2])
     above = above[np.isfinite(above)]
     if len(above) < LEAST_POINTS:

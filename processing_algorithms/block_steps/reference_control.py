@@ -60,10 +60,11 @@ def match(
     Raises
     ------
     InputError
-        There is no DEM, or no image has pixels.
+        There is no orthoimage or no DEM, or no image has pixels.
     """
     path = options.reference
-    assert path is not None
+    if path is None:
+        raise InputError("there is no orthoimage to match with: name one with `reference`")
     if surface is None:
         raise InputError(f"{path}: the heights of its points come from a DEM: name one with `dem`")
     with_pixels = [image for image in images if image.raster is not None]

@@ -58,18 +58,17 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
         "terrain_points": options.terrain_points,
     }
     given = [name for name, source in sources.items() if source is not None]
-    if not given:
-        raise InputError(
-            "orthoimages need the height of the ground: give `dem` FILE, `terrain_points` FILE (ground_points of a "
-            "triangulation) or, for flat land, `height` M"
-        )
     if len(given) > 1:
         named = " and ".join(f"`{name}`" for name in given)
         raise InputError(f"{named} all say how high the ground is: give one of them")
     if options.terrain_points is not None:
         return _terrain_of_points(options.terrain_points, options)
     surface = open_terrain(options.terrain)
-    assert surface is not None
+    if surface is None:
+        raise InputError(
+            "orthoimages need the height of the ground: give `dem` FILE, `terrain_points` FILE (ground_points of a "
+            "triangulation) or, for flat land, `height` M"
+        )
     if isinstance(surface, GridSurface):
         cells, dem = options.fill_gaps, options.terrain.dem
         identity = [*file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]

@@ -114,7 +114,8 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> OrthoRaster:
 def _offset(base: OrthoRaster, ortho: OrthoRaster) -> tuple[int, int]:
     """Return column and row of an orthoimage's corner in the base, on whose pixels it lies."""
     offset = offset_of(base, ortho)
-    assert offset is not None
+    if offset is None:
+        raise InputError(f"{ortho.path} has other pixels than {base.path}: resample it to them")
     return offset
 
 

@@ -15,6 +15,7 @@ from ...hrsi_engine.io.layers import Layer
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.rasters import close_images, open_image
 from ...hrsi_engine.results.layers import block_layers
+from .adjusted import Adjusted
 from .rows import ROLES, KnownPoint, Measured
 from .session import PointSession
 from .tables import images_layer, point_layers
@@ -68,7 +69,7 @@ def save(session: PointSession, path: str = "") -> None:
         raise InputError("the block has no file yet: name one")
     layers = [images_layer(session), *point_layers(session)]
     if session.adjusted is not None and not session.changed:
-        layers = _adjusted_layers(session)
+        layers = _adjusted_layers(session, session.adjusted)
     replace_layers(target, layers)
     session.path, session.changed = target, False
 
@@ -79,10 +80,9 @@ def save_adjusted(session: PointSession) -> None:
     save(session)
 
 
-def _adjusted_layers(session: PointSession) -> list:
+def _adjusted_layers(session: PointSession, adjusted: Adjusted) -> list:
     """Return all layers of the adjustment, and the points that it left out because no image shows them."""
-    assert session.adjusted is not None
-    layers = {layer.name: layer for layer in block_layers(session.adjusted.result, session.adjusted.left, "both")}
+    layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
     plain, full = point_layers(session)[0], layers["ground_points"]
     more = ~np.isin(plain.fields["id"], full.fields["id"])
     columns = {

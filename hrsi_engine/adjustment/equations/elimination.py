@@ -159,7 +159,8 @@ class PlainElimination:
 
 def _by_values(linear: Linearised) -> np.ndarray:
     """Return the derivatives by the parameters, which cameras that are evaluated by image give as they are."""
-    assert linear.by_quantity is not None
+    if linear.by_quantity is None:
+        raise ValueError("cameras that are evaluated by image give derivatives by their parameters: there are none")
     return linear.by_quantity
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
+
+# Bandit warns of this package because its own parsers expand entities. None of them is used: `read_xml` parses with
+# expat, which refuses every document type, and with it every entity; these three only hold and write a tree.
+from xml.etree.ElementTree import Element, TreeBuilder, tostring  # nosec B405
 from xml.parsers import expat
 
 from osgeo import gdal
@@ -55,14 +58,14 @@ def read_text(path: str) -> str:
         return content.decode("latin-1")
 
 
-def read_xml(path: str) -> ElementTree.Element:
+def read_xml(path: str) -> Element:
     """Return the root element of an XML file.
 
     Raises `InputError` where it is not well-formed or declares a document type: entities can blow up or read other
     files, and no RPC file needs them.
     """
     content = read_bytes(path)
-    tree, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    tree, parser = TreeBuilder(), expat.ParserCreate()
 
     def refuse(*_declaration: object) -> None:
         raise InputError(f"{path}: holds a DOCTYPE declaration, which RPC files do not need: remove it")
@@ -78,7 +81,12 @@ def read_xml(path: str) -> ElementTree.Element:
         raise InputError(f"{path}: not well-formed XML ({error}): get the file again") from None
 
 
-def element_text(root: ElementTree.Element, name: str) -> str | None:
+def xml_bytes(root: Element) -> bytes:
+    """Return an XML tree as the content of a file."""
+    return bytes(tostring(root, encoding="utf-8"))
+
+
+def element_text(root: Element, name: str) -> str | None:
     """Return the text of the first element with this name anywhere below ``root``."""
     element = next(root.iter(name), None)
     return None if element is None else (element.text or "")

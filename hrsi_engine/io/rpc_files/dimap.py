@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import os
 import re
-import xml.etree.ElementTree as ElementTree
 
 from ...foundation.errors import InputError
-from .content import element_text, positive_size, read_xml, siblings
+from .content import Element, element_text, positive_size, read_xml, siblings
 from .fields import POLYNOMIALS, SCALARS, numbered_values, rpc_from_text, shorten
 from .reading import Origin, RpcReader, RpcReading
 
@@ -44,11 +43,11 @@ def read(path: str) -> RpcReading:
     return RpcReading(rpc.shift(-first, -first), _size(_domain(root), first))
 
 
-def _first(root: ElementTree.Element, names: tuple[str, ...]) -> ElementTree.Element | None:
+def _first(root: Element, names: tuple[str, ...]) -> Element | None:
     return next((element for name in names for element in root.iter(name)), None)
 
 
-def _domain(root: ElementTree.Element) -> dict[str, str]:
+def _domain(root: Element) -> dict[str, str]:
     element = _first(root, _IMAGE_DOMAIN)
     return {} if element is None else {child.tag: (child.text or "").strip() for child in element}
 

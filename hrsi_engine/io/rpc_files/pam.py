@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
-
-from .content import read_xml
+from .content import read_xml, xml_bytes
 
 
 def read_domain(path: str, domain: str) -> dict[str, str]:
@@ -24,4 +22,4 @@ def without_domain(path: str, domain: str) -> bytes:
     for element in root.findall("Metadata"):
         if element.get("domain") == domain:
             root.remove(element)
-    return ElementTree.tostring(root, encoding="utf-8")
+    return xml_bytes(root)

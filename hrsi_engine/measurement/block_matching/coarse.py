@@ -71,8 +71,7 @@ def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], fl
 
 def terrain_at_nodes(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return the heights of a surface at an image's nodes; NaN where it has none."""
-    assert image.size is not None
-    ground, status = intersect_surface(image.rpc, height_nodes(image.size)[0], surface)
+    ground, status = intersect_surface(image.rpc, height_nodes(image.known_size)[0], surface)
     return np.where(status == Status.FOUND, ground[:, 2], np.nan)
 
 
@@ -262,8 +261,7 @@ def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, nois
 
 def height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:
     """Return apparent heights over the first image, from matches or from the DEM moved to them, and their sigma (m)."""
-    assert job.first.size is not None
-    nodes, shape, spacing = height_nodes(job.first.size)
+    nodes, shape, spacing = height_nodes(job.first.known_size)
     candidates = [_median_of_neighbours(xy, height_m, nodes)]
     if job.terrain_m is not None and np.isfinite(job.terrain_m).any():
         known = np.isfinite(job.terrain_m)

@@ -22,8 +22,7 @@ SURPLUS = 3  # times the points that a cell is to have in the end are kept: trac
 
 def is_matched_everywhere(image: Image, step: int = 1) -> bool:
     """Tell whether all of an image is matched."""
-    assert image.size is not None
-    return max(image.size) <= FULL_PX * step
+    return max(image.known_size) <= FULL_PX * step
 
 
 def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
@@ -32,13 +31,12 @@ def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[li
     step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
     """
     if is_matched_everywhere(image, step):
-        assert image.size is not None
-        rows = []
-        for top, lines in _parts(image.size[1], FULL_WINDOW_PX * step):
+        size, rows = image.known_size, []
+        for top, lines in _parts(size[1], FULL_WINDOW_PX * step):
             row = []
-            for left, samples in _parts(image.size[0], FULL_WINDOW_PX * step):
+            for left, samples in _parts(size[0], FULL_WINDOW_PX * step):
                 own = ImageWindow(left, top, samples, lines)
-                row.append(Cell((own.grown(OVERLAP_PX * step).inside(image.size),), (own,), 0, 0))
+                row.append(Cell((own.grown(OVERLAP_PX * step).inside(size),), (own,), 0, 0))
             rows.append(row)
         return rows
     return _sample(image, cells, per_cell, step)
@@ -52,18 +50,17 @@ def _parts(length: int, side: int) -> list[tuple[int, int]]:
 
 
 def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
-    assert image.size is not None
-    side = WINDOW_PX * step
-    columns, rows = (max(1, min(cells, length // side)) for length in image.size)
+    size, side = image.known_size, WINDOW_PX * step
+    columns, rows = (max(1, min(cells, length // side)) for length in size)
     grid = []
     for r in range(rows):
         row = []
         for c in range(columns):
-            left, right = image.size[0] * c // columns, image.size[0] * (c + 1) // columns
-            top, bottom = image.size[1] * r // rows, image.size[1] * (r + 1) // rows
+            left, right = size[0] * c // columns, size[0] * (c + 1) // columns
+            top, bottom = size[1] * r // rows, size[1] * (r + 1) // rows
             windows = tuple(
-                ImageWindow(sample, line, side, side).inside(image.size)
-                for sample, line in _places(left, right, top, bottom, side, image.size)
+                ImageWindow(sample, line, side, side).inside(size)
+                for sample, line in _places(left, right, top, bottom, side, size)
             )
             row.append(Cell(windows, windows, per_cell, SURPLUS * per_cell))
         grid.append(row)

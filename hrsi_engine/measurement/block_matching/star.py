@@ -193,7 +193,6 @@ def _thin(rows: list[Rows], most: int) -> list[Rows]:
 
 def _place_in(partner: Partner, window: ImageWindow) -> ImageWindow | None:
     """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
-    assert partner.image.size is not None
     border = WINDOW_BORDER_PX * partner.step
-    there = predicted_window(partner.geometry, window, border).inside(partner.image.size)
+    there = predicted_window(partner.geometry, window, border).inside(partner.image.known_size)
     return there if min(there.samples, there.lines) >= LEAST_SIDE_PX + border else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, cast, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -52,11 +52,10 @@ class PyramidRaster(Raster, Protocol):
 
 def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | None:
     """Return a window's pixels, means of ``step`` x ``step`` of them; None where it holds no valid pixel."""
-    here = window.inside(cast(tuple[int, int], image.size))
+    here = window.inside(image.known_size)
     if here.samples < step or here.lines < step:
         return None
-    assert image.raster is not None
-    grey, valid = image.raster.read(*here)
+    grey, valid = image.pixels.read(*here)
     if not valid.any():
         return None
     if step > 1:
@@ -67,13 +66,13 @@ def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | N
 
 def read_overview(image: Image, step: int) -> ImageTile:
     """Return a whole image as means of ``step`` x ``step`` pixels."""
-    assert image.raster is not None and image.size is not None
+    raster, size = image.pixels, image.known_size
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
-    if isinstance(image.raster, PyramidRaster):
-        return ImageTile(*image.raster.read_reduced(step), origin, float(step))
+    if isinstance(raster, PyramidRaster):
+        return ImageTile(*raster.read_reduced(step), origin, float(step))
     parts, lines = [], step * max(OVERVIEW_STRIP_LINES // step, 1)
-    for line in range(0, step * (image.size[1] // step), lines):
-        strip = image.raster.read(0, line, image.size[0], min(lines, image.size[1] - line))
+    for line in range(0, step * (size[1] // step), lines):
+        strip = raster.read(0, line, size[0], min(lines, size[1] - line))
         parts.append(block_means(*strip, step))
     grey, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
     return ImageTile(grey, valid, origin, float(step))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -211,23 +212,20 @@ def _result(
     }  # fmt: skip
     design = np.column_stack([there, np.ones(len(there))])
     affine = np.linalg.lstsq(design, here, rcond=None)[0].T if len(there) >= 3 else np.full((2, 3), np.nan)
-    assert seed.match.best is not None
     return ControlNetworkMatch(
         FOUND, "", positions._replace(**scaled), first.points.kind[network.first_row], network.generation,
-        network.father, seed.match.best.count, seed.match.runner_up, (len(first.xy), len(second.xy)), affine,
+        network.father, seed.hypothesis.count, seed.runner_up, (len(first.xy), len(second.xy)), affine,
     )  # fmt: skip
 
 
 def _failure(first: NetworkWindow, second: NetworkWindow, seen: list[SuperMatch], most: int) -> ControlNetworkMatch:
     """Return the result without correspondences, and why."""
-    ambiguous = [match for match in seen if match.status == AMBIGUOUS and match.best is not None]
+    ambiguous = [(match.best.count, match.runner_up) for match in seen if match.status == AMBIGUOUS and match.best]
     nothing = np.empty((0, 2))
     empty = Positions(nothing, nothing, *(np.empty(0) for _ in range(4)))
     status, message, network, runner_up = NO_MATCH, _why(first, second, most), 0, 0
     if ambiguous and not most:
-        strongest = max(ambiguous, key=lambda match: match.best.count if match.best else 0)
-        assert strongest.best is not None
-        status, network, runner_up = AMBIGUOUS, strongest.best.count, strongest.runner_up
+        status, (network, runner_up) = AMBIGUOUS, max(ambiguous, key=itemgetter(0))
         message = (
             f"the texture repeats: {network} super points fit in one place, {runner_up} in another; "
             "choose larger windows or others with something that is there once"

@@ -45,10 +45,11 @@ LIKELY = 150  # pairs of roots that are compared by grey values
 
 
 class Seed(NamedTuple):
-    """A first network, and the super-point match it comes from."""
+    """A first network, the hypothesis that it comes from, and how many correspondences the best rival had."""
 
     network: Network
-    match: SuperMatch
+    hypothesis: Hypothesis
+    runner_up: int
 
 
 class SeedOptions(NamedTuple):
@@ -97,15 +98,14 @@ def seeds(
         if match.best is not None and match.status != AMBIGUOUS:
             network = verify(as_network(match.best, first, second, rows, theirs), first, second, options.correlation)
             if _enough(network, match.best):
-                yield Seed(network, match)
+                yield Seed(network, match.best, match.runner_up)
     for match, rows in zip(list(seen), every, strict=True):
         advance(progress, 1.0, "control network: comparing grey values")
         if match.status != AMBIGUOUS:
-            yield from grey_seeds(match, first, second, rows, theirs, options)
+            yield from grey_seeds(first, second, rows, theirs, options)
 
 
 def grey_seeds(
-    match: SuperMatch,
     first: NetworkWindow,
     second: NetworkWindow,
     rows: np.ndarray,
@@ -128,7 +128,7 @@ def grey_seeds(
     most, network, best = max(tested, key=lambda entry: entry[0])
     rivals = [count for count, _, other in tested if is_rival(sets, best, other)]
     if max(rivals, default=0) < RIVAL_CORRESPONDENCES_SHARE * most:
-        yield Seed(network, replace(match, best=best, runner_up=max(rivals, default=0)))
+        yield Seed(network, best, max(rivals, default=0))
 
 
 def _enough(network: Network, hypothesis: Hypothesis) -> bool:

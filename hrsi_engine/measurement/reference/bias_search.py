@@ -45,10 +45,10 @@ def search_bias(
 
     ``search_px`` is the largest bias looked for.
     """
-    assert image.size is not None
+    size = image.known_size
     reach = min(FIRST_SEARCH_PX * max(step, 1.0), search_px)
     while True:
-        coarse = max(step, min(reach / SEARCH_REACH, min(image.size) / LEAST_SIDE))
+        coarse = max(step, min(reach / SEARCH_REACH, min(size) / LEAST_SIDE))
         peak = _peak(image, reference, surface, gsd_m, coarse, np.zeros(2), int(np.ceil(reach / coarse)))
         if peak is not None and peak.contrast >= PEAK_CONTRAST and peak.rival <= CLEAR:
             break
@@ -72,9 +72,8 @@ def _peak(
     """Return the peak over all parts of the image; its ``shift`` is the whole offset in image pixels."""
     total, energy = np.zeros((2 * reach + 1, 2 * reach + 1)), 0.0
     # Origin and shape ``(lines, samples)`` of the parts of an image, in working pixels of ``step``
-    assert image.size is not None
     starts, sides = [], []
-    for size in image.size:
+    for size in image.known_size:
         whole = max(int(size / step), 1)
         count = min(max(int(np.ceil(whole / SITE)), 1), SITES)
         side = min(whole, SITE) if count > 1 else whole
@@ -87,8 +86,7 @@ def _peak(
         if not template.valid.any():
             continue
         window = (shape[0] + 2 * reach, shape[1] + 2 * reach)
-        assert image.raster is not None
-        search = image_patch(image.raster, origin - step * reach, window, step)
+        search = image_patch(image.pixels, origin - step * reach, window, step)
         first, second = (orientation_field(patch.grey, patch.valid) for patch in (template, search))
         total += correlation_sums(first, second)
         energy += float(np.square(np.abs(first)).sum())

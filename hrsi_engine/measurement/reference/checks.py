@@ -148,15 +148,14 @@ def contradiction(
 ) -> Contradiction | None:
     """Return how surveyed GCPs and the reference differ; None where no image has both."""
     by_id = {image.id: image for image in images}
-    found = {part.image_id: part for part in control.images if part.agreement is not None}
+    agreed = {part.image_id: part.agreement for part in control.images if part.agreement is not None}
     differences, variances = [], []
     for image_id, ground, sigma_m, xy in gcps:
-        if image_id not in found or not len(ground):
+        if image_id not in agreed or not len(ground):
             continue
-        agreement = found[image_id].agreement
-        assert agreement is not None
         projected, by_ground = by_id[image_id].rpc.project_with_metric_jacobian(ground)
-        beside = projected + agreement.bias(xy) - xy  # where the reference expects the survey, less where it was seen
+        # Where the reference expects the survey, less where it was seen
+        beside = projected + agreed[image_id].bias(xy) - xy
         inverse = np.linalg.inv(by_ground[:, :, :2])
         differences.append(np.einsum("kij,kj->ki", inverse, beside))
         lean = np.linalg.norm(np.einsum("kij,kj->ki", inverse, by_ground[:, :, 2]), axis=1)

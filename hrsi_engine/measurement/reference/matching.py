@@ -232,8 +232,7 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     corner = expected - task.step * (half + reach + TEMPLATE_BORDER)
     corner = np.round(corner) if task.step == 1.0 else corner
     window = side + 2 * (reach + TEMPLATE_BORDER)
-    assert task.image.raster is not None
-    search = image_patch(task.image.raster, corner, (window, window), task.step)
+    search = image_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
     inner = np.s_[TEMPLATE_BORDER:-TEMPLATE_BORDER, TEMPLATE_BORDER:-TEMPLATE_BORDER]
