@@ -243,5 +243,6 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
     Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),
     Kind.FLAG: Binding(_flag, _reader("parameterAsBool")),
+    Kind.FOLDERS: Binding(_text, _reader("parameterAsString")),
     Kind.OUTPUT_DIR: Binding(_folder, _reader("parameterAsFileOutput")),
 }

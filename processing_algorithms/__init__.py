@@ -12,6 +12,7 @@ from typing import Any
 from ..hrsi_engine.foundation.progress import Progress, silent
 from .declarations import (
     adjust,
+    evaluate,
     fit_rpc,
     gcps_from_reference,
     interest_points,
@@ -38,6 +39,7 @@ REGISTRY: dict[str, Algorithm] = {
         triangulate,
         tie_points,
         adjust,
+        evaluate,
         refine_rpc,
         write_rpc,
         rpc_info,

@@ -27,6 +27,7 @@ _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 SPELLING: dict[Kind, dict[str, Any]] = {
     Kind.IMAGES: {"nargs": "*"},
     Kind.FLAG: {"action": argparse.BooleanOptionalAction},
+    Kind.FOLDERS: {"action": "append"},
 }
 #: What stands for a value in the help, where the declaration names nothing.
 METAVARS: dict[Kind, str] = {
@@ -42,6 +43,7 @@ METAVARS: dict[Kind, str] = {
     Kind.CHOICE: "NAME",
     Kind.INTEGER: "N",
     Kind.NUMBER: "X",
+    Kind.FOLDERS: "NAME=DIR",
     Kind.OUTPUT_DIR: "DIR",
 }
 #: How the default of a kind is written; every other kind as it is.

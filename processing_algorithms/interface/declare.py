@@ -36,6 +36,7 @@ class Kind(Enum):
     FLAG = "flag"
     GROUPS = "groups of ids"  #: joined by + within a group, separated by commas: ``A+B,C+D``
     RANGE = "range"  #: two numbers ``LOW,HIGH``, or one for both
+    FOLDERS = "named folders"  #: ``NAME=DIR``; given again for each
     OUTPUT_DIR = "output directory"
 
 

@@ -114,6 +114,19 @@ def _groups(value: Any) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(text for one in group if (text := str(one).strip())) for group in groups if group)
 
 
+def _folders(value: Any) -> tuple[str, ...]:
+    """Accept ``"A=DIR;B=DIR"``, a sequence of such words, or directories by name."""
+    if isinstance(value, Mapping):
+        value = [f"{name}={os.fspath(folder)}" for name, folder in value.items()]
+    items = value.split(";") if isinstance(value, str) else value
+    folders = tuple(text for item in items if (text := str(item).strip()))
+    if not all(
+        name.strip() and equals and folder.strip() for name, equals, folder in (t.partition("=") for t in folders)
+    ):
+        raise ValueError
+    return folders
+
+
 def _range(value: Any) -> tuple[float, float]:
     """Accept ``"LOW,HIGH"``, two numbers, or one for both."""
     items = value.split(",") if isinstance(value, str) else value
@@ -160,6 +173,7 @@ VALUE_OF: dict[Kind, Callable[[Any], Any]] = {
     Kind.INTEGER: _integer,
     Kind.NUMBER: _number,
     Kind.FLAG: _flag,
+    Kind.FOLDERS: _folders,
     Kind.OUTPUT_DIR: _path,
 }
 #: What a message says of a value of the wrong kind: ``--threads 'x' is not a whole number``.
@@ -177,5 +191,6 @@ EXPECTED: dict[Kind, str] = {
     Kind.INTEGER: "a whole number",
     Kind.NUMBER: "a number",
     Kind.FLAG: "true or false",
+    Kind.FOLDERS: "a directory with its name: NAME=DIR",
     Kind.OUTPUT_DIR: "the name of a directory",
 }

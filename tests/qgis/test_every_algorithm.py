@@ -79,6 +79,9 @@ BLOCK = {"GCPS": GROUND, "IMAGE_POINTS": MEASURED, "GCP_IDS": "H003,H022,H024,H0
 RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "triangulate": lambda pixels, grid: {"IMAGES": RPCS, "TIE_POINTS": "none", **BLOCK},
     "adjust": lambda pixels, grid: {"IMAGES": RPCS, **BLOCK},
+    "evaluate": lambda pixels, grid: {
+        "IMAGES": RPCS, "TRACKS": "none", "RPCS": f"same={HOBART}", "GCPS": GROUND, "IMAGE_POINTS": MEASURED,
+    },
     "refine-rpc": lambda pixels, grid: {"IMAGES": RPCS, "GCPS": GROUND, "IMAGE_POINTS": MEASURED},
     "rpc-info": lambda pixels, grid: {"IMAGES": RPCS},
     "project": lambda pixels, grid: {"IMAGES": RPCS[:1], "POINTS": GROUND},

@@ -1,0 +1,78 @@
+"""How well RPCs fit real blocks before and after HRSI, by tracks that took no part: `evaluate_rpcs.py [--docs]`.
+
+The tracks are those of OpenCV's SIFT, found without any RPC. ``--docs`` writes the table into docs/evaluation.md. The
+data lie in HRSI_TEST_DATA (see CONTRIBUTING.md).
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import real_blocks
+from tie_points_accuracy import SAMPLES, paths
+
+from hrsi.hrsi_engine import open_image
+from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.processing_algorithms import run
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "evaluation.md"
+BEGIN, END = "<!-- table of evaluate_rpcs.py -->", "<!-- end of the table -->"
+MODELS = ("shift", "affine")
+HEAD = (
+    "| block | wrong matches | RPCs | predicted RMSE px | median px | fit px | two views px | three px | four px "
+    "| medians of pairs px | scatter px |\n|---|---|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def evaluated(name: str, folder: Path, reject: float) -> dict[str, Any]:
+    """Return the report on a sample's own RPCs and those that HRSI makes of them, on tracks of SIFT."""
+    images = paths(SAMPLES[name])
+    tracks = folder / "sift.csv"
+    if not tracks.exists():
+        write_measurements(str(tracks), real_blocks.sift_tracks([open_image(path) for path in images])[0])
+        for model in MODELS:
+            run("triangulate", images=images, model=model, write="sidecar", report=False,
+                output_dir=str(folder / model), height_datum="ellipsoidal")  # fmt: skip
+    return run("evaluate", images=images, tracks=str(tracks), reject=reject, report=False, overwrite=True,
+               rpcs={f"HRSI, {model}".replace(", ", "-"): folder / model for model in MODELS},
+               output_dir=str(folder / "evaluation"))  # fmt: skip
+
+
+def rows(name: str, reject: float, report: dict[str, Any]) -> list[str]:
+    """Return the lines of a sample."""
+    kept = "kept" if not reject else f"{report['tracks']['wrong']} left out"
+    lines = []
+    for set_name, entry in report["sets"].items():
+        fits = [_number(value) for value in (entry["fit_rmse_px"], *map(entry["fit_by_views"].get, "234"))]
+        pairs = " ".join(f"{abs(pair['bias_px']):.2f}" for pair in entry["pairs"])
+        lines.append(
+            f"| {name} | {kept} | {set_name} | {_number(entry['predicted_rmse_px'])} "
+            f"| {_number(entry['predicted_median_px'])} | {' | '.join(fits)} | {pairs} "
+            f"| {_number(entry['scatter_px'])} |"
+        )
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def main() -> None:
+    """Print the table; write it into the page where asked."""
+    lines = [HEAD]
+    for name in SAMPLES:
+        with tempfile.TemporaryDirectory() as folder:
+            for reject in (0.0, 6.0):
+                lines += rows(name, reject, evaluated(name, Path(folder), reject))
+    print("\n".join(lines))
+    if "--docs" in sys.argv[1:]:
+        text = PAGE.read_text(encoding="utf-8")
+        before, after = text.split(BEGIN)[0], text.split(END)[1]
+        PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

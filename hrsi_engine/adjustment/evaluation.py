@@ -1,0 +1,257 @@
+"""How well cameras that stay as they are fit image points: strict leave-one-out prediction, pairs, ground points.
+
+Each track (one ground point on several images) is intersected by least squares, weights W = 1 / sigma². With B the
+derivatives of its image points by the ground (px per metre) and e the residuals, leaving the image point i out changes
+its own residual to (e.g. Cook and Weisberg, 1982, section 2.2.3)::
+
+    H_ii = B_i (B' W B)^-1 B_i' w_i
+    e_i without i = (I - H_ii)^-1 e_i          covariance sigma_i² (I - H_ii)^-1
+
+so one intersection serves all predictions of a track; the cameras are linear over the few pixels of a residual. What
+only an image point itself determines has no prediction: where the others see the point from nearly one direction, the
+factor (I - H_ii)^-1/2 by which they enlarge the noise passes every bound, and the prediction is not used.
+
+Two rays leave one condition, that they meet: the left null vector n of the pair's B (4, 3), n'n = 1. Their residual
+across the epipolar lines is n'e, whatever the ground point at which e was computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..block.block import Block
+from ..camera.rpc import RPC
+from ..foundation.robust_scale import robust_sigma
+from ..ground.geodesy import ground_difference_m, moved_ground
+from ..refinement.models import MODELS
+from .intersection import intersect, start_positions
+from .observations import Observations, subset
+
+MOST_ENLARGEMENT = 10.0  # of the noise in a prediction
+TREND_ROUNDS = 6
+TREND_LIMIT = 3.0  # robust sigmas; beyond, a residual has no say in the trend
+LEAST_OF_TREND = 8  # points that an affine trend is estimated from
+
+
+@dataclass(frozen=True, eq=False)
+class TrackFit:
+    """How tracks fit one set of cameras; rows as in the observations, NaN where a point cannot be intersected.
+
+    Parameters
+    ----------
+    ground : (m, 3) ndarray
+        Where all rays of each point meet best.
+    by_ground : (n, 2, 3) ndarray
+        Derivatives of the image points by the ground, px per metre.
+    fit_px : (n, 2) ndarray
+        Observed - computed at that position.
+    predicted_px : (n, 2) ndarray
+        Observed - predicted from the other images alone; NaN where these do not determine it.
+    enlargement : (n,) ndarray
+        Standard deviation of that residual over the image point's own, root mean square of both coordinates.
+    """
+
+    ground: np.ndarray
+    by_ground: np.ndarray
+    fit_px: np.ndarray
+    predicted_px: np.ndarray
+    enlargement: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PairFit:
+    """How the rays of two images miss each other.
+
+    Parameters
+    ----------
+    first, second : int
+        Indices of the images.
+    points : (k,) ndarray
+        Indices of their common points among the tracks.
+    across_px : (k,) ndarray
+        Residuals of these across the epipolar lines, shared by both images.
+    left_px : (k,) ndarray
+        The same without their affine trend over the first image: the noise of one image coordinate.
+    """
+
+    first: int
+    second: int
+    points: np.ndarray
+    across_px: np.ndarray
+    left_px: np.ndarray
+
+
+def with_cameras(block: Block, cameras: Sequence[RPC]) -> Block:
+    """Return the block seen by other cameras, one an image."""
+    images = tuple(replace(image, rpc=rpc) for image, rpc in zip(block.images, cameras, strict=True))
+    return replace(block, images=images)
+
+
+def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit]:
+    """Intersect points with the block's cameras and predict each of their image points from the others.
+
+    Parameters
+    ----------
+    block : Block
+        Cameras and image points; what is known of the points' positions is not used.
+    chosen : (points,) ndarray
+        True for the points that take part, each on two images or more.
+
+    Returns
+    -------
+    tuple of Observations and TrackFit
+        The rows that the fit's arrays refer to, and the fit.
+    """
+    observations = subset(block, chosen)
+    none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
+    ground = intersect(observations, none, no_values, start_positions(observations))
+    fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
+    there = np.isfinite(ground).all(axis=1)
+    for image, rows in zip(block.images, observations.by_image, strict=True):
+        here = rows[there[observations.point[rows]]]
+        computed, by_ground[here] = image.rpc.project_with_metric_jacobian(ground[observations.point[here]])
+        fit[here] = observations.xy[here] - computed
+    # B' W B of each point, and what of each image point's noise its own prediction holds
+    weight = observations.sigma_px**-2.0
+    own = np.einsum("n,nki,nkj->nij", weight, by_ground, by_ground)
+    normal = np.add.reduceat(own, observations.first[:-1], axis=0) if len(own) else np.zeros((0, 3, 3))
+    regular = np.isfinite(normal).all(axis=(1, 2))
+    normal[~regular] = np.eye(3)
+    inverse = np.linalg.pinv(normal, hermitian=True)[observations.point]
+    left = np.eye(2) - np.einsum("nki,nij,nlj,n->nkl", by_ground, inverse, by_ground, weight)
+    left[~np.isfinite(left).all(axis=(1, 2))] = np.nan
+    known = np.isfinite(left[:, 0, 0])
+    lowest = np.full(len(left), np.nan)
+    lowest[known] = np.linalg.eigvalsh(left[known])[:, 0]
+    predictable = lowest > MOST_ENLARGEMENT**-2.0
+    predicted, enlargement = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
+    cofactor = np.linalg.inv(left[predictable])
+    predicted[predictable] = (cofactor @ fit[predictable, :, None])[:, :, 0]
+    enlargement[predictable] = np.sqrt(0.5 * np.trace(cofactor, axis1=1, axis2=2))
+    return observations, TrackFit(ground, by_ground, fit, predicted, enlargement)
+
+
+def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
+    """Return how the rays of each two images that share points miss each other.
+
+    Parameters
+    ----------
+    observations : Observations
+        The tracks.
+    fit : TrackFit
+        One set of cameras.
+
+    Returns
+    -------
+    list of PairFit
+        Of each pair with a common point.
+    """
+    pairs = []
+    usable = np.isfinite(fit.fit_px).all(axis=1)
+    rows_of = [rows[usable[rows]] for rows in observations.by_image]
+    for i, first in enumerate(rows_of):
+        for j in range(i + 1, len(rows_of)):
+            second = rows_of[j]
+            points, a, b = np.intersect1d(observations.point[first], observations.point[second], return_indices=True)
+            if not len(points):
+                continue
+            both = np.concatenate([fit.by_ground[first[a]], fit.by_ground[second[b]]], axis=1)
+            residual = np.concatenate([fit.fit_px[first[a]], fit.fit_px[second[b]]], axis=1)
+            across = np.einsum("nk,nk->n", _null_vectors(both), residual)
+            image = observations.images[i]
+            position = (observations.xy[first[a]] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
+            pairs.append(PairFit(i, j, points, across, _without_trend(position, across)))
+    return pairs
+
+
+def _without_trend(position: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Return values ``(k,)`` without their affine trend over positions ``(k, 2)``; with few of them, their mean.
+
+    Values that stand out from the trend have no say in it.
+    """
+    terms = np.column_stack([np.ones(len(across)), position])[:, : 3 if len(across) >= LEAST_OF_TREND else 1]
+    left = across - np.median(across)
+    for _ in range(TREND_ROUNDS):
+        kept = np.abs(left) <= TREND_LIMIT * max(float(robust_sigma(left)), 1e-9)
+        left = across - terms @ np.linalg.lstsq(terms[kept], across[kept], rcond=None)[0]
+    return left
+
+
+def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFit]], reject: float) -> np.ndarray:
+    """Return a mask ``(m,)`` of tracks that are wrong whichever cameras are right.
+
+    What cameras are off by is smooth: it is the trend of a pair's residuals. A track is wrong where under *every* set
+    of cameras two of its rays miss each other by ``reject`` times what is typical, trends apart. So no set gains or
+    loses by what is left out.
+
+    Parameters
+    ----------
+    observations : Observations
+        The tracks.
+    sets : sequence of sequence of PairFit
+        The pairs of each set of cameras.
+    reject : float
+        In robust standard deviations; 0 leaves nothing out.
+
+    Returns
+    -------
+    (m,) ndarray
+        True for wrong tracks.
+    """
+    wrong = np.full(len(observations.points), bool(reject))
+    for pairs in sets if reject else ():
+        largest = np.zeros(len(wrong))
+        for pair in pairs:
+            largest[pair.points] = np.maximum(largest[pair.points], np.abs(pair.left_px))
+        typical = float(robust_sigma(np.concatenate([pair.left_px for pair in pairs]))) if pairs else 0.0
+        wrong &= largest > reject * max(typical, 1e-9)
+    return wrong
+
+
+def _null_vectors(derivatives: np.ndarray) -> np.ndarray:
+    """Return unit vectors n ``(k, 4)`` with n'B = 0 of derivatives B ``(k, 4, 3)``, all to one side.
+
+    The components are the signed 3 x 3 minors of B.
+    """
+    vectors = np.stack([(-1.0) ** row * np.linalg.det(np.delete(derivatives, row, axis=1)) for row in range(4)], axis=1)
+    vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    vectors *= np.where(vectors @ vectors[0] < 0.0, -1.0, 1.0)[:, None]
+    middle = vectors.mean(axis=0)[:2]
+    return np.asarray(vectors * (1.0 if middle[np.argmax(np.abs(middle))] >= 0.0 else -1.0))
+
+
+def known_residuals_px(block: Block) -> np.ndarray:
+    """Return observed - projected ``(n, 2)`` of the image points of surveyed points, NaN of all others."""
+    rows = block.measurements
+    residual = np.full((len(rows), 2), np.nan)
+    usable = (block.known & np.isfinite(block.points.ground).all(axis=1))[rows.point]
+    for index, image in enumerate(block.images):
+        here = np.flatnonzero(usable & (rows.image == index))
+        residual[here] = rows.xy[here] - image.rpc.project(block.points.ground[rows.point[here]])
+    return residual
+
+
+def known_differences_m(block: Block) -> np.ndarray:
+    """Return survey - intersected ``(points, 3)`` east, north, up of the surveyed points.
+
+    Of a point on one image it is the distance in plan from its ray at the surveyed height; NaN where there is none.
+    """
+    difference = np.full((len(block.points), 3), np.nan)
+    rays = block.rays_per_point()
+    usable = block.known & np.isfinite(block.points.ground).all(axis=1)
+    several = usable & (rays >= 2)
+    if several.any():
+        observations, fit = fit_tracks(block, several)
+        difference[observations.points] = ground_difference_m(block.points.ground[observations.points], fit.ground)
+    rows, residual = block.measurements, known_residuals_px(block)
+    for index in np.flatnonzero((usable & (rays == 1))[rows.point]).tolist():
+        ground = block.points.ground[rows.point[index]][None]
+        _, by_ground = block.images[rows.image[index]].rpc.project_with_metric_jacobian(ground)
+        step = np.zeros((1, 3))
+        step[0, :2] = np.linalg.solve(by_ground[0, :, :2], residual[index])
+        found = ground_difference_m(ground, moved_ground(ground, step))[0]
+        difference[rows.point[index], :2] = found[:2]
+    return difference

@@ -1,0 +1,389 @@
+"""`evaluate`: how well RPCs fit, several sets of them side by side on the same tracks, ground points and DEM."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..hrsi_engine.adjustment.evaluation import (
+    PairFit,
+    TrackFit,
+    find_wrong_tracks,
+    fit_pairs,
+    fit_tracks,
+    known_differences_m,
+    known_residuals_px,
+    with_cameras,
+)
+from ..hrsi_engine.adjustment.observations import Observations
+from ..hrsi_engine.adjustment.precision import errors_90
+from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
+from ..hrsi_engine.block.footprints import footprint
+from ..hrsi_engine.block.points import ROLE_LABELS
+from ..hrsi_engine.camera.rpc import RPC
+from ..hrsi_engine.drawing.residual_plots import bars_svg
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.robust_scale import robust_sigma
+from ..hrsi_engine.foundation.version import VERSION
+from ..hrsi_engine.ground.geodesy import WGS84
+from ..hrsi_engine.io.layer_styles import default_styles
+from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.output_dir import stage_folder
+from ..hrsi_engine.io.pages import write_page
+from ..hrsi_engine.io.point_files import measurements_of, read_points
+from ..hrsi_engine.io.report import write_report_json
+from ..hrsi_engine.io.versions import versions
+from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
+from ..hrsi_engine.results.residuals import radial_rmse, rmse
+from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
+from .block_steps.inputs import read_block
+from .block_steps.outputs import Clock
+from .block_steps.summary import number
+from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
+from .files.image_files import open_images
+from .files.result_folder import check_folder, tell
+from .files.rpc_folders import rpcs_of_folder
+from .files.terrain import dem_surface
+from .interface.declare import Context, Report, settings_of
+
+SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a layer's name
+FEW_PREDICTIONS = 30  # below, the figures of a set say little
+MOST_PAIRS_TOLD = 10
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedSet:
+    """A set of RPCs: the block seen by them, its tracks fitted, and the surveyed points compared."""
+
+    name: str
+    source: str
+    block: Block
+    fit: TrackFit
+    pairs: list[PairFit]
+    known_px: np.ndarray
+    known_m: np.ndarray
+
+
+def run(options: EvaluateOptions, context: Context) -> Report:
+    """Read or find points, fit them under every set of RPCs, write what came out."""
+    check_folder(options.folder)
+    clock = Clock()
+    images = open_images(options.images, context.log)
+    cameras = _open_sets(options, images, context)
+    surface = dem_surface(options.dem, options.points.height_datum)
+    clock.lap("read")
+    block, warnings = _read_points(options, images, surface, context)
+    clock.lap("tracks")
+    # Under every set the same points: tracks of two images or more that are right under one set at least
+    tracks = (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
+    sets: list[EvaluatedSet] = []
+    for done, (name, (source, rpcs)) in enumerate(cameras.items()):
+        advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
+        seen = with_cameras(block, rpcs)
+        observations, fit = fit_tracks(seen, tracks)
+        known_px, known_m = known_residuals_px(seen), known_differences_m(seen)
+        sets.append(EvaluatedSet(name, source, seen, fit, fit_pairs(observations, fit), known_px, known_m))
+    wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)
+    everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)
+    kept = everywhere & ~wrong
+    predicted = kept[observations.point] & np.all([np.isfinite(one.fit.enlargement) for one in sets], axis=0)
+    rays = np.diff(observations.first)
+    entries: Report = {
+        "tracks": {
+            "points": int(kept.sum()), "observations": int(kept[observations.point].sum()),
+            "wrong": int(wrong.sum()), "without_position": int((~everywhere).sum()),
+            "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
+        },
+        "sets": {one.name: _set_entry(one, observations, kept, predicted, surface) for one in sets},
+    }  # fmt: skip
+    warnings += _warnings(entries, len(images), len(predicted) > 0)
+    clock.lap("evaluate")
+    report: Report = {
+        "schema": 1, "algorithm": "evaluate", "version": VERSION, "seconds": {}, **entries,
+        "best": _best(entries["sets"]), "warnings": warnings, "versions": versions(), "settings": settings_of(options),
+    }  # fmt: skip
+    tell(warnings, context)
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+        layers = _layers(sets, observations, kept, predicted, report)
+        arrows = {layer.name: layer.fields for layer in layers if layer.name.startswith("residuals_")}
+        styles = default_styles({layer.name: layer.fields for layer in layers})
+        for name, fields in arrows.items():
+            styles[name] = default_styles({RESIDUAL_LAYERS[0]: fields})[RESIDUAL_LAYERS[0]]
+        write_geopackage(str(folder / LAYERS_FILE), layers, styles, context.stage(0.9, 0.98).progress)
+        clock.lap("write")
+        report["seconds"] = clock.total()
+        if options.report:
+            bars = {name: {kind: entry[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
+                    for name, entry in report["sets"].items()}  # fmt: skip
+            write_page(str(folder / "report.html"), "evaluation.html.j2", report, bars=bars_svg(bars, "px"))
+        write_report_json(str(folder / "report.json"), report)
+    advance(context.progress, 1.0, "done")
+    return report
+
+
+# ---- what is read ----------------------------------------------------------------------------------------------------
+
+
+def _open_sets(
+    options: EvaluateOptions, images: Sequence[Image], context: Context
+) -> dict[str, tuple[str, Sequence[RPC]]]:
+    """Return where each set of RPCs comes from, and its RPCs; the images' own first, unless they are named again."""
+    own = [image.rpc for image in images]
+    named: dict[str, tuple[str, Sequence[RPC]]] = {}
+    for text in options.rpcs:
+        name, _, folder = (part.strip() for part in text.partition("="))
+        if not SET_NAME.fullmatch(name) or name == OWN:
+            raise InputError(f"`rpcs` {text!r}: choose a name of letters, digits, _ and -, other than {OWN!r}")
+        if name in named:
+            raise InputError(f"`rpcs` names {name} twice: give each set a name of its own")
+        named[name] = folder, rpcs_of_folder(folder, images, context.log)
+    if any(list(rpcs) == own for _, rpcs in named.values()):
+        return named
+    return {OWN: ("the images", own), **named}
+
+
+def _read_points(
+    options: EvaluateOptions, images: Sequence[Image], surface: HeightSurface | None, context: Context
+) -> tuple[Block, list[str]]:
+    """Return the block of all tracks and known points, and what the user should know."""
+    found: list[ImagePoints] = []
+    warnings: list[str] = []
+    if options.tracks == AUTOMATIC_TRACKS:
+        from .block_steps.tie_search import find  # needs OpenCV, which a QGIS may lack
+
+        ties, finished = find(
+            images, options.search, surface, options.folder.output_dir, context.stage(0.0, 0.8)
+        )  # fmt: skip
+        found, warnings = [ties.image_points], list(ties.warnings)
+        finished.remove()
+    file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
+    block, more = read_block(images, options.points, options.dem, file, found)
+    warnings += more
+    if options.used_points is not None:
+        used = read_points(measurements_of(options.used_points), image_ids=[image.id for image in images]).image
+        if used is None:
+            raise InputError(
+                f"{options.used_points}: has no image points: name the layer image_points of an adjustment"
+            )
+        near = _near_used(block, used, options.apart_px)
+        block = block.with_measurements(~near[block.measurements.point])
+        warnings.append(f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out")
+    return block, warnings
+
+
+def _near_used(block: Block, used: ImagePoints, apart_px: float) -> np.ndarray:
+    """Return a mask of the tie points that come near a used image point on any image."""
+    rows = block.measurements
+    near = np.zeros(len(block.points), dtype=bool)
+    for index, image in enumerate(block.images):
+        here, there = np.flatnonzero(rows.image == index), used.xy[used.image_ids == image.id]
+        if len(here) and len(there):
+            distance, _ = cKDTree(there).query(rows.xy[here])
+            near[rows.point[here[distance <= apart_px]]] = True
+    return near & (block.points.role == Role.TIE)
+
+
+# ---- figures ---------------------------------------------------------------------------------------------------------
+
+
+def _set_entry(
+    one: EvaluatedSet,
+    observations: Observations,
+    kept: np.ndarray,
+    predicted: np.ndarray,
+    surface: HeightSurface | None,
+) -> Report:
+    """Return the figures of one set of RPCs."""
+    fit, used = one.fit, kept[observations.point]
+    length = np.hypot(*fit.predicted_px[predicted].T)
+    entry: Report = {
+        "source": one.source,
+        "predictions": int(predicted.sum()),
+        "predicted_rmse_px": radial_rmse(fit.predicted_px[predicted]),
+        "predicted_median_px": float(np.median(length)) if len(length) else None,
+        "predicted_p90_px": float(np.percentile(length, 90.0)) if len(length) else None,
+        "noise_enlargement": rmse(fit.enlargement[predicted]),
+        "fit_rmse_px": radial_rmse(fit.fit_px[used]),
+        "fit_by_views": _fit_by_views(observations, fit, kept),
+        "scatter_px": rmse(np.concatenate([np.zeros(0), *(pair.left_px[kept[pair.points]] for pair in one.pairs)])),
+        "images": {},
+        "pairs": [],
+        "control": _known_entry(one, Role.GCP),
+        "check": _known_entry(one, Role.CHECK),
+        "dem": None if surface is None else _height_entry(one.fit.ground[kept], surface),
+    }
+    for index, image in enumerate(one.block.images):
+        rows = observations.by_image[index]
+        rows, told = rows[used[rows]], rows[predicted[rows]]
+        mean = fit.predicted_px[told].mean(axis=0) if len(told) else np.full(2, np.nan)
+        entry["images"][image.id] = {
+            "observations": len(rows), "predictions": len(told), "fit_rmse_px": radial_rmse(fit.fit_px[rows]),
+            "predicted_rmse_px": radial_rmse(fit.predicted_px[told]),
+            "predicted_mean_sample_px": mean[0], "predicted_mean_line_px": mean[1],
+        }  # fmt: skip
+    for pair in one.pairs:
+        across = pair.across_px[kept[pair.points]]
+        if len(across):
+            bias = float(np.median(across))
+            entry["pairs"].append({
+                "first": one.block.images[pair.first].id, "second": one.block.images[pair.second].id,
+                "points": len(across), "bias_px": bias, "nmad_px": float(robust_sigma(across - bias)),
+                "rmse_px": rmse(across),
+            })  # fmt: skip
+    return entry
+
+
+def _fit_by_views(observations: Observations, fit: TrackFit, kept: np.ndarray) -> dict[str, float | None]:
+    rays = np.diff(observations.first)
+    return {
+        str(k): radial_rmse(fit.fit_px[(kept & (rays == k))[observations.point]])
+        for k in np.unique(rays[kept]).tolist()
+    }
+
+
+def _known_entry(one: EvaluatedSet, role: Role) -> Report:
+    """Return how the surveyed points of a role fit, in metres on the ground and pixels on the images."""
+    points = one.block.points.role == role
+    rows = points[one.block.measurements.point]
+    east, north, height = (rmse(one.known_m[points, axis]) for axis in range(3))
+    shown = one.known_m[points]
+    means = [float(np.nanmean(column)) if np.isfinite(column).any() else None for column in shown.T]
+    return {
+        "points": int(points.sum()), "rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height,
+        "mean_east_m": means[0], "mean_north_m": means[1], "mean_height_m": means[2],
+        **errors_90(east, north, height),
+        "rmse_sample_px": rmse(one.known_px[rows, 0]), "rmse_line_px": rmse(one.known_px[rows, 1]),
+    }  # fmt: skip
+
+
+def _height_entry(ground: np.ndarray, surface: HeightSurface) -> Report:
+    """Return how high the tracks lie above the DEM; what stands on the ground makes the 90th percentile."""
+    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
+    above = above[np.isfinite(above)]
+    if not len(above):
+        return {"points": 0, "median_m": None, "nmad_m": None, "p90_m": None}
+    middle = float(np.median(above))
+    return {
+        "points": len(above), "median_m": middle, "nmad_m": float(robust_sigma(above - middle)),
+        "p90_m": float(np.percentile(np.abs(above), 90.0)),
+    }  # fmt: skip
+
+
+def _best(sets: Mapping[str, Report]) -> Report:
+    """Return the set that comes out first by each figure that exists for all; None where there is no such figure."""
+    keys = {
+        "predicted": lambda entry: entry["predicted_rmse_px"], "fit": lambda entry: entry["fit_rmse_px"],
+        "check": lambda entry: entry["check"]["ce90_m"],
+        "dem": lambda entry: (entry["dem"] or {}).get("p90_m"),
+    }  # fmt: skip
+    best: Report = {}
+    for what, key in keys.items():
+        values = {name: key(entry) for name, entry in sets.items()}
+        best[what] = None if None in values.values() else min(values, key=lambda name: values[name])
+    return best
+
+
+def _warnings(entries: Report, images: int, tracks: bool) -> list[str]:
+    predictions = next(iter(entries["sets"].values()))["predictions"]
+    if tracks and predictions < FEW_PREDICTIONS:
+        why = "two images have none" if images < 3 else "they need points on three images or more"
+        return [f"only {predictions} image points can be predicted from others ({why}): see the pairs and the fit"]
+    return []
+
+
+# ---- layers ----------------------------------------------------------------------------------------------------------
+
+
+def _layers(
+    sets: Sequence[EvaluatedSet], observations: Observations, kept: np.ndarray, predicted: np.ndarray, report: Report
+) -> list[Layer]:
+    """Return footprints with each set's figures, the pairs as a table, and a layer of residuals for each set."""
+    images = sets[0].block.images
+    ground = np.vstack([sets[0].fit.ground[kept], sets[0].block.points.ground[sets[0].block.known]])
+    height = float(np.nanmedian(ground[:, 2])) if len(ground) else images[0].rpc.height_off
+    columns: dict[str, Any] = {"id": np.array([image.id for image in images])}
+    for name, entry in report["sets"].items():
+        for key in ("predicted_rmse_px", "fit_rmse_px"):
+            values = [entry["images"][image.id][key] for image in images]
+            columns[f"{key.removesuffix('_px')}_{name}"] = np.array(values, dtype=np.float64)
+    layers = [Layer("images", "Polygon", WGS84, [footprint(image, height) for image in images], columns)]
+    pairs = [{"set": name, **pair} for name, entry in report["sets"].items() for pair in entry["pairs"]]
+    if pairs:
+        table = {key: np.array([pair[key] for pair in pairs]) for key in pairs[0]}
+        layers.append(Layer("pairs", "None", WGS84, [], table))
+    return [*layers, *(_residual_layer(one, observations, kept, predicted) for one in sets)]
+
+
+def _residual_layer(one: EvaluatedSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray) -> Layer:
+    """Return the residuals of one set: of tracks on the images, of known points on the images and on the ground.
+
+    ``residual`` says what it is: ``predicted`` from the other images, ``fit`` by all, or at a ``known`` position.
+    """
+    block, fit = one.block, one.fit
+    rows, names = block.measurements, np.array([image.id for image in block.images])
+    tracks = np.flatnonzero(kept[observations.point])
+    known = np.flatnonzero(np.isfinite(one.known_px).all(axis=1))
+    survey = np.flatnonzero(np.isfinite(one.known_m[:, :2]).all(axis=1))
+    point = np.concatenate([observations.points[observations.point[tracks]], rows.point[known], survey])
+    told = predicted[tracks]
+    on_image = np.concatenate(
+        [np.where(told[:, None], fit.predicted_px[tracks], fit.fit_px[tracks]), one.known_px[known]]
+    )
+    sizes = len(tracks), len(known), len(survey)
+    pixels = np.vstack([on_image, np.full((len(survey), 2), np.nan)])
+    metres = np.vstack([np.full((sizes[0] + sizes[1], 3), np.nan), one.known_m[survey]])
+    fields = {
+        "id": block.points.ids[point],
+        "role": ROLE_LABELS[block.points.role[point]],
+        "image": np.r_[names[observations.image[tracks]], names[rows.image[known]], np.full(len(survey), "")],
+        "level": np.repeat(["image", "ground"], [sizes[0] + sizes[1], sizes[2]]),
+        "residual": np.concatenate([np.where(told, "predicted", "fit"), np.full(sizes[1] + sizes[2], "known")]),
+        "residual_sample_px": pixels[:, 0], "residual_line_px": pixels[:, 1],
+        "residual_east_m": metres[:, 0], "residual_north_m": metres[:, 1], "residual_height_m": metres[:, 2],
+        "flag": np.full(sum(sizes), "ok"),
+    }  # fmt: skip
+    at = np.vstack([fit.ground[observations.point[tracks]], block.points.ground[point[len(tracks) :]]])
+    return Layer(f"residuals_{one.name}", "PointZ", WGS84, at, fields)
+
+
+def summarise(report: Report) -> str:
+    """Return the sets of RPCs side by side, by image, and what comes out first."""
+    sets, tracks = report["sets"], report["tracks"]
+    rows = {
+        "tracks: predicted RMSE px": [entry["predicted_rmse_px"] for entry in sets.values()],
+        "        median px": [entry["predicted_median_px"] for entry in sets.values()],
+        "        90 % px": [entry["predicted_p90_px"] for entry in sets.values()],
+        "        fit RMSE px": [entry["fit_rmse_px"] for entry in sets.values()],
+        "pairs: scatter px": [entry["scatter_px"] for entry in sets.values()],
+    }
+    for role in ("control", "check"):
+        if next(iter(sets.values()))[role]["points"]:
+            for key in ("rmse_east_m", "rmse_north_m", "rmse_height_m", "ce90_m", "le90_m", "rmse_sample_px",
+                        "rmse_line_px"):  # fmt: skip
+                rows[f"{role}: {key.replace('_', ' ')}"] = [entry[role][key] for entry in sets.values()]
+    if next(iter(sets.values()))["dem"] is not None:
+        rows |= {
+            f"above the DEM: {key.replace('_', ' ')}": [entry["dem"][key] for entry in sets.values()]
+            for key in ("median_m", "nmad_m", "p90_m")
+        }
+    images = next(iter(sets.values()))["images"]
+    rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
+             for name in list(images)[:MOST_PAIRS_TOLD]}  # fmt: skip
+    width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
+    views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
+    lines = [
+        f"{tracks['points']} tracks ({views or 'none'} images), {tracks['wrong']} wrong ones left out, "
+        f"{next(iter(sets.values()))['predictions']} predictions",
+        f"{'':<{width}}" + "".join(f"{name:>{cell}}" for name in sets),
+        *(f"{label:<{width}}" + "".join(f"{number(value):>{cell}}" for value in values)
+          for label, values in rows.items() if any(value is not None for value in values)),
+    ]  # fmt: skip
+    lines += [f"warning: {text}" for text in report["warnings"]]
+    first = next((name for name in report["best"].values() if name), None)
+    return "\n".join([*lines, *([f"best: {first}"] if len(sets) > 1 and first else [])])

@@ -1,0 +1,139 @@
+"""Predictions from the other images against intersections made without them, by another solver; wrong tracks; pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+from scipy.optimize import least_squares
+
+from hrsi.hrsi_engine.adjustment.evaluation import (
+    find_wrong_tracks,
+    fit_pairs,
+    fit_tracks,
+    known_differences_m,
+    known_residuals_px,
+    with_cameras,
+)
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+
+EXACT_PX = 1e-3  # of a prediction over errors of ten pixels: what the linearisation may do
+EXACT_M = 1e-3
+
+
+def four_views(**options: float) -> tuple[Block, np.ndarray]:
+    block, truth, _ = blocks.block(gcps=0, checks=4, ties=25, count=4, seed=5, **options)
+    return block, truth
+
+
+def ties_of(block: Block) -> np.ndarray:
+    return (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
+
+
+def intersected_without(block: Block, point: int, left_out: int) -> np.ndarray:
+    """Return where the rays of a point meet, but for one image's: SciPy's least squares over metres."""
+    rows = np.flatnonzero((block.measurements.point == point) & (block.measurements.image != left_out))
+    start = np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]])
+
+    def residual(step: np.ndarray) -> np.ndarray:
+        ground = moved_ground(start, step[None])
+        return np.concatenate([
+            (block.measurements.xy[row] - block.images[block.measurements.image[row]].rpc.project(ground)[0])
+            / block.measurements.sigma_px[row]
+            for row in rows
+        ])  # fmt: skip
+
+    return moved_ground(start, least_squares(residual, np.zeros(3), xtol=1e-15, ftol=1e-15, x_scale=100.0).x[None])
+
+
+def test_predictions_are_those_of_intersections_without_the_image():
+    block, _ = four_views(bias_px=8.0)
+    rng = np.random.default_rng(1)
+    sigma = rng.uniform(0.2, 0.8, len(block.measurements))
+    block = replace(block, measurements=replace(block.measurements, sigma_px=sigma))
+    observations, fit = fit_tracks(block, ties_of(block))
+    checked = 0
+    for row in range(0, observations.count, 7):
+        point, image = observations.points[observations.point[row]], int(observations.image[row])
+        ground = intersected_without(block, point, image)
+        expected = observations.xy[row] - block.images[image].rpc.project(ground)[0]
+        if np.isfinite(fit.predicted_px[row]).all():
+            np.testing.assert_allclose(fit.predicted_px[row], expected, atol=EXACT_PX)
+            assert np.hypot(*expected) > np.hypot(*fit.fit_px[row])
+            checked += 1
+    assert checked > 10
+
+
+def test_enlargement_is_what_noise_does():
+    """With right cameras and 0.3 px of noise predictions scatter by that times their enlargement."""
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=1500, count=4, seed=2, bias_px=0.0, drift=0.0, noise_px=0.3)
+    _, fit = fit_tracks(block, ties_of(block))
+    scaled = fit.predicted_px / fit.enlargement[:, None] / 0.3
+    spread = np.sqrt(np.nanmean(scaled**2))
+    assert spread == pytest.approx(1.0, abs=0.03)  # 6000 predictions
+
+
+def test_two_images_predict_nothing():
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=20, count=2)
+    _, fit = fit_tracks(block, ties_of(block))
+    assert np.isnan(fit.predicted_px).all() and np.isfinite(fit.fit_px).all()
+
+
+def test_pairs_tell_the_bias_across_the_epipolar_lines():
+    """Moving one camera moves the residual by n's part of it; what lies along the lines does not show."""
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=60, count=2, bias_px=0.0, drift=0.0, noise_px=0.1, seed=3)
+    before = fit_pairs(*fit_tracks(block, ties_of(block)))[0]
+    assert abs(np.median(before.across_px)) < 0.05 and np.std(before.across_px) == pytest.approx(0.1, rel=0.3)
+    shifts = np.array([fit_pairs(*fit_tracks(moved(block, *step), ties_of(block)))[0].across_px.mean()
+                       for step in ((3.0, 0.0), (0.0, 3.0))])  # fmt: skip
+    # n = (a, b, c, d) is a unit vector and the two images' parts of it are about alike: 3 / sqrt(2) px in all
+    assert np.hypot(*(shifts - before.across_px.mean())) == pytest.approx(3.0 / np.sqrt(2.0), rel=0.1)
+
+
+def moved(block: Block, sample: float, line: float) -> Block:
+    first, *others = (image.rpc for image in block.images)
+    return with_cameras(block, [first.shift(sample, line), *others])
+
+
+def test_wrong_tracks_are_those_that_are_wrong_under_every_set():
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=80, count=3, bias_px=5.0, drift=1e-4, noise_px=0.1, seed=6)
+    rows = block.measurements
+    wrong_points = np.array([3, 17, 40])
+    first_rows = np.array([np.flatnonzero(rows.point == point)[0] for point in wrong_points])
+    xy = rows.xy.copy()
+    xy[first_rows] += [4.0, -4.0]
+    block = replace(block, measurements=replace(rows, xy=xy))
+    observations, fit = fit_tracks(block, ties_of(block))
+    pairs = fit_pairs(observations, fit)
+    wrong = find_wrong_tracks(observations, [pairs], 6.0)
+    assert np.flatnonzero(wrong).tolist() == np.flatnonzero(np.isin(observations.points, wrong_points)).tolist()
+    clean = [replace(pair, left_px=np.where(pair.points == 3, 0.0, pair.left_px)) for pair in pairs]
+    spared = find_wrong_tracks(observations, [pairs, clean], 6.0)
+    assert not spared[3] and spared.sum() == wrong.sum() - 1
+    assert not find_wrong_tracks(observations, [pairs], 0.0).any()
+
+
+def test_known_points_in_pixels_and_metres():
+    """Right cameras leave a survey's own error, on two images and more as on one."""
+    block, truth, _ = blocks.block(
+        gcps=0, checks=8, ties=0, count=3, bias_px=0.0, drift=0.0, noise_px=1e-6, noise_m=1e-6
+    )
+    moved_m = np.array([1.5, -0.5, 2.0])
+    survey = moved_ground(truth, np.tile(moved_m, (len(truth), 1)))
+    rows = block.measurements
+    single = block.points.ids[0]
+    keep = (block.points.ids[rows.point] != single) | (rows.image == 0)
+    survey[0] = moved_ground(truth[:1], np.array([[1.5, -0.5, 0.0]]))[0]  # in plan: one ray tells no height
+    block = replace(block, points=replace(block.points, ground=survey)).with_measurements(keep)
+    difference = known_differences_m(block)
+    np.testing.assert_allclose(difference[1:], np.tile(moved_m, (len(truth) - 1, 1)), atol=EXACT_M)
+    np.testing.assert_allclose(difference[0], [1.5, -0.5, np.nan], atol=EXACT_M)
+    residual = known_residuals_px(block)
+    image = block.images[0]
+    row = int(np.flatnonzero(block.measurements.image == 0)[3])
+    ground = block.points.ground[block.measurements.point[row]]
+    np.testing.assert_allclose(residual[row], block.measurements.xy[row] - image.rpc.project(ground[None])[0])
+    assert ground_difference_m(truth[:1], truth[:1]).max() == 0.0
