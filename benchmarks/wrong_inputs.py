@@ -29,9 +29,8 @@ from hrsi.hrsi_engine.ground.geodesy import (
     ground_difference_m,
     metres_per_degree,
     moved_ground,
-    to_projected,
-    utm_epsg,
 )
+from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.io.simulated_block import write_dem, write_ground_points
@@ -319,7 +318,7 @@ def signs(lon: float, lat: float) -> Spoil:
 
 def zone(step: int, hemisphere: bool = False) -> Spoil:
     def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
-        epsg = utm_epsg(*np.median(inputs.ground.ground[:, :2], axis=0))
+        epsg = map_epsg_of(inputs.ground.ground)
         read = epsg + step
         if hemisphere:
             read += 100 if epsg < 32700 else -100

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground import geodesy
+from hrsi.hrsi_engine.ground import geodesy, map_crs
 
 METRE_TOLERANCE = 1e-6  # a micrometre; ECEF coordinates have a rounding step of 1e-9 m
 
@@ -89,10 +89,49 @@ def test_differences_across_the_180_degree_meridian_are_short() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lon", "lat", "epsg"), [(147.3, -42.9, 32755), (-180.0, 1.0, 32601), (180.0, 1.0, 32601), (3.0, 45.0, 32631)]
-)
-def test_utm_zone(lon: float, lat: float, epsg: int) -> None:
-    assert geodesy.utm_epsg(lon, lat) == epsg
+    ("lon", "lat", "epsg"),
+    [
+        (147.3, -42.9, 32755), (-180.0, 1.0, 32601), (180.0, 1.0, 32601), (540.0, 1.0, 32601), (3.0, 45.0, 32631),
+        # DMA TM 8358.2: 32V reaches west to 3 E between 56 and 64 N
+        (2.99, 60.0, 32631), (3.0, 60.0, 32632), (5.3, 60.4, 32632), (5.3, 55.99, 32631), (5.3, 64.0, 32631),
+        # Svalbard between 72 and 84 N
+        (8.99, 78.0, 32631), (9.0, 78.0, 32633), (20.99, 78.0, 32633), (21.0, 78.0, 32635), (33.0, 78.0, 32637),
+        (41.99, 78.0, 32637), (42.0, 78.0, 32638), (9.0, 71.99, 32632), (-0.01, 78.0, 32630),
+        # beyond the grid: UPS, easting first
+        (15.0, 83.99, 32633), (15.0, 84.0, 5041), (-120.0, 88.0, 5041), (15.0, -80.0, 32733), (15.0, -80.01, 5042),
+    ],
+)  # fmt: skip
+def test_the_map_of_a_place_is_its_utm_zone_or_ups(lon: float, lat: float, epsg: int) -> None:
+    assert map_crs.map_epsg(lon, lat) == epsg
+
+
+@pytest.mark.parametrize(("lat", "epsg"), [(88.0, 5041), (-88.0, 5042)])
+def test_ups_has_its_easting_first_and_grows_along_the_meridians_as_dma_says(lat: float, epsg: int) -> None:
+    """On the meridian of 90 E the pole's false easting grows by the distance from the pole; true scale is 0.994."""
+    (easting, northing), (near, _) = map_crs.to_projected(np.array([[90.0, lat, 0.0], [90.0, lat * 1.0001, 0.0]]), epsg)
+    assert northing == pytest.approx(2e6, abs=1e-3)
+    along = geodesy.ground_difference_m(np.array([[90.0, lat, 0.0]]), np.array([[90.0, lat * 1.0001, 0.0]]))[0, 1]
+    assert easting > 2e6
+    assert (easting - near) / abs(along) == pytest.approx(0.9943, abs=3e-4)
+
+
+def test_the_middle_of_a_place_on_both_sides_of_180_lies_there() -> None:
+    ground = np.array([[179.9, 1.0, 5.0], [-179.9, 2.0, 6.0], [-179.8, 3.0, 7.0], [np.nan, np.nan, np.nan]])
+    assert map_crs.middle_position(ground) == pytest.approx((180.1, 2.0, 6.0))
+    assert map_crs.map_epsg_of(ground) == 32601
+
+
+@given(middle=st.floats(-180, 180), offsets=st.lists(st.floats(-40, 40), min_size=1), turns=st.sampled_from([-1, 0, 1]))
+def test_longitudes_of_one_place_stay_together(middle: float, offsets: list[float], turns: int) -> None:
+    lon = geodesy.wrap_degrees(middle + np.array(offsets)) + 360.0 * turns
+    joined = geodesy.continuous_longitudes(np.append(lon, np.nan))[:-1]
+    assert np.ptp(joined) == pytest.approx(np.ptp(offsets), abs=1e-9)
+    np.testing.assert_allclose(geodesy.wrap_degrees(joined - lon + 90.0), 90.0, atol=1e-9)
+
+
+def test_places_on_different_continents_are_not_brought_together() -> None:
+    lon = np.array([140.0, -100.0])
+    np.testing.assert_array_equal(geodesy.continuous_longitudes(lon), lon)
 
 
 # ---- height datums ---------------------------------------------------------------------------------------------

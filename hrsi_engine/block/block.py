@@ -14,6 +14,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
+from ..ground.geodesy import ground_difference_m
 from .default_sigmas import Defaults
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
 
@@ -296,7 +297,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         _all_covariances(tables),
     )
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
-    away = np.abs(merged.ground - merged.ground[first[inverse]]) * [1e5, 1e5, 1.0]
+    away = np.abs(ground_difference_m(merged.ground, merged.ground[first[inverse]]))
     if np.any(away > 0.1):
         wrong = np.unique(merged.ids[np.any(away > 0.1, axis=1)])
         raise InputError(

@@ -15,7 +15,7 @@ from shapely.errors import ShapelyDeprecationWarning
 from shapely.geometry import MultiPoint, Polygon
 from shapely.strtree import STRtree
 
-from ..ground.geodesy import wrap_degrees
+from ..ground.geodesy import continuous_longitudes
 from .block import Image
 
 OUTLINE_PER_SIDE = 8
@@ -62,11 +62,9 @@ def polygon_of(ground: np.ndarray) -> Polygon:
 
 
 def _join(ground: np.ndarray) -> np.ndarray:
-    """Return finite lon, lat ``(k, 2)``, the longitudes within half a turn of the first."""
+    """Return finite lon, lat ``(k, 2)``, the longitudes without a jump at 180."""
     lonlat = ground[np.isfinite(ground).all(axis=1), :2]
-    if len(lonlat):
-        lonlat[:, 0] = lonlat[0, 0] + wrap_degrees(lonlat[:, 0] - lonlat[0, 0])
-    return lonlat
+    return np.column_stack([continuous_longitudes(lonlat[:, 0]), lonlat[:, 1]])
 
 
 def ring_of(polygon: Polygon) -> np.ndarray:

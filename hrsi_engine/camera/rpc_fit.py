@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..foundation.errors import SolveError
-from ..ground.geodesy import wrap_degrees
+from ..ground.geodesy import continuous_longitudes, wrap_degrees
 from .rpc import RPC, Localization
 from .rpc_terms import POWERS, monomials
 
@@ -316,8 +316,7 @@ def _differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float
 
 def _extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return OFF and SCALE, ``(5,)``, of lon, lat, height, sample and line that take the points to [-1, 1]."""
-    lon = ground[0, 0] + wrap_degrees(ground[:, :1] - ground[0, 0])
-    values = np.column_stack([lon, ground[:, 1:], image])
+    values = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:], image])
     low, high = values.min(axis=0), values.max(axis=0)
     off = (low + high) / 2.0
     off[0] = wrap_degrees(off[0])

@@ -12,7 +12,7 @@ from shapely.geometry import Polygon
 
 from ..block.block import Role
 from ..block.footprints import ring_of
-from ..ground.geodesy import LocalFrame
+from ..ground.geodesy import LocalFrame, continuous_longitudes
 
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
 _ARROW = 45.0  # length of the 90th percentile of the residuals
@@ -79,8 +79,7 @@ def block_map_svg(data: BlockMap) -> str:
     if not len(places):
         return ""
     # A view that shows all places, and the drawing's height
-    longitudes = np.unwrap(places[:, 0], period=360.0)
-    frame = LocalFrame(float(longitudes.mean()), float(places[:, 1].mean()))
+    frame = LocalFrame(float(continuous_longitudes(places[:, 0]).mean()), float(places[:, 1].mean()))
     local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
     low, high = local.min(axis=0), local.max(axis=0)
     extent = np.maximum(high - low, 1.0)

@@ -28,6 +28,8 @@ from . import ellipsoid
 #: EPSG codes of WGS84: longitude and latitude, … and ellipsoidal height.
 WGS84, WGS84_3D = 4326, 4979
 
+ONE_PLACE_DEG = 90.0  # longitudes that lie nearer together across the 180 degree meridian are those of one place
+
 #: Geoid grids by the name used on the command line: PROJ's file name, then older names of the same model.
 GEOID_GRIDS = {
     "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
@@ -48,6 +50,48 @@ def metres_per_degree(ground: np.ndarray) -> np.ndarray:
 def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
     """Return longitude differences in [-180, 180): 359.9 becomes -0.1."""
     return ellipsoid.wrap_once(difference_deg)
+
+
+def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
+    """Return the longitudes of one place without the jump at 180 degrees.
+
+    Parameters
+    ----------
+    lon_deg : (n,) ndarray
+        Degrees in any turn; NaN stays.
+
+    Returns
+    -------
+    (n,) ndarray
+        In [-180, 180); where that tears a place of less than `ONE_PLACE_DEG` apart, those in the west go on beyond 180.
+    """
+    wrapped = wrap_degrees(np.asarray(lon_deg, dtype=np.float64))
+    known = wrapped[np.isfinite(wrapped)]
+    if not known.size or np.ptp(known) <= 360.0 - ONE_PLACE_DEG:
+        return wrapped
+    eastwards = np.where(wrapped < 0.0, wrapped + 360.0, wrapped)
+    return eastwards if np.ptp(eastwards[np.isfinite(eastwards)]) < ONE_PLACE_DEG else wrapped
+
+
+def longitudes_near(lon_deg: np.ndarray, middle_deg: float, half_width_deg: float) -> np.ndarray:
+    """Return longitudes in the turn about the middle of an area, NaN for those on the other side of the Earth.
+
+    There the turn begins and ends: what crosses the cut would seem to lie a whole turn wide.
+
+    Parameters
+    ----------
+    lon_deg : (n,) ndarray
+        Degrees in any turn.
+    middle_deg, half_width_deg : float
+        Of the area.
+
+    Returns
+    -------
+    (n,) ndarray
+        Degrees within half a turn of the middle; NaN from halfway between the area's end and the cut on.
+    """
+    away = wrap_degrees(lon_deg - middle_deg)
+    return np.where(np.abs(away) <= 0.5 * (180.0 + half_width_deg), middle_deg + away, np.nan)
 
 
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -180,42 +224,6 @@ class LocalFrame:
             Without unit.
         """
         return self.axes @ east_north_up(ground[:, 0], ground[:, 1]).transpose(0, 2, 1)
-
-
-def utm_epsg(lon_deg: float, lat_deg: float) -> int:
-    """Return the EPSG code of the WGS84 / UTM zone of a position (6 degree zones, no exceptions).
-
-    Parameters
-    ----------
-    lon_deg, lat_deg : float
-        The position.
-
-    Returns
-    -------
-    int
-        32601 to 32660 in the north, 32701 to 32760 in the south.
-    """
-    zone = int((wrap_degrees(np.array(lon_deg)) + 180.0) // 6.0) + 1
-    return (32600 if lat_deg >= 0.0 else 32700) + zone
-
-
-def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
-    """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS.
-
-    Parameters
-    ----------
-    ground : (n, 3) ndarray
-        Lon, lat in degrees; the height is not used.
-    epsg : int
-        Code of the projected CRS.
-
-    Returns
-    -------
-    (n, 2) ndarray
-        Easting, northing in the CRS's unit.
-    """
-    transformer = pyproj.Transformer.from_crs(4326, epsg, always_xy=True)
-    return np.column_stack(transformer.transform(ground[:, 0], ground[:, 1]))
 
 
 def to_wgs84(xyz: np.ndarray, crs: str) -> np.ndarray:

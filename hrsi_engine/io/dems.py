@@ -46,9 +46,9 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
     dataset, message = open_dataset(path)
     if dataset is None:
         raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): check the file")
-    place = Georeference(dataset, path, "DEM")
+    place = Georeference(dataset, path, "DEM", endless=True)
     reader = _DemReader(dataset, path, place, _undulations(path, place.crs, height_datum))
-    return GridSurface((dataset.RasterYSize, dataset.RasterXSize), reader.read, place.to_grid)
+    return GridSurface((dataset.RasterYSize, place.turn or dataset.RasterXSize), reader.read, place.to_grid)
 
 
 def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations | None:
@@ -89,6 +89,25 @@ class _DemReader:
 
         Raises `InputError` where it cannot be read or a geoid grid does not cover it.
         """
+        turn, begin = self._place.turn, column + self._place.first
+        if not turn:
+            heights = self._read_heights(row, column, rows, columns)
+        else:  # round the Earth: the window may go on with the file's first column
+            begin %= turn
+            before = min(columns, turn - begin)
+            heights = self._read_heights(row, begin, rows, before)
+            if before < columns:
+                heights = np.hstack([heights, self._read_heights(row, 0, rows, columns - before)])
+        known = np.isfinite(heights)
+        if self._undulations is not None and known.any():
+            # Lon, lat, 0 of the known cells of a window
+            i, j = np.nonzero(known)
+            lonlat = self._place.to_lonlat(np.column_stack([column + j, row + i]).astype(np.float64))
+            heights[known] += self._undulations(np.column_stack([lonlat, np.zeros(len(lonlat))]))
+        return heights
+
+    def _read_heights(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
+        """Return a window's heights (m) as the file has them, NaN where there are none."""
         band, cells, mask = self._dataset.GetRasterBand(1), None, None
         with gdal_messages() as messages:
             cells = band.ReadAsArray(column, row, columns, rows)
@@ -97,11 +116,6 @@ class _DemReader:
             reason = messages[-1] if messages else "unknown reason"
             raise InputError(f"{self._path}: heights at row {row}, column {column} cannot be read ({reason})")
         heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
-        known = (mask != 0) & np.isfinite(heights)
-        heights[~known] = np.nan
-        if self._undulations is not None and known.any():
-            # Lon, lat, 0 of the known cells of a window
-            i, j = np.nonzero(known)
-            lonlat = self._place.to_lonlat(np.column_stack([column + j, row + i]).astype(np.float64))
-            heights[known] += self._undulations(np.column_stack([lonlat, np.zeros(len(lonlat))]))
-        return heights
+        heights[mask == 0] = np.nan
+        heights[~np.isfinite(heights)] = np.nan
+        return np.asarray(heights)

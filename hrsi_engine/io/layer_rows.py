@@ -16,7 +16,7 @@ from osgeo import gdal
 from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
 from .layer_styles import default_styles
-from .layers import Layer, create_layer, create_style_table, insert_rows, insert_styles, write_geopackage
+from .layers import Layer, create_layer, create_style_table, in_one_place, insert_rows, insert_styles, write_geopackage
 from .sql import sql_text
 
 _WAIT_S = 5.0  # for another program that is writing
@@ -31,6 +31,7 @@ def replace_layers(path: str, layers: Sequence[Layer]) -> None:
     if not os.path.exists(path):
         write_geopackage(path, layers)
         return
+    layers = in_one_place(layers)
     styles = default_styles({layer.name: layer.fields for layer in layers})
     _make_missing_layers(path, layers)
     try:

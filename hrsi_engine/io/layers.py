@@ -12,14 +12,16 @@ import os
 import sqlite3
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from osgeo import gdal, ogr, osr
+from shapely.affinity import translate
 from shapely.geometry import Polygon
 
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
+from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes
 from .datasets import gdal_messages
 from .layer_styles import Style, default_styles
 from .replacing import replacing
@@ -85,6 +87,7 @@ def write_geopackage(
         When ``progress`` asks to stop.
     """
     _require_consistent(path, layers)
+    layers = in_one_place(layers)
     total = max(1, sum(map(len, layers)))
     if styles is None:
         styles = default_styles({layer.name: layer.fields for layer in layers})
@@ -115,6 +118,34 @@ def _require_consistent(path: str, layers: Sequence[Layer]) -> None:
             lengths["coordinates"] = len(layer.coordinates)
         if len(set(lengths.values())) > 1:
             raise OutputError(f"{path}, layer {layer.name}: columns differ in length: {lengths}")
+
+
+def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
+    """Return layers whose longitudes do not jump at 180 degrees, so that what lies across it has its own extent."""
+    places = {
+        number: _bounds(layer)[:, 0]
+        for number, layer in enumerate(layers)
+        if layer.crs in (WGS84, WGS84_3D) and layer.geometry != "None"
+    }
+    if not places:
+        return list(layers)
+    west = np.concatenate(list(places.values()))
+    turns = np.round((continuous_longitudes(west) - west) / 360.0)
+    moved, parts = list(layers), np.split(turns, np.cumsum([len(part) for part in places.values()])[:-1])
+    for number, part in zip(places, parts, strict=True):
+        if np.any(np.abs(part) > 0.0):
+            moved[number] = replace(layers[number], coordinates=_turned(layers[number].coordinates, part))
+    return moved
+
+
+def _turned(coordinates: np.ndarray | Sequence[Polygon], turns: np.ndarray) -> np.ndarray | list[Polygon]:
+    """Return points or polygons moved by whole turns of longitude, NaN for those without a position."""
+    if isinstance(coordinates, np.ndarray):
+        return np.column_stack([coordinates[:, 0] + 360.0 * turns, coordinates[:, 1:]])
+    return [
+        translate(polygon, 360.0 * count) if count else polygon
+        for polygon, count in zip(coordinates, np.nan_to_num(turns).tolist(), strict=True)
+    ]
 
 
 def _create_tables(path: str, temporary: str, layers: Sequence[Layer], with_styles: bool) -> None:

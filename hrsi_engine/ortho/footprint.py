@@ -7,7 +7,8 @@ import pyproj
 
 from ..block.block import Image
 from ..foundation.errors import InputError
-from ..ground.geodesy import utm_epsg
+from ..ground.geodesy import continuous_longitudes
+from ..ground.map_crs import map_epsg_of
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 
 PER_SIDE = 200  # outline points
@@ -27,10 +28,9 @@ def mean_gsd_m(image: Image, ground: np.ndarray) -> float:
     return float(1.0 / image.rpc.px_per_m(middle)[0])
 
 
-def utm_of(ground: np.ndarray) -> str:
-    """Return the WKT of the UTM zone in the middle of ground points."""
-    lon, lat = np.median(ground[:, 0]), np.median(ground[:, 1])
-    return str(pyproj.CRS.from_epsg(utm_epsg(float(lon), float(lat))).to_wkt())
+def map_crs_of(ground: np.ndarray) -> str:
+    """Return the WKT of the map of the middle of ground points."""
+    return str(pyproj.CRS.from_epsg(map_epsg_of(ground)).to_wkt())
 
 
 def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution: float) -> tuple[float, ...]:
@@ -50,6 +50,8 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
             ground = np.vstack([ground, image.rpc.localize(outline[lost], height).ground])
     ground = ground[np.isfinite(ground).all(axis=1)]
     x, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(ground[:, 0], ground[:, 1])
+    if pyproj.CRS.from_wkt(crs).is_geographic:
+        x = continuous_longitudes(x)
     margin = FOOTPRINT_MARGIN_PX * resolution
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
 

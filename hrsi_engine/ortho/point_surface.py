@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree, QhullError
 
 from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
-from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
+from ..ground.geodesy import LocalFrame, continuous_longitudes, metres_per_degree
 from ..surface.dem import GridSurface
 
 SURFACE_NEIGHBOURS = 12  # points around each, whose median height it is compared with
@@ -65,9 +65,8 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     ground, sigma = ground[known], sigma[known]
     if len(ground) < 3:
         raise InputError(f"a surface needs 3 points with heights or more, there are {len(ground)}: use a DEM")
-    middle = float(np.median(ground[:, 0]))
-    ground = np.column_stack([middle + wrap_degrees(ground[:, 0] - middle), ground[:, 1:]])
-    frame = LocalFrame(middle, float(np.median(ground[:, 1])), float(np.median(ground[:, 2])))
+    ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
+    frame = LocalFrame(*np.median(ground, axis=0).tolist())
     xy = frame.from_ground(np.column_stack([ground[:, :2], np.full(len(ground), frame.height_m)]))[:, :2]
     variance = _own_variance(xy, sigma)
     keep = _plausible(xy, ground[:, 2], variance)

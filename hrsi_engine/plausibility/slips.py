@@ -17,7 +17,8 @@ import pyproj
 
 from ..block.block import Image
 from ..foundation.errors import InputError
-from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, utm_epsg, wrap_degrees
+from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, wrap_degrees
+from ..ground.map_crs import utm_zone
 from .control import SurveyedRows
 from .datums import datum_shifts
 
@@ -154,7 +155,7 @@ def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
     """Northings of one hemisphere read as those of the other, perhaps in another zone too."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
-    own = utm_epsg(float(wrap_degrees(near[0])), float(near[1])) % 100
+    own = utm_zone(float(near[0]), float(near[1]))
     for zone, south in itertools.product((own, own % 60 + 1, (own - 2) % 60 + 1), (False, True)):
         read, meant = (32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)
         try:

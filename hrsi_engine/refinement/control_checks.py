@@ -8,6 +8,7 @@ be (heights in feet, points outside the image) `plausibility` finds.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import islice
 
 import numpy as np
 
@@ -85,12 +86,13 @@ def _find_swapped(image: Image, ground: np.ndarray) -> np.ndarray:
 
 
 def _same_place(image: Image, control: Control) -> list[str]:
-    distance = control.ground[:, None] - control.ground[None]
-    metres = np.abs(distance) * [1e5, 1e5, 1.0]
-    pairs = np.argwhere(np.triu((metres < SAME_PLACE_M).all(axis=2), 1))
+    first, second = np.triu_indices(len(control), 1)
+    metres = np.abs(ground_difference_m(control.ground[first], control.ground[second]))
+    same = (metres < SAME_PLACE_M).all(axis=1)
+    pairs = zip(first[same], second[same], strict=True)
     return [
         f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they count as one"
-        for first, second in pairs[:8]
+        for first, second in islice(pairs, 8)
     ]
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.footprints import footprint
 from ..drawing.block_map import BlockMap
-from ..ground.geodesy import WGS84, to_projected, utm_epsg
+from ..ground.geodesy import WGS84
+from ..ground.map_crs import map_epsg, middle_position, to_projected
 from ..io.layers import Layer
 from .residuals import Residuals
 from .tables import Table, ground_points_table, image_points_table, images_table, positions, residuals_table
@@ -32,11 +33,11 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     list of Layer
         Footprints, points, measurements and residuals.
     """
-    middle = _middle(result)
+    middle = middle_position(positions(result))
     left_over = residuals_table(result, left)
-    footprints = images_table(result, float(middle[2]))
+    footprints = images_table(result, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
-    crs = {"residuals_wgs84": WGS84, "residuals_utm": utm_epsg(middle[0], middle[1])}
+    crs = {"residuals_wgs84": WGS84, "residuals_utm": map_epsg(*middle[:2])}
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         _point_layer("ground_points", ground_points_table(result), WGS84),
@@ -47,7 +48,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
 
 def block_map(result: Adjustment, left: Residuals) -> BlockMap:
     """Return footprints and the ground residuals of the known points, for the report's map."""
-    height = float(_middle(result)[2])
+    height = middle_position(positions(result))[2]
     known = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
     points = result.block.points
     return BlockMap(
@@ -57,10 +58,6 @@ def block_map(result: Adjustment, left: Residuals) -> BlockMap:
         residual_en_m=left.ground_m[known, :2],
         ids=points.ids[known],
     )
-
-
-def _middle(result: Adjustment) -> np.ndarray:
-    return np.nanmedian(positions(result), axis=0)
 
 
 def _point_layer(name: str, table: Table, epsg: int) -> Layer:

@@ -9,6 +9,8 @@ from ..foundation.options import option, options
 SENSOR_NAMES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
 #: Azimuth of the flight (degrees), and the share by which neighbouring places overlap.
 HEADING_DEG, STRIP_OVERLAP = 190.0, 0.2
+#: Latitude beyond which neither the scene's plane chart nor an RPC in longitude and latitude follows the ground.
+FARTHEST_LAT_DEG = 89.0
 
 
 @options
@@ -35,9 +37,10 @@ class SceneSpec:
     change: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (-180.0 <= self.lon_deg <= 180.0 and -85.0 <= self.lat_deg <= 85.0):
+        if not (-360.0 <= self.lon_deg <= 360.0 and abs(self.lat_deg) <= FARTHEST_LAT_DEG):
             raise InputError(
-                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place: give degrees, latitude within 85"
+                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place where RPCs hold: give degrees, latitude "
+                f"within {FARTHEST_LAT_DEG:g}"
             )
         if self.relief_m < 0.0 or self.cliff_m < 0.0:
             raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from ..ground.geodesy import metres_per_degree
+from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 ROUGHNESS = 0.95  # Hurst exponent H of the relief: rolling hills
 CLIFF_ROUGHNESS = 1.6  # of the relief whose zero line the cliffs follow: smooth, so that cliffs are few and long
@@ -40,11 +40,13 @@ class Chart:
 
     def to_ground(self, east_north: np.ndarray, height_m: np.ndarray) -> np.ndarray:
         """Return lon, lat, height ``(n, 3)``."""
-        return np.column_stack([east_north / self.scale + [self.lon_deg, self.lat_deg], height_m])
+        lon, lat = (east_north / self.scale + [self.lon_deg, self.lat_deg]).T
+        return np.column_stack([wrap_degrees(lon), lat, height_m])
 
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
         """Return chart metres ``(n, 2)``."""
-        return (ground[:, :2] - [self.lon_deg, self.lat_deg]) * self.scale
+        lon, lat = wrap_degrees(ground[:, 0] - self.lon_deg), ground[:, 1] - self.lat_deg
+        return np.column_stack([lon, lat]) * self.scale
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..ground.geodesy import metres_per_degree, wrap_degrees
+from ..ground.geodesy import longitudes_near, metres_per_degree, wrap_degrees
 
 CACHE_TILE = 256  # cells along the side of a cached part
 CACHED_TILES = 128  # 68 MB
@@ -221,10 +221,10 @@ class GridSurface:
             The surface.
         """
         cells = np.asarray(heights_m, dtype=np.float64)
-        middle = origin_deg[0] + 0.5 * cell_deg[0] * (cells.shape[1] - 1)
+        half_width = 0.5 * cell_deg[0] * (cells.shape[1] - 1)
 
         def to_grid(lonlat: np.ndarray) -> np.ndarray:
-            lon = middle + wrap_degrees(lonlat[:, 0] - middle)
+            lon = longitudes_near(lonlat[:, 0], origin_deg[0] + half_width, abs(half_width))
             return np.column_stack([(lon - origin_deg[0]) / cell_deg[0], (lonlat[:, 1] - origin_deg[1]) / cell_deg[1]])
 
         return cls(
@@ -364,8 +364,9 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
 
 
 def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
-    ground, status = np.full((len(image), 3), np.nan), np.full(len(image), int(Status.NO_RAY))
     ends = _ray_ends(rpc, image, surface)
+    ground = np.full((len(image), 3), np.nan)
+    status = np.where(ends.converged, int(Status.OUTSIDE), int(Status.NO_RAY))
     rays = np.flatnonzero(ends.exists)
     if not rays.size:
         return SurfaceIntersection(ground, status)
@@ -381,12 +382,16 @@ def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Surf
 
 
 class _RayEnds(NamedTuple):
-    """Grid coordinates ``(n, 2)`` of rays at the upper and lower of two heights, and which rays exist."""
+    """Grid coordinates ``(n, 2)`` of rays at the upper and lower of two heights.
+
+    ``exists`` tells which rays have both, ``converged`` which have both on the ground, if not in the grid's reach.
+    """
 
     upper: np.ndarray
     lower: np.ndarray
     heights: tuple[float, float]
     exists: np.ndarray
+    converged: np.ndarray
 
 
 def _ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
@@ -412,12 +417,13 @@ def _ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
 
 def _rays_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: float, high: float) -> _RayEnds:
     upper, lower = rpc.localize(image, high), rpc.localize(image, low)
+    lower.ground[:, 0] = upper.ground[:, 0] + wrap_degrees(lower.ground[:, 0] - upper.ground[:, 0])
     grid = [np.full((len(image), 2), np.nan) for _ in range(2)]
-    exists = upper.converged & lower.converged
+    converged = upper.converged & lower.converged
     for target, end in zip(grid, (upper, lower), strict=True):
-        target[exists] = surface.grid_coordinates(end.ground[exists, :2])
-    exists &= np.isfinite(grid[0]).all(axis=1) & np.isfinite(grid[1]).all(axis=1)
-    return _RayEnds(grid[0], grid[1], (low, high), exists)
+        target[converged] = surface.grid_coordinates(end.ground[converged, :2])
+    exists = converged & np.isfinite(grid[0]).all(axis=1) & np.isfinite(grid[1]).all(axis=1)
+    return _RayEnds(grid[0], grid[1], (low, high), exists, converged)
 
 
 def _march(

@@ -17,7 +17,7 @@ from ...hrsi_engine.io.filled_dems import fill_gaps
 from ...hrsi_engine.io.orthoimages import file_state
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
-from ...hrsi_engine.ortho.footprint import footprint_bounds, mean_gsd_m, share_of_ground, terrain_below, utm_of
+from ...hrsi_engine.ortho.footprint import footprint_bounds, map_crs_of, mean_gsd_m, share_of_ground, terrain_below
 from ...hrsi_engine.ortho.grid import MapGrid, rounded_resolution
 from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurface
@@ -117,7 +117,7 @@ def _check_images(images: Sequence[Image]) -> None:
 def _crs(given: str | None, ground: np.ndarray) -> str:
     """Return the WKT of the orthoimages' CRS, without a height part."""
     if given is None:
-        return utm_of(ground)
+        return map_crs_of(ground)
     try:
         crs = pyproj.CRS.from_user_input(given)
     except pyproj.exceptions.CRSError:

@@ -16,7 +16,8 @@ from ...hrsi_engine.drawing.block_map import BlockMap, block_map_svg
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.version import VERSION
-from ...hrsi_engine.ground.geodesy import WGS84, to_projected, utm_epsg
+from ...hrsi_engine.ground.geodesy import WGS84
+from ...hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from ...hrsi_engine.io.layers import Layer, write_geopackage
 from ...hrsi_engine.io.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
 from ...hrsi_engine.io.output_dir import stage_folder
@@ -256,9 +257,11 @@ def _layers(found: Sequence[MatchedPair]) -> list[Layer]:
             places.append(lonlat)
     fields = {name: np.concatenate(parts) for name, parts in rows.items()}
     lonlat = np.concatenate(places)
-    epsg = utm_epsg(float(np.median(lonlat[:, 0])), float(np.median(lonlat[:, 1])))
-    utm = to_projected(np.column_stack([lonlat, np.zeros(len(lonlat))]), epsg)
-    return [Layer(LAYERS[0], "Point", epsg, utm, fields), Layer(LAYERS[1], "Point", WGS84, lonlat, fields)]
+    epsg = map_epsg_of(lonlat)
+    return [
+        Layer(LAYERS[0], "Point", epsg, to_projected(lonlat, epsg), fields),
+        Layer(LAYERS[1], "Point", WGS84, lonlat, fields),
+    ]
 
 
 def _maps(found: Sequence[MatchedPair]) -> list[tuple[str, str]]:

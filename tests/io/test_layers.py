@@ -17,7 +17,7 @@ from osgeo import gdal, ogr
 from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
-from hrsi.hrsi_engine.ground.geodesy import to_projected, utm_epsg
+from hrsi.hrsi_engine.ground.map_crs import map_epsg, to_projected
 from hrsi.hrsi_engine.io.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_styles
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import stage_folder
@@ -60,7 +60,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result as `triangulate` writes it, small."""
     path = tmp_path_factory.mktemp("layers") / "block.gpkg"
     place, fields = positions(400), residual_fields(400)
-    utm = utm_epsg(147.3, -42.9)
+    utm = map_epsg(147.3, -42.9)
     images = {"id": np.array(["img_01", "img_02"])}
     empty = {name: column[:0] for name, column in fields.items()}
     write_geopackage(str(path), [

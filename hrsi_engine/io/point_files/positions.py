@@ -13,7 +13,7 @@ import pyproj
 from osgeo import osr
 
 from ...foundation.errors import InputError
-from ...ground.geodesy import geoid_heights, has_vertical_datum, to_wgs84
+from ...ground.geodesy import geoid_heights, has_vertical_datum, to_wgs84, wrap_degrees
 from .table import PointTable
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
@@ -21,6 +21,7 @@ Surface = Callable[[np.ndarray], np.ndarray]
 
 #: Fields of HRSI's own layers, whose geometry is the adjusted position: the surveyed one, lon, lat, ellipsoidal height.
 SURVEYED = ("survey_lon", "survey_lat", "survey_height")
+MOST_LON_DEG = 540.0  # a longitude and a turn more or less: what is beyond are no degrees
 _ADD_HEIGHTS = "add a field 'height' or points with z, or name a DEM with `dem`"
 
 
@@ -51,7 +52,8 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
     Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
     """
     if table.columns.keys() >= set(SURVEYED) and not reference.adjusted:
-        return np.column_stack([table.columns[name] for name in SURVEYED]), []
+        lon, lat, height = (table.columns[name] for name in SURVEYED)
+        return np.column_stack([wrap_degrees(lon), lat, height]), []
     xyz, crs, warnings = _given_positions(table, reference)
     present = np.isfinite(xyz[:, :2]).all(axis=1)
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
@@ -73,6 +75,7 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
     lost = np.flatnonzero(present & ~np.isfinite(ground).all(axis=1))
     if len(lost):
         raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
+    ground[:, 0] = wrap_degrees(ground[:, 0])
     return ground, warnings
 
 
@@ -125,16 +128,16 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
     """Raise `InputError` for degrees that cannot be: swapped latitude and longitude, or metres in a geographic CRS."""
     x, y = xyz[rows, 0], xyz[rows, 1]
     if not crs.is_geographic:
-        if np.all((np.abs(x) <= 360.0) & (np.abs(y) <= 90.0)) and crs.is_projected:
+        if np.all((np.abs(x) <= MOST_LON_DEG) & (np.abs(y) <= 90.0)) and crs.is_projected:
             raise InputError(
                 f"{table.source}: its coordinates look like degrees, but its CRS {crs.name!r} is projected: "
                 f"correct the CRS"
             )
         return
-    wrong = (np.abs(y) > 90.0) | (np.abs(x) > 360.0)
+    wrong = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
     if wrong.any():
         row = rows[np.flatnonzero(wrong)[0]]
-        what = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= 360.0 else "no degrees"
+        what = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
         raise InputError(f"{table.at(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS")
 
 

@@ -1,0 +1,99 @@
+"""The map that a place is drawn on: its UTM zone, beyond the zones the polar stereographic projection (UPS).
+
+The zones are those of the UTM grid as it is used, with its exceptions: 32V reaches west to 3 degrees east off
+south-west Norway, and Svalbard has the zones 31X, 33X, 35X and 37X alone. North of 84 and south of 80 degrees, where
+the grid ends, UPS follows. Source: DMA TM 8358.2, The Universal Grids, sections 2-2 and 3-2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyproj
+
+from .geodesy import continuous_longitudes, wrap_degrees
+
+UTM_LATITUDES = (-80.0, 84.0)  # between which the zones are in use
+#: UPS south and north with easting first: EPSG codes.
+UPS_SOUTH, UPS_NORTH = 5042, 5041
+#: South, north, west, east of the areas with another zone than the meridian says, and that zone.
+ZONE_EXCEPTIONS = (
+    (56.0, 64.0, 3.0, 12.0, 32),
+    (72.0, 84.0, 0.0, 9.0, 31),
+    (72.0, 84.0, 9.0, 21.0, 33),
+    (72.0, 84.0, 21.0, 33.0, 35),
+    (72.0, 84.0, 33.0, 42.0, 37),
+)
+
+
+def utm_zone(lon_deg: float, lat_deg: float) -> int:
+    """Return the number of the UTM zone of a position, 1 to 60; beyond the grid that of its meridian."""
+    lon = float(wrap_degrees(np.array(lon_deg)))
+    for south, north, west, east, zone in ZONE_EXCEPTIONS:
+        if south <= lat_deg < north and west <= lon < east:
+            return zone
+    return int((lon + 180.0) // 6.0) + 1
+
+
+def map_epsg(lon_deg: float, lat_deg: float) -> int:
+    """Return the EPSG code of the CRS in which a place is mapped.
+
+    Parameters
+    ----------
+    lon_deg, lat_deg : float
+        The position.
+
+    Returns
+    -------
+    int
+        WGS84 / UTM: 32601 to 32660 in the north, 32701 to 32760 in the south; at 84 degrees north and beyond, and south
+        of 80, WGS84 / UPS with easting first: 5041 and 5042.
+    """
+    south, north = UTM_LATITUDES
+    if lat_deg >= north:
+        return UPS_NORTH
+    if lat_deg < south:
+        return UPS_SOUTH
+    return (32600 if lat_deg >= 0.0 else 32700) + utm_zone(lon_deg, lat_deg)
+
+
+def map_epsg_of(ground: np.ndarray) -> int:
+    """Return the EPSG code of the map of the middle of ground points.
+
+    Parameters
+    ----------
+    ground : (n, 2) or (n, 3) ndarray
+        Lon, lat in degrees; those without a position (NaN) do not count.
+
+    Returns
+    -------
+    int
+        As `map_epsg`.
+    """
+    return map_epsg(*middle_position(ground)[:2])
+
+
+def middle_position(ground: np.ndarray) -> tuple[float, ...]:
+    """Return the median of each coordinate of ground points ``(n, 2)`` or ``(n, 3)``, on both sides of 180 too."""
+    others: Sequence[float] = np.nanmedian(ground[:, 1:], axis=0).tolist()
+    return float(np.nanmedian(continuous_longitudes(ground[:, 0]))), *others
+
+
+def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
+    """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS.
+
+    Parameters
+    ----------
+    ground : (n, 3) ndarray
+        Lon, lat in degrees; the height is not used.
+    epsg : int
+        Code of the projected CRS.
+
+    Returns
+    -------
+    (n, 2) ndarray
+        Easting, northing in the CRS's unit.
+    """
+    transformer = pyproj.Transformer.from_crs(4326, epsg, always_xy=True)
+    return np.column_stack(transformer.transform(ground[:, 0], ground[:, 1]))
