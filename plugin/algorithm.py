@@ -87,6 +87,8 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
             feedback.pushInfo("Cancelled; nothing was written")
             return {}
         feedback.pushInfo(self._spelt(self.declaration.summarise(report)))
+        if unsolved := report.get("unsolved"):
+            feedback.reportError(self._spelt(unsolved))
         if verdict := report.get("verdict"):
             log_verdict(verdict, self._spelt(headline(verdict)), feedback)
         self._report = report

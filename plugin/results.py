@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from qgis.core import (
 )
 from qgis.PyQt import sip
 
+from ..hrsi_engine.foundation.json_values import json_text
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 
 REPORT, REPORT_HTML, VERDICT = "REPORT", "REPORT_HTML", "VERDICT"
@@ -45,7 +45,7 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
     if folder is None or not (folder / "report.json").exists():
         path = Path(QgsProcessingUtils.generateTempFilename("report.json"))
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(report, indent=1), encoding="utf-8")
+        path.write_text(json_text(report, indent=1), encoding="utf-8")
         return {REPORT: str(path)} | ({"OUTPUT_DIR": str(folder)} if folder else {})
     files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
     layers = {layer_name(source).upper(): source for source in _written_layers(declaration, options)}

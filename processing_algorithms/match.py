@@ -19,11 +19,12 @@ from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages import write_page
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.measurement.control_network.matching import ControlNetworkMatch, match_windows
+from ..hrsi_engine.measurement.control_network.super_points import FOUND
 from ..hrsi_engine.measurement.interest_points.detectors import inside
 from ..hrsi_engine.measurement.interest_points.windows import Area
 from .declarations.match import LAYER, LAYERS_FILE, MatchAlgorithmOptions
 from .files.image_pixels import ImagePixels, ground_of, open_pixels, window_area
-from .files.result_folder import check_folder, tell
+from .files.result_folder import check_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report, settings_of
 
@@ -50,7 +51,6 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     )
     report = _report(images, areas, found, options, perf_counter() - started)
     _write(options, report, images, areas, found, context)
-    tell(report["warnings"], context)
     return report
 
 
@@ -76,7 +76,7 @@ def _report(
              "window": [area.left, area.top, area.right - area.left, area.bottom - area.top]}
             for image, area, points in zip(images, areas, found.points, strict=True)
         ],
-        "warnings": [f"{found.status}: {found.message}"] if found.message else [],
+        "unsolved": f"{found.status}: {found.message}" if found.status != FOUND else None, "warnings": [],
         "settings": settings_of(options),
     }  # fmt: skip
 
@@ -148,8 +148,8 @@ def _image_points(images: list[ImagePixels], ids: np.ndarray, found: ControlNetw
 
 def summarise(report: Report) -> str:
     """Return what was found, in two lines."""
-    if report["status"] != "found":
-        return "\n".join(report["warnings"])
+    if report["status"] != FOUND:
+        return f"{report['first']} and {report['second']}: {report['status']}"
     return (
         f"{report['first']} and {report['second']}: {report['correspondences']} correspondences in "
         f"{report['seconds']['total']:.1f} s, rotation {report['rotation_deg']:.2f}°, scale {report['scale']:.3f}\n"

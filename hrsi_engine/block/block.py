@@ -14,9 +14,12 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
-from ..ground.geodesy import ground_difference_m
+from ..ground.geodesy import distances_m
 from .default_sigmas import Defaults
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
+from .similar_ids import resembling
+
+SAME_POSITION_M = 0.1  # between positions of one point in two files
 
 
 class Raster(Protocol):
@@ -268,6 +271,7 @@ def assemble(
     warnings: list[str] = []
     image_index = _image_indices(rows, images)
     ids, point_index = unique_ids(rows.ids)
+    warnings += _confused_ids(ids, rows, known)
     measured = np.isin(known.ids, ids)
     known, unmeasured = known.select(measured), known.ids[~measured]
     if len(unmeasured):
@@ -284,8 +288,28 @@ def assemble(
     return Block(tuple(images), points, measurements, tuple(warnings))
 
 
+def _confused_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:
+    """Return a warning on measured ids that have no ground point, but differ from one that has by their spelling only.
+
+    Two that are measured on the same image are two points.
+    """
+    surveyed = known.ids[np.isfinite(known.ground).all(axis=1)]
+    found = []
+    for tie, others in resembling(ids[~np.isin(ids, surveyed)], surveyed).items():
+        images = rows.image_ids[rows.ids == tie]
+        for name in others:
+            if not np.isin(images, rows.image_ids[rows.ids == name]).any():
+                found.append(f"{tie!r} ({name!r} has one)")
+    if not found:
+        return []
+    return [
+        f"measured, but without a ground point: {list_ids(found)}: ids are compared as text, so these are different "
+        "points; if two are meant to be one, give both the same id"
+    ]
+
+
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
-    """Concatenate tables; the same id twice must mean the same position (10 cm)."""
+    """Concatenate tables; the same id twice must mean the same position."""
     if not tables:
         return GroundPoints.create([], np.empty((0, 3)))
     merged = GroundPoints(
@@ -297,11 +321,11 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         _all_covariances(tables),
     )
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
-    away = np.abs(ground_difference_m(merged.ground, merged.ground[first[inverse]]))
-    if np.any(away > 0.1):
-        wrong = np.unique(merged.ids[np.any(away > 0.1, axis=1)])
+    apart = distances_m(merged.ground, merged.ground[first[inverse]]) > SAME_POSITION_M
+    if apart.any():
         raise InputError(
-            f"ground point {list_ids(wrong)} is given with different positions in {merged.source}: keep one"
+            f"ground point {list_ids(np.unique(merged.ids[apart]))} is given with different positions in "
+            f"{merged.source}: keep one"
         )
     return merged.select(first)
 
@@ -347,9 +371,11 @@ def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequen
     for option, chosen in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
         missing = sorted(set(chosen or ()) - set(known.ids.tolist()))
         if missing:
+            alike = [repr(name) for others in resembling(missing, known.ids).values() for name in others]
             raise InputError(
                 f"`{option}` names {list_ids(missing)}, not among the measured ground points"
                 f"{f' of {known.source}' if known.source else ''}: correct the ids"
+                f"{f'; there is {list_ids(alike)}' if alike else ''}"
             )
     both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
     if both:

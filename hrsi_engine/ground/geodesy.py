@@ -112,6 +112,22 @@ def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray
     return difference * metres_per_degree(reference)
 
 
+def distances_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return the straight distances between points, the same wherever they lie: at a pole, on both sides of 180°.
+
+    Parameters
+    ----------
+    ground, reference : (n, 3) ndarray
+        Lon, lat in degrees, height in metres.
+
+    Returns
+    -------
+    (n,) ndarray
+        Metres.
+    """
+    return np.linalg.norm(to_ecef(ground) - to_ecef(reference), axis=1)
+
+
 def moved_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
     """Return ground points moved by small east, north, up steps in metres."""
     return ground + step_m / metres_per_degree(ground)

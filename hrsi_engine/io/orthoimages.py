@@ -21,6 +21,7 @@ import numpy as np
 from osgeo import gdal
 
 from ..foundation.errors import Cancelled, OutputError
+from ..foundation.json_values import json_text
 from ..foundation.progress import Progress, advance, stage
 from .datasets import config_option, gdal_messages, metadata_of, open_dataset
 from .leftovers import temporary_folder
@@ -141,7 +142,7 @@ class OrthoFigures:
 
 def fingerprint(made_from: Mapping[str, Any]) -> str:
     """Return a short text that differs when anything differs that an orthoimage is made from."""
-    text = json.dumps(made_from, sort_keys=True, default=str)
+    text = json_text(made_from, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -283,7 +284,7 @@ def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp
 def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
     return {
         FINGERPRINT: fingerprint(made_from),
-        FIGURES: json.dumps(figures.summary()),
+        FIGURES: json_text(figures.summary()),
     }
 
 

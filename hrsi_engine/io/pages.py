@@ -1,20 +1,18 @@
-"""Reports as files: values made ready for JSON, and pages for people, one HTML file without any script."""
+"""Reports as files: text, and pages for people, one HTML file without any script."""
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Mapping
-from enum import Enum
 from functools import cache
 from typing import Any
 
 import jinja2
-import numpy as np
 from markupsafe import Markup
 
 from ..foundation.errors import OutputError
+from ..foundation.json_values import json_ready
 from .replacing import replacing
 
 
@@ -33,23 +31,6 @@ def write_text(path: str, text: str) -> None:
             file.write(text)
     except UnicodeEncodeError as error:
         raise OutputError(f"{path}: cannot be written as UTF-8 ({error}): rename the file or point") from None
-
-
-def json_ready(value: Any) -> Any:
-    """Return a value made of dicts, lists, texts, numbers, bools and None only."""
-    if isinstance(value, Mapping):
-        return {str(key): json_ready(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return json_ready(value.tolist())
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [json_ready(item) for item in value]
-    if isinstance(value, Enum):
-        return json_ready(value.value)
-    if isinstance(value, np.generic):
-        return json_ready(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (str, int, bool)) else str(value)
 
 
 @cache

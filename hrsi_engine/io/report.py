@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
 from ..drawing.block_figures import ReportFigures, drawn
 from ..drawing.block_map import BlockMap, block_map_svg
+from ..foundation.json_values import json_text
 from .code_pages import explained_codes
-from .pages import json_ready, write_page, write_text
+from .pages import write_page, write_text
 
 __all__ = ["BlockMap", "ReportFigures", "write_report_html", "write_report_json"]
 
@@ -29,7 +29,7 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     OutputError
         The file cannot be written.
     """
-    write_text(path, json.dumps(json_ready(report), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(report, indent=1, ascii_only=False) + "\n")
 
 
 def write_report_html(

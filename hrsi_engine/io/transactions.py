@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Any
 
 from ..foundation.errors import OutputError
+from ..foundation.json_values import json_text
 from .leftovers import is_writer_running, sweep, temporary_name, writer
 from .replacing import flush
 
@@ -187,7 +188,7 @@ def _write(path: str, content: dict[str, object]) -> None:
     temporary = temporary_name(path)
     try:
         with open(temporary, "w", encoding="utf-8") as file:
-            json.dump(content, file)
+            file.write(json_text(content))
         flush(temporary)
         os.replace(temporary, path)
         flush(os.path.dirname(path))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..foundation.errors import InputError, list_ids
-from ..ground.geodesy import ground_difference_m
+from ..ground.geodesy import distances_m, ground_difference_m
 from .estimate import Control
 from .ground_area import ground_area
 
@@ -87,9 +87,8 @@ def _find_swapped(image: Image, ground: np.ndarray) -> np.ndarray:
 
 def _same_place(image: Image, control: Control) -> list[str]:
     first, second = np.triu_indices(len(control), 1)
-    metres = np.abs(ground_difference_m(control.ground[first], control.ground[second]))
-    same = (metres < SAME_PLACE_M).all(axis=1)
-    pairs = zip(first[same], second[same], strict=True)
+    near = distances_m(control.ground[first], control.ground[second]) < SAME_PLACE_M
+    pairs = zip(first[near], second[near], strict=True)
     return [
         f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they count as one"
         for first, second in islice(pairs, 8)

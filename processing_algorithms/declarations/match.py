@@ -42,7 +42,8 @@ ALGORITHM = Algorithm(
         "others are found from its nodes, compared by their grey values and measured to a fraction of a pixel. No RPC "
         "is needed. "
         "Where the texture repeats, so that the network fits in several places, the status is 'ambiguous'; where it "
-        "fits nowhere, 'no match'; then there are no correspondences.\n\n"
+        "fits nowhere, 'no match'; then there are no correspondences, the report says why, and the command ends with "
+        "exit code 1.\n\n"
         "Windows are read as a whole: choose them with `window_1` and `window_2` in large images. Sample 0, line 0 is "
         "the CENTRE of the first pixel."
     ),

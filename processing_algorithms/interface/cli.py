@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import signal
 import sys
@@ -13,11 +12,11 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
-from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError
+from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import algorithm_parser, registry_help
-from .declare import Algorithm, Context, Report, is_unusable, unusable_text
+from .declare import Algorithm, Context, is_unusable, unusable_text
 from .naming import spell_arguments
 from .options import checked_options, find_algorithm
 from .terminal import SilentTerminal, TerminalProgress
@@ -103,7 +102,7 @@ def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> int:
 
 
 def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
-    """Run an algorithm and print what came out; return 3 where its verdict is that it cannot be used."""
+    """Run an algorithm and print what came out; return 1 where it found no solution, 3 where none can be used."""
     given = algorithm_parser(algorithm).parse_words(words)
     quiet, as_json = given.pop("quiet", False), given.pop("json", False)
     options = checked_options(algorithm, given)
@@ -118,18 +117,19 @@ def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
     finally:
         terminal.break_line()
     if as_json:
-        print(_json_text(report))
+        from ...hrsi_engine.foundation.json_values import json_text  # loads NumPy, which help does without
+
+        print(json_text(report, indent=2))
     elif not (quiet and options.get("output_dir")):  # what lies in files needs no summary; else stdout is the result
         print(spelt(algorithm.summarise(report)))
+    if unsolved := report.get("unsolved"):
+        print(f"ERROR: {spelt(unsolved)}", file=sys.stderr)
+        return SolveError.exit_code
     if not is_unusable(report):
         return 0
     if quiet or as_json:
         print(f"ERROR: {spelt(unusable_text(report))}", file=sys.stderr)
     return UNUSABLE
-
-
-def _json_text(report: Report) -> str:
-    return json.dumps(report, indent=2, allow_nan=False)
 
 
 def _describe_own(error: BaseException) -> tuple[str, int]:

@@ -18,6 +18,7 @@ Log = Callable[[str], None]
 Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
 _RASTERS = f"{_ROOT}.hrsi_engine.io.rasters"
+_JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
 
 
 class Kind(Enum):
@@ -189,9 +190,9 @@ class Algorithm:
     name : as on the command line
     title, group, summary, help : texts for people; they name options as arguments in backticks
     options : dataclass of the options, which are its fields (`params_of`)
-    module : that holds ``run(options, context)``, which returns the report as a JSON-ready dict, and
-        ``summarise(report)``, which returns the few lines that a person reads; loaded when it is run, so that it may
-        import at its top what is heavy
+    module : that holds ``run(options, context)``, which returns the report as a dict for JSON (its key ``unsolved``
+        says in a line why there is no solution, where that is written and no error), and ``summarise(report)``, which
+        returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is heavy
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
     packages : Python packages (by import name) for what it does with pixels, which a QGIS may lack
     """
@@ -213,10 +214,10 @@ class Algorithm:
 
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, by key, and close all images: nothing stays open when the work is done."""
-        work, rasters = import_module(self.module), import_module(_RASTERS)
+        work, rasters, values = map(import_module, (self.module, _RASTERS, _JSON_VALUES))
         context = replace(context, inputs=self.inputs(options))
         try:
-            report: Report = work.run(made_options(self.options, options), context)
+            report: Report = values.json_ready(work.run(made_options(self.options, options), context))
             return report
         finally:
             rasters.close_images()

@@ -17,6 +17,7 @@ import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import Cancelled, InputError
+from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.threads import thread_count
 from ...hrsi_engine.foundation.version import VERSION
@@ -82,7 +83,7 @@ def _made_from(image: Image, plan: BlockPlan, warp: Warp, form: OrthoFormat, err
     """Return everything on which the pixels and the file of an orthoimage depend."""
     grid, used = plan.grids[image.id], versions()
     coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
-    rpc = hashlib.sha256(json.dumps(coefficients, sort_keys=True).encode()).hexdigest()
+    rpc = hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest()
     return {
         "image": file_state(image.path), "rpc": rpc, "terrain": plan.terrain.identity, "crs": grid.crs,
         "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,

@@ -17,7 +17,8 @@ from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.drawing.block_map import block_map_svg
 from hrsi.hrsi_engine.drawing.target_chips import png_bytes
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.io.pages import figure, json_ready
+from hrsi.hrsi_engine.foundation.json_values import json_ready
+from hrsi.hrsi_engine.io.pages import figure
 from hrsi.hrsi_engine.io.report import BlockMap, write_report_html, write_report_json
 
 EVIL = '<script>alert("1")</script>&'

@@ -16,6 +16,7 @@ from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS
 from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.interface.cli import main
 from hrsi.processing_algorithms.match import summarise
 
 
@@ -97,10 +98,29 @@ def test_no_match_is_a_status(files: list[Path], tmp_path: Path):
     flat = write(tmp_path / "flat.tif", np.full((300, 300), 700, np.uint16))
     report = run("match", images=[files[0], flat], output_dir=tmp_path / "out", threads=1)
     assert (report["status"], report["correspondences"]) == ("no match", 0)
-    assert "second window has 0 interest points" in report["warnings"][0]
-    assert summarise(report) == report["warnings"][0]
+    assert "second window has 0 interest points" in report["unsolved"]
+    assert summarise(report) == "first and flat: no match"
     assert rows_of(tmp_path / "out" / "match.gpkg", "correspondences") == []
     assert json.loads((tmp_path / "out" / "report.json").read_text())["rotation_deg"] is None
+
+
+@pytest.mark.parametrize("form", [[], ["--json"], ["--quiet"]])
+def test_no_match_ends_with_1_on_the_command_line(
+    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture, form: list[str]
+):
+    """Results are written, one line says why; stdout is one document with --json, and what is unknown in it is null."""
+    flat = write(tmp_path / "flat.tif", np.full((300, 300), 700, np.uint16))
+    out = tmp_path / "out"
+    assert main(["match", str(files[0]), str(flat), "--output-dir", str(out), "--threads", "1", *form]) == 1
+    told = capsys.readouterr()
+    errors = [line for line in told.err.splitlines() if line.startswith("ERROR: ")]
+    assert len(errors) == 1 and "no match: the second window has 0 interest points" in errors[0]
+    written = json.loads((out / "report.json").read_text(), parse_constant=pytest.fail)
+    if form == ["--json"]:
+        assert json.loads(told.out, parse_constant=pytest.fail) == written
+    else:
+        assert told.out == ("" if form else "first and flat: no match\n")
+    assert written["rotation_deg"] is None
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import Any
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.json_values import json_text
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import RpcReader, RpcReading
@@ -41,7 +42,7 @@ def text_of(rpc: RPC) -> str:
     """Return the content of an rpcm JSON file, all digits; unknown errors are left out."""
     members = {RPCM_NAMES[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
     members |= {RPCM_NAMES[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
-    return json.dumps({"written_by": "HRSI", "rpc": members}, indent=1) + "\n"
+    return json_text({"written_by": "HRSI", "rpc": members}, indent=1) + "\n"
 
 
 def _text(value: Any) -> str | list[str] | None:

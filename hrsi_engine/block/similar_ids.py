@@ -1,0 +1,48 @@
+"""Ids that people take for the same and HRSI does not: it compares ids as text, to the letter.
+
+Spreadsheets drop leading zeros and add ``.0``, word processors turn hyphens into dashes, and hands mix capitals, blanks
+and underscores. Nothing is matched by such likeness; it is only told.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+
+_APART = "\x01"  # between ids while all are spelt in one go; it is no blank, and no sane id holds it
+_DASHES = dict.fromkeys(map(ord, "‐‑‒–—―−⁃﹘﹣－"), "-")
+_INVISIBLE = dict.fromkeys(map(ord, "\u00ad\u200b\u200c\u200d\u2060\ufeff"), None)
+#: What spellings differ in, and what stands for it here; in this order.
+_SPELLINGS = (
+    (r"[\s_-]+", "-"),
+    (rf"(?<![^{_APART}])-|-(?![^{_APART}])", ""),  # at the ends
+    (r"(?<=[^\W\d])-(?=\d)", ""),  # GCP-7, GCP 7: GCP7
+    (r"(?<=\d)\.0+(?![\d.])", ""),  # 7.0: 7
+    (r"(?<![\d.])0+(?=\d)", ""),  # 007: 7
+)
+
+
+def plain_spellings(ids: Iterable[str]) -> list[str]:
+    """Return each id in a spelling that it shares with those that look alike."""
+    listed = [str(name).replace(_APART, "") for name in ids]
+    text = _APART.join(listed)  # one text, because a call for each of a million ids takes seconds
+    if not text.isascii():
+        text = unicodedata.normalize("NFKC", text).translate(_DASHES | _INVISIBLE)
+    text = text.casefold()
+    for pattern, plain in _SPELLINGS:
+        text = re.sub(pattern, plain, text)
+    return text.split(_APART) if listed else []
+
+
+def resembling(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
+    """Return which known ids look like strangers, by stranger; without those that look like none."""
+    by_spelling: dict[str, list[str]] = {}
+    known = list(map(str, known))
+    if not known:
+        return {}
+    for name, spelling in zip(known, plain_spellings(known), strict=True):
+        by_spelling.setdefault(spelling, []).append(name)
+    names = list(map(str, strangers))
+    spelt = zip(names, plain_spellings(names), strict=True)
+    return {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}

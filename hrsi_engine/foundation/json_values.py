@@ -1,0 +1,33 @@
+"""JSON as HRSI writes it: values become JSON text here only, so that no NaN, which is no JSON, gets into any."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+
+def json_ready(value: Any) -> Any:
+    """Return a value made of dicts, lists, texts, numbers, bools and None only; NaN and infinities become None."""
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return json_ready(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [json_ready(item) for item in value]
+    if isinstance(value, Enum):
+        return json_ready(value.value)
+    if isinstance(value, np.generic):
+        return json_ready(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (str, int, bool)) else str(value)
+
+
+def json_text(value: Any, indent: int | None = None, ascii_only: bool = True, sort_keys: bool = False) -> str:
+    """Return any value as JSON text, as `json_ready` makes it ready."""
+    return json.dumps(json_ready(value), indent=indent, ensure_ascii=ascii_only, sort_keys=sort_keys, allow_nan=False)
