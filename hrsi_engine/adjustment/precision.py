@@ -86,18 +86,6 @@ def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarr
     return total
 
 
-def survey_tests(miss_m: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the same for surveys ``miss_m (k, 3)``; ``cofactors`` of the misses, ``weight`` matrices (k, 3, 3).
-
-    A coordinate that is not surveyed has the weight 0.
-    """
-    values, vectors = np.linalg.eigh(weight)
-    scale = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(1, 2)  # its square root
-    share, axes = np.linalg.eigh(scale @ cofactors @ scale)
-    along = np.einsum("kij,ki->kj", axes, np.einsum("kij,kj->ki", scale, miss_m))
-    return np.where(share > LEAST_OWN_REDUNDANCY, along**2 / np.maximum(share, LEAST_OWN_REDUNDANCY), 0.0).sum(axis=1)
-
-
 @dataclass(frozen=True, eq=False)
 class ErrorEllipse:
     """Horizontal error ellipses (one sigma): semi-axes (m) and the azimuth of the longer one, degrees from north."""

@@ -49,6 +49,9 @@ def test_nested_dissection_equals_dense_algebra(width, size):
     inverse = np.linalg.inv(dense).reshape(pattern.cameras, size, pattern.cameras, size)
     expected = inverse[pattern.rows, :, pattern.columns, :]
     np.testing.assert_allclose(factor.inverse_blocks(), expected, rtol=1e-8, atol=1e-13)
+    rows = sparse.random(40, len(dense), 0.01, "csr", random_state=2)  # some of them empty
+    expected = rows @ np.linalg.inv(dense) @ rows.T
+    np.testing.assert_allclose(factor.quadratic(rows), expected, rtol=1e-8, atol=1e-13)
 
 
 def test_dissection_handles_unconnected_cameras():
@@ -69,11 +72,14 @@ def test_conjugate_gradients_equal_the_factors():
     prior = np.full((pattern.cameras, 6), 0.1)
     prior[3] = np.inf
     right = np.random.default_rng(2).normal(size=prior.shape)
-    found = []
+    rows = sparse.random(5, prior.size, 0.02, "csr", random_state=2)
+    found, cofactors = [], []
     for system in (Factored(pattern), Iterative(pattern)):
         system.factorise(upper, prior)
         found.append(system.solve(right))
+        cofactors.append(system.quadratic(rows))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(cofactors[0], cofactors[1], rtol=1e-7, atol=1e-10)
     assert not found[0][3].any()
 
 

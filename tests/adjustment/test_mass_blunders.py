@@ -133,3 +133,17 @@ def test_leaving_out_by_cofactors_is_leaving_out():
         np.flatnonzero((control.without(heights[:1]).point == 4) & (control.without(heights[:1]).axis == 2))
     )[0]  # fmt: skip
     assert one_by_one == pytest.approx(squares, rel=1e-9)
+
+
+def test_many_wrong_gcps_cost_no_solution_each():
+    """Of 60 GCPs each is compared with its neighbourhood; those left out are so by cofactors, all of them at once."""
+    block, _, _ = blocks.block(gcps=60, checks=0, ties=200, drift=2e-5)
+    clean = adjust(block, TESTED)
+    wrong = [3, 11, 24, 25, 40, 57]
+    lateral = moved(moved(block, wrong[:3], [0.0, 0.0, 25.0]), wrong[3:], [-15.0, 10.0, 0.0])
+    result = adjust(lateral, TESTED)
+    assert not clean.findings
+    assert {finding.id: finding.what for finding in result.findings if finding.left_out} == {
+        f"P{number:04d}": "height" if number < 25 else "ground" for number in wrong
+    }
+    assert result.solves <= clean.solves + 6  # one more run of the loop, and one that tells drifts from mistakes

@@ -16,6 +16,10 @@ measurements count apart where one kind is significantly worse, so that surveys 
 because a point serves for its height only) lend the others no credit. It is never below one, and stated sigmas count as
 much as `EXPERIENCE` observations. A coordinate without weight has no test.
 
+**Of many GCPs**, all over a large block, each is compared with its neighbourhood: the GCPs whose discrepancies depend
+most on its own. The most suspicious one comes first, and whoever is left out is left out for all that follow, by the
+same cofactors.
+
 **Where nobody can tell**: another group of the same size that explains nearly as much makes those GCPs that are not in
 both undecided: both groups are named, and kept. So are two halves of a block that disagree.
 """
@@ -23,7 +27,7 @@ both undecided: both groups are named, and kept. So are two halves of a block th
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -41,6 +45,8 @@ LIKE = 0.02  # … or share of what the best one explains: equations are only ne
 SIMPLICITY = 9.0  # squares that another unknown must explain
 UNDECIDED = 6.0  # by which one explanation of a GCP must be better than another
 MOST_LOG = 1e4
+MOST_TOGETHER = 40  # GCPs that are searched as one; of more, each with its neighbourhood
+GCPS_AROUND = 20  # GCPs; the nearer half of them is judged, with the other half around it
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,19 +127,53 @@ class VarianceFactor:
         return max(self.pooled, *(variance for variance, _ in self.worse), 1.0)
 
 
-def suspects(control: Discrepancies, sigmas: float, tests: int | None = None) -> list[Suspect]:
-    """Return the GCPs that are wrong, or undecided, with an error probability of ``sigmas`` for the whole block.
-
-    ``tests`` is the number of GCPs of the block where ``control`` has only some of them.
-    """
+def suspects(control: Discrepancies, sigmas: float) -> list[Suspect]:
+    """Return the GCPs that are wrong, or undecided, with an error probability of ``sigmas`` for the whole block."""
     gcps = len(control.points)
     if gcps < 2:
         return []
-    search = _Search(control, sigmas, gcps if tests is None else tests)
-    if search.consistent():
-        return []
-    group = search.wrong(search.core(gcps // 2))
-    return search.decide(group) if group else []
+    if gcps <= MOST_TOGETHER:
+        return _Search(control, sigmas, gcps).suspects()
+    return list(_suspects_of_many(control, sigmas))
+
+
+def _suspects_of_many(control: Discrepancies, sigmas: float) -> Iterator[Suspect]:
+    """Yield the suspects of many GCPs, neighbourhood by neighbourhood."""
+    gcps = len(control.points)
+    first = np.flatnonzero(np.r_[True, control.point[1:] != control.point[:-1]])
+    related = np.add.reduceat(np.add.reduceat(control.s**2, first, axis=0), first, axis=1)
+    related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
+    waiting, present = np.ones(gcps, dtype=bool), np.ones(gcps, dtype=bool)
+    rest = control
+    suspicion = _suspicion(rest)
+    while waiting.any():
+        centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
+        order = np.argsort(-np.where(present, related[centre], -1.0), kind="stable")
+        near = order[: min(GCPS_AROUND, int(present.sum()))]
+        judged, near = near[: GCPS_AROUND // 2], np.sort(near)
+        waiting[judged] = False
+        wrong = []
+        for one in _Search(rest.of_some(near), sigmas, gcps).suspects():
+            group, rivals = (tuple(near[list(some)].tolist()) for some in (one.group, one.rivals))
+            said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
+            if not np.isin(said.concerned, judged).any():  # its own neighbourhood will tell
+                continue
+            yield said
+            waiting[list(said.concerned)] = False
+            wrong += [said.gcp] if said.clear else []
+        if wrong:
+            present[wrong] = False
+            rest = rest.without(rest.measurements_of(wrong))
+            suspicion = _suspicion(rest)
+
+
+def _suspicion(control: Discrepancies) -> np.ndarray:
+    """Return the largest -log probability of what may be wrong with each GCP alone, ``(g,)``."""
+    factor = VarianceFactor(1.0, 1e9, ())
+    return np.array([
+        max((factor.surprise(*control.test(one.out)) for one in _explanations(control, gcp)), default=0.0)
+        for gcp in range(len(control.points))
+    ])  # fmt: skip
 
 
 class _Search:
@@ -144,7 +184,13 @@ class _Search:
         self.squares, self.freedom = control.test(np.arange(len(control.u)))
         explanations = sum(len(_explanations(control, gcp)) for gcp in range(self.gcps)) / max(self.gcps, 1)
         self.limit = 0.5 * sigmas**2 + np.log(tests * explanations)  # -log probability
-        self._sigmas = sigmas
+
+    def suspects(self) -> list[Suspect]:
+        """Return who is wrong, or may be."""
+        if self.consistent():
+            return []
+        group = self.wrong(self.core(self.gcps // 2))
+        return self.decide(group) if group else []
 
     def consistent(self) -> bool:
         """Return whether the control as a whole, and each observation, agrees with its stated sigma."""
@@ -180,18 +226,17 @@ class _Search:
         """Return a group whose members are those that disagree most with the rest, beginning at ``start``."""
         group = tuple(sorted(start.tolist()))
         for _ in range(GROUP_STEPS):
-            rest = self.control.without(self.control.measurements_of(group))
-            own = [self._against_the_rest(group, gcp) if gcp in group else rest.test(rest.measurements_of((gcp,)))[0]
-                   for gcp in range(self.gcps)]  # fmt: skip
+            out = self.control.measurements_of(group)
+            rest, own = self.control.without(out), np.zeros(self.gcps)
+            parts = [np.flatnonzero(self.control.point[out] == gcp) for gcp in group]
+            own[list(group)] = self.control.tests_beyond(out, parts)
+            for gcp in set(range(self.gcps)) - set(group):
+                own[gcp], _ = rest.test(rest.measurements_of((gcp,)))
             following = tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
             if following == group:
                 break
             group = following
         return group
-
-    def _against_the_rest(self, group: tuple[int, ...], gcp: int) -> float:
-        others = tuple(one for one in group if one != gcp)
-        return self.explain(group)[0] - self.explain(others)[0]
 
     def wrong(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
@@ -211,8 +256,9 @@ class _Search:
         return max(factor.surprise(*rest.test(one.out)) for one in _explanations(rest, gcp))
 
     def _without_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
+        """Return the discrepancies of a GCP with the others of its group left out."""
         others = tuple(one for one in group if one != gcp)
-        return self.control.without(self.control.measurements_of(others)) if others else self.control
+        return self.control.among(self.control.of((gcp,)), self.control.measurements_of(others))
 
     # ---- what, and whether it is clear -----------------------------------------------------------------------------
 

@@ -20,9 +20,10 @@ All are in units of the observations' own standard deviations here (sqrt(P) on t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from ..gauss_newton import GaussNewton, Solution
 from ..problem import Problem
@@ -59,21 +60,46 @@ class Discrepancies:
         along = vectors[:, seen].T @ self.u[chosen]
         return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
+    def tests_beyond(self, out: np.ndarray, parts: Sequence[np.ndarray]) -> list[float]:
+        """Return by how much the squares fall by each of some ``parts`` (indices into ``out``) beyond the rest of it.
+
+        One inverse of ``S_EE`` serves all: its block of a part is the inverse of that part's S without the rest.
+        """
+        inverse = self._inverse(out)
+        errors = inverse @ self.u[out]
+        blocks = (inverse[np.ix_(part, part)] for part in parts)
+        return [
+            float(errors[part] @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ errors[part])
+            for part, block in zip(parts, blocks, strict=True)
+        ]
+
+    def _inverse(self, chosen: np.ndarray) -> np.ndarray:
+        """Return S_EE^-1 of some observations, without the directions that do not show."""
+        block = self.s[np.ix_(chosen, chosen)]
+        return np.asarray(np.linalg.pinv(block, rcond=LEAST_DISCREPANCY_SHARE, hermitian=True))
+
     def errors(self, chosen: np.ndarray) -> np.ndarray:
         """Return the errors (m, px) of some observations, observed - true, as the rest sees them."""
-        inverse = np.linalg.pinv(self.s[np.ix_(chosen, chosen)], rcond=LEAST_DISCREPANCY_SHARE, hermitian=True)
-        return np.asarray(self.sigma[chosen] * (inverse @ self.u[chosen]))
+        return np.asarray(self.sigma[chosen] * (self._inverse(chosen) @ self.u[chosen]))
 
     def without(self, out: np.ndarray) -> Discrepancies:
         """Return the discrepancies of all others when some observations (indices) are left out."""
-        rest = np.setdiff1d(np.arange(len(self.u)), out)
-        inverse = np.linalg.pinv(self.s[np.ix_(out, out)], rcond=LEAST_DISCREPANCY_SHARE, hermitian=True)
-        gain = self.s[np.ix_(rest, out)] @ inverse
+        return self.among(np.delete(np.arange(len(self.u)), out), out)
+
+    def among(self, chosen: np.ndarray, out: np.ndarray) -> Discrepancies:
+        """Return the discrepancies of ``chosen`` observations when those ``out`` are left out; all others stay in."""
+        gain = self.s[np.ix_(chosen, out)] @ self._inverse(out)
         return Discrepancies(
-            self.points, self.point[rest], self.kind[rest], self.row[rest], self.axis[rest],
-            self.u[rest] - gain @ self.u[out], self.s[np.ix_(rest, rest)] - gain @ self.s[np.ix_(out, rest)],
-            self.sigma[rest],
+            self.points, self.point[chosen], self.kind[chosen], self.row[chosen], self.axis[chosen],
+            self.u[chosen] - gain @ self.u[out], self.s[np.ix_(chosen, chosen)] - gain @ self.s[np.ix_(out, chosen)],
+            self.sigma[chosen],
         )  # fmt: skip
+
+    def of_some(self, gcps: np.ndarray) -> Discrepancies:
+        """Return those of some GCPs (numbers into ``points``), which are numbered from 0 in it; all others stay in."""
+        chosen = np.flatnonzero(np.isin(self.point, gcps))
+        some = self.among(chosen, np.zeros(0, dtype=np.int64))
+        return replace(some, points=self.points[gcps], point=np.searchsorted(gcps, some.point))
 
     def of(self, gcps: Sequence[int]) -> np.ndarray:
         """Return the indices of all observations of some GCPs (numbers into ``points``)."""
@@ -87,12 +113,12 @@ class Discrepancies:
 def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
     """Return the discrepancies of some GCPs ``(g,)`` at a solution; observations without weight are no part of them."""
     observations, priors = problem.observations, solution.weighting.points
-    size = loop.prior_weight.shape
-    loop.system.factorise(solution.normals.blocks, loop.prior_weight)
+    system, parameters = loop.system, loop.prior_weight.shape[1]
+    system.factorise(solution.normals.blocks, loop.prior_weight)
     derivatives = _derivatives(problem, solution, points)
     surveys, miss = priors.matrices(points, observed=True), priors.miss_m(solution.state.ground[points], points)
     columns: list[list[np.ndarray]] = [[] for _ in range(6)]
-    own, by_cameras = [], []
+    own, by_cameras, unknowns = [], [], []
     for number, point in enumerate(points.tolist()):
         rows = np.arange(observations.first[point], observations.first[point + 1])
         rows = rows[solution.weight[rows] > 0.0]
@@ -103,14 +129,14 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(solution.weight[rows], 2)
         position = np.concatenate([np.eye(3), by_ground.reshape(-1, 3)])  # B
         inverse = solution.normals.inverse[point]
-        # A, and the point's answer to the cameras: -V^-1 W'
-        cameras = np.zeros((3 + 2 * k, *size))
-        answer = np.zeros((3, *size))
-        for place, row in enumerate(rows.tolist()):
-            camera = observations.camera[row]
-            cameras[3 + 2 * place : 5 + 2 * place, camera] = by_values[place]
-            answer[:, camera] -= solution.weight[row] * (inverse @ by_ground[place].T @ by_values[place])
-        depending = cameras + np.tensordot(position, answer, axes=1)
+        # A, and the point's answer to the cameras that see it: -V^-1 W'
+        seeing, place = np.unique(observations.camera[rows], return_inverse=True)
+        cameras = np.zeros((3 + 2 * k, len(seeing), parameters))
+        answer = np.zeros((3, len(seeing), parameters))
+        for measured, (row, camera) in enumerate(zip(rows.tolist(), place.tolist(), strict=True)):
+            cameras[3 + 2 * measured : 5 + 2 * measured, camera] = by_values[measured]
+            answer[:, camera] -= solution.weight[row] * (inverse @ by_ground[measured].T @ by_values[measured])
+        depending = cameras + np.tensordot(position, answer, axes=1)  # R
         used = np.flatnonzero(weight.diagonal() > 0.0)
         unit = 1.0 / np.sqrt(weight.diagonal()[used])
         weight = weight[np.ix_(used, used)]
@@ -118,7 +144,8 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         residual = np.concatenate([miss[number], solution.normals.residual[rows].ravel()])[used]
         position = position[used]
         own.append((weight - weight @ position @ inverse @ position.T @ weight) * unit * unit[:, None])
-        by_cameras.append(np.tensordot(weighted, depending[used], axes=1))
+        by_cameras.append(weighted @ depending[used].reshape(len(used), -1))
+        unknowns.append((seeing[:, None] * parameters + np.arange(parameters)).ravel())
         for column, values in zip(
             columns,
             (
@@ -130,14 +157,20 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         ):  # fmt: skip
             column.append(values)
     point, kind, row, axis, u, sigma = (np.concatenate(column) for column in columns)
-    right = np.concatenate(by_cameras)
-    spread = loop.system.solve(np.moveaxis(right, 0, -1))
-    s = -right.reshape(len(right), -1) @ spread.reshape(-1, len(right))
+    s = -system.quadratic(_by_unknown(by_cameras, unknowns, loop.prior_weight.size))
     begin = 0
     for block in own:
         s[begin : begin + len(block), begin : begin + len(block)] += block
         begin += len(block)
     return Discrepancies(points, point, kind, row, axis, u, 0.5 * (s + s.T), sigma)
+
+
+def _by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:
+    """Return the sparse matrix of blocks of rows that stand below each other, each with the unknowns of its columns."""
+    starts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
+    columns = np.concatenate([np.tile(own, len(block)) for block, own in zip(blocks, unknowns, strict=True)])
+    values = np.concatenate([block.ravel() for block in blocks])
+    return sparse.csr_matrix((values, columns, np.r_[0, np.cumsum(starts)]), shape=(len(starts), count))
 
 
 def _derivatives(problem: Problem, solution: Solution, points: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -153,5 +186,6 @@ def _derivatives(problem: Problem, solution: Solution, points: np.ndarray) -> di
         values = solution.state.values[observations.camera_of_image[index]]
         at = linearise(values, solution.state.ground[observations.point[rows[here]]])
         by_values[here], by_ground[here] = at.by_values, at.by_ground
-    of_point = observations.point[rows]
-    return {int(point): (by_values[of_point == point], by_ground[of_point == point]) for point in points}
+    last = np.cumsum([np.count_nonzero(observations.point[rows] == point) for point in points])
+    groups = zip(np.split(by_values, last[:-1]), np.split(by_ground, last[:-1]), strict=True)
+    return dict(zip(points.tolist(), groups, strict=True))

@@ -18,21 +18,19 @@ from ..equations import PointPriors
 from ..equations.camera_system import Factored
 from ..gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
 from ..outcome import Found
-from ..precision import precision
 from ..problem import Problem
 from ..result import Decision, Finding
 from .consensus import consensus
 from .control import suspects
 from .discrepancies import Discrepancies, discrepancies
 from .findings import finding, leave_out
-from .ties import point_squares, survey_or_ray_tests, tie_decisions, tie_variance
+from .ties import point_squares, tie_decisions, tie_variance
 
 TIE_ROUNDS, CONTROL_ROUNDS = 6, 3
 RARE = 2e-4  # share of the measurements whose change of decision is not worth another round
 STRONG_DRIFT = 10.0  # times the drift that is taken for usual; what no sensor exceeds
 TESTING_TOLERANCE = 1e-6  # of the cost: squares to a millionth tell who is wrong
 LENIENT = 1e-3  # factor of the surveys' weights while measurements are judged: sigmas thirty times as large
-MOST_GCPS = 60  # tested together; of more, the most suspicious half of these and others all over the block
 
 
 class Snooping:
@@ -127,10 +125,10 @@ class Snooping:
             gcps = self._gcps(solution)
             if len(gcps) < 2:
                 break
-            control = discrepancies(problem, self.loop, solution, self._most_suspicious(solution, gcps))
-            found = suspects(control, problem.options.reject_sigma, len(gcps))
+            control = discrepancies(problem, self.loop, solution, gcps)
+            found = suspects(control, problem.options.reject_sigma)
             if found and self._may_drift():
-                drifting = suspects(self._drifting(solution, control.points), problem.options.reject_sigma, len(gcps))
+                drifting = suspects(self._drifting(solution, gcps), problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
                 found = [one for one in found if suspected.intersection(one.concerned)]
             said = [finding(problem, control, one) for one in found]
@@ -171,13 +169,3 @@ class Snooping:
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
         held = weighting.contributes & weighting.points.held & observations.surveyed
         return np.flatnonzero(held & measured & (self.survey_weight > 0.0).any(axis=1))
-
-    def _most_suspicious(self, solution: Solution, gcps: np.ndarray) -> np.ndarray:
-        """Return the GCPs to test together: all, or those that fail tests of their own most, and some all over."""
-        if len(gcps) <= MOST_GCPS:
-            return gcps
-        precise = precision(self.problem.equations, self.loop, solution)
-        order = gcps[np.argsort(-survey_or_ray_tests(self.problem.observations, solution, precise, gcps))]
-        worst, others = order[: MOST_GCPS // 2], np.sort(order[MOST_GCPS // 2 :])
-        spread = others[np.linspace(0, len(others) - 1, MOST_GCPS // 2).astype(int)]
-        return np.sort(np.concatenate([worst, spread]))

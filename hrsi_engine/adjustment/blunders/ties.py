@@ -18,7 +18,7 @@ from scipy import special
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
-from ..precision import Precision, deletion_tests, survey_tests
+from ..precision import deletion_tests
 from ..result import Decision
 from .consensus import pairs_of
 from .limits import critical_value, error_probability, shared_sigmas
@@ -265,19 +265,3 @@ class PointRays:
         cofactor = prior[:, :, None, None] * np.eye(2) - seen
         tests = deletion_tests(left.reshape(-1, 2), cofactor.reshape(-1, 2, 2), weight.ravel())
         return tests.reshape(count, length), np.einsum("akc,akc,ak->a", left, left, weight)
-
-
-def survey_or_ray_tests(
-    observations: Observations, solution: Solution, precise: Precision, gcps: np.ndarray
-) -> np.ndarray:
-    """Return the largest test value of each GCP's position and measurements, ``(g,)``, one at a time."""
-    priors = solution.weighting.points
-    survey_weight = priors.matrices(gcps, observed=True)
-    miss = priors.miss_m(solution.state.ground[gcps], gcps)
-    of_miss = np.linalg.inv(priors.matrices(gcps)) - precise.points[gcps]
-    rows, first = observations.rows_of(gcps)
-    of_rows = np.where(
-        solution.weight[rows] > 0.0,
-        deletion_tests(solution.normals.residual[rows], precise.residuals[rows], solution.weight[rows]), 0.0,
-    )  # fmt: skip
-    return np.maximum(survey_tests(miss, of_miss, survey_weight), np.maximum.reduceat(of_rows, first))

@@ -37,6 +37,9 @@ class CameraSystem(Protocol):
     def braked(self, step: np.ndarray) -> float:
         """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
 
+    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+        """Return the cofactors ``(k, k)`` of functions of the unknowns with sparse derivatives ``rows (k, c p)``."""
+
     def cofactors(self) -> np.ndarray | None:
         """Return the blocks of the inverse on the pattern, None where they are not known."""
 
@@ -93,6 +96,10 @@ class Factored(_Scaled):
         flat = (scale * right).reshape(self.scale.size, *right.shape[2:])
         return scale * self._factor.solve(flat).reshape(right.shape)
 
+    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+        """See `CameraSystem`."""
+        return self._factor.quadratic(sparse.csr_matrix(rows @ sparse.diags(self.scale.ravel())))
+
     def cofactors(self) -> np.ndarray:
         """See `CameraSystem`."""
         inverse = self._factor.inverse_blocks()
@@ -132,6 +139,11 @@ class Iterative(_Scaled):
                 f"the camera system did not converge in {CG_ITERATIONS} iterations: add GCPs or tie points"
             )
         return self.scale * x.reshape(right.shape)
+
+    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+        """See `CameraSystem`."""
+        right = rows.toarray().T.reshape(*self.scale.shape, rows.shape[0])
+        return np.asarray(rows @ self.solve(right).reshape(self.scale.size, -1))
 
     def cofactors(self) -> None:
         """See `CameraSystem`."""

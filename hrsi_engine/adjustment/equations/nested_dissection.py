@@ -203,6 +203,35 @@ class SparseFactor:
             x[own] = front.factor.T @ (x[own] - front.coupling.T @ x[border])
         return x
 
+    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+        """Return ``R A^-1 R' (k, k)`` of sparse ``rows R (k, u)``.
+
+        With the factors L of A it is Y' Y for L Y = R'. A row takes part only in the fronts from its own unknowns up to
+        the root, so that rows from all over a block cost little more than the fronts that they share.
+        """
+        result = np.zeros((rows.shape[0],) * 2)
+        by_unknown = rows.tocsc()
+        borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and what they bring to a front's border
+        for front in self.fronts:
+            own = len(front.own) * self.size
+            here = by_unknown[:, self._unknowns(front.own)].tocoo()
+            brought = [borders.pop(id(child)) for child in front.children]
+            taking_part = np.unique(np.concatenate([here.row, *(numbers for numbers, _ in brought)]))
+            if not len(taking_part):
+                borders[id(front)] = taking_part, np.zeros((len(front.border) * self.size, 0))
+                continue
+            cameras = np.concatenate([front.own, front.border])
+            place = {int(camera): number for number, camera in enumerate(cameras)}
+            x = np.zeros((len(cameras) * self.size, len(taking_part)))
+            x[here.col, np.searchsorted(taking_part, here.row)] = here.data
+            for child, (numbers, values) in zip(front.children, brought, strict=True):
+                at = self._unknowns(np.array([place[int(camera)] for camera in child.border], dtype=np.int64))
+                x[np.ix_(at, np.searchsorted(taking_part, numbers))] += values
+            y = front.factor @ x[:own]
+            result[np.ix_(taking_part, taking_part)] += y.T @ y
+            borders[id(front)] = taking_part, x[own:] - front.coupling @ y
+        return result
+
     def inverse_blocks(self) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern of the matrix."""
         result = np.empty((len(self._columns), self.size, self.size))
