@@ -6,8 +6,10 @@ is ``a0 + aS u + aL v``. The direction ``(tan psi_x, tan psi_y, -1)`` of the ray
 station, followed down to the height z, and the whole is turned by psi_z about the middle of the image. All derivatives
 are those of these steps, one after the other.
 
-The observation equation in metres, ``(x, y)(image point, values, z) = ground``, becomes one in pixels by the inverse of
-its derivative by the image point.
+The observation equation in metres, ``(x, y)(image point, values, z) = ground``, becomes one in pixels by two Newton
+steps for the image point: the first from where it is observed, the second from where that leads, with the derivatives
+there. One would do where residuals are small; with large ones its derivatives by the values lack how the step itself
+changes, and an adjustment that follows them ends beside its minimum (a descent by false derivatives never knows it).
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ def _turn(roll: Number, pitch: Number, yaw: Number, x: Number, y: Number, z: Num
 
 def meet_height(
     constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, row: RowIndex,
-    sample: Number, line: Number, z: Number,
+    sample: Number, line: Number, z: Number, ahead: Couple[Number],
 ) -> Any:  # fmt: skip
     """Return where the corrected ray of an image point meets frame height z, with all derivatives.
 
@@ -58,14 +60,17 @@ def meet_height(
     ----------
     constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
     rays : (n, 18) of `pseudo_rays.pseudo_rays`; row : the image point, or all of them
-    sample, line : px; z : m
+    sample, line : px, to which the ray of ``row`` belongs; z : m
+    ahead : px in sample and line from there to the image point whose ray is meant, which differs linearly
 
     Returns
     -------
     (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line; (x, y)
     by z; and the terms (1, u, v) of the corrections. The sag of a ray is left as it is.
     """
-    u, v = (sample - constants[i, 12]) / constants[i, 14], (line - constants[i, 13]) / constants[i, 15]
+    to_sample, to_line = ahead
+    u = (sample + to_sample - constants[i, 12]) / constants[i, 14]
+    v = (line + to_line - constants[i, 13]) / constants[i, 15]
     a = coefficients
     dx, dy, dh = (
         a[i, 0, 0] + a[i, 0, 1] * u + a[i, 0, 2] * v,
@@ -76,7 +81,8 @@ def meet_height(
     yaw, psi_z = a[i, 5, 0] + a[i, 5, 1] * u + a[i, 5, 2] * v, a[i, 6, 0] + a[i, 6, 1] * u + a[i, 6, 2] * v
 
     # the direction, turned at its station; ``pitched`` and ``rolled`` are on the way, for the derivatives
-    tx, ty = rays[row, 2], rays[row, 3]
+    tx = rays[row, 2] + rays[row, 8] * to_sample + rays[row, 9] * to_line
+    ty = rays[row, 3] + rays[row, 10] * to_sample + rays[row, 11] * to_line
     pitched_z, pitched_y = _rotate(pitch, -1.0, ty)
     rolled_z, rolled_x = _rotate(roll, pitched_z, tx)
     x, y = _rotate(yaw, rolled_x, pitched_y)
@@ -95,8 +101,9 @@ def meet_height(
     by_line = _slope(_turn(roll, pitch, yaw, rays[row, 9], rays[row, 11], 0.0), x, y, down)
 
     # from the station down to z, then turned about the middle of the image by psi_z
-    drop = rays[row, 16] + dh - z
-    flat_x, flat_y = rays[row, 0] + dx + drop * x, rays[row, 1] + dy + drop * y
+    drop = rays[row, 16] + rays[row, 17] * to_line + dh - z
+    flat_x = rays[row, 0] + rays[row, 4] * to_sample + rays[row, 5] * to_line + dx + drop * x
+    flat_y = rays[row, 1] + rays[row, 6] * to_sample + rays[row, 7] * to_line + dy + drop * y
     cos, sin = np.cos(psi_z), np.sin(psi_z)
     share = (rays[row, 14] - z) / rays[row, 15]
     bow, bow_by_z = 4.0 * share * (1.0 - share), -4.0 * (1.0 - 2.0 * share) / rays[row, 15]
@@ -157,15 +164,24 @@ def see_by_rays(
     place_x = c[i, 0] * x + c[i, 1] * y + c[i, 2] * z
     place_y = c[i, 3] * x + c[i, 4] * y + c[i, 5] * z
     place_z = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
+    none = 0.0 * place_z
+    meeting, _, _, by_image, _, _ = meet_height(
+        constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, (none, none)
+    )
+    xs, xl, ys, yl = by_image
+    determinant = xs * yl - xl * ys
+    miss_x, miss_y = place_x - meeting[0], place_y - meeting[1]
+    ahead = (yl * miss_x - xl * miss_y) / determinant, (xs * miss_y - ys * miss_x) / determinant
+    # where the step ends, the derivatives are those of the projection also if the residual is large
     meeting, x_by, y_by, by_image, by_z, basis = meet_height(
-        constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z
+        constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, ahead
     )
     xs, xl, ys, yl = by_image
     determinant = xs * yl - xl * ys
     sample_x, sample_y, line_x, line_y = yl / determinant, -xl / determinant, -ys / determinant, xs / determinant
     miss_x, miss_y = place_x - meeting[0], place_y - meeting[1]
-    computed[a, 0] = xy[row, 0] + sample_x * miss_x + sample_y * miss_y
-    computed[a, 1] = xy[row, 1] + line_x * miss_x + line_y * miss_y
+    computed[a, 0] = xy[row, 0] + ahead[0] + sample_x * miss_x + sample_y * miss_y
+    computed[a, 1] = xy[row, 1] + ahead[1] + line_x * miss_x + line_y * miss_y
     for k in range(3):
         e = axes[k]
         up = c[i, 6] * e[0] + c[i, 7] * e[1] + c[i, 8] * e[2]

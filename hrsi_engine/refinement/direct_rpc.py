@@ -8,7 +8,7 @@ point by point, or in one step. With N the normal matrix of the coefficients fro
 
 | method   | source               | information C^-1                          | estimation                          |
 |----------|----------------------|-------------------------------------------|-------------------------------------|
-| `direct` | Di et al. 2003       | I / 1²: nearly nothing, keeps it regular  | batch, vendor's values at the start |
+| `direct` | Di et al. 2003       | diagonal, 1 and 0.01: nearly nothing      | batch, iterated                     |
 | `bils`   | Hu and Tao 2002      | N                                         | batch, iterated                     |
 | `idkf`   | Hu and Tao 2002      | the same                                  | Kalman filter, one GCP at a time    |
 | `pg`     | Bang et al. 2003     | N of the few pseudo GCPs of `PSEUDO_GRID` | batch, iterated                     |
@@ -20,8 +20,13 @@ virtual grid (a given one enters through `with_covariance`). It describes the *s
 about 20 px, not the noise of the fit: else no GCP could move the image. Pseudo GCPs weigh as much together. A
 parameter observation is as good as its effect in the image at the edge of the normalised domain, again 20 px.
 Combinations of coefficients that the grid determines `WEAKEST` times worse than its best count as known that well:
-numerators and denominators are nearly collinear, and left free they give the RPC poles between the GCPs. Coefficients
-of equal denominators are corrected separately.
+numerators and denominators are nearly collinear, and left free they give the RPC poles between the GCPs; for the same
+reason `direct`, which knows nothing else, believes that a denominator changes by a few hundredths over the image.
+Coefficients of equal denominators are corrected separately.
+
+Iteration begins with what is linear. With the denominators D of the last step and y what was observed, the equations
+``(y D(w) - N(w)) / D`` have no poles (Sanathanan and Koerner 1963); their solution is near that of y - N(w) / D(w),
+whose own linearisation at the vendor's values may lead anywhere.
 """
 
 from __future__ import annotations
@@ -43,6 +48,7 @@ SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice
 DIRECT_GRID = (10, 10, 5)  # samples, lines, heights
 PSEUDO_GRID = (3, 3, 3)
 SYSTEMATIC_PX = 20.0
+LOOSE_DENOMINATOR = 0.01  # sigma of a coefficient for `direct`
 WEAKEST = 1e-4  # smallest eigenvalue of the information, over the largest
 
 Information = Callable[[Image], np.ndarray]
@@ -84,7 +90,18 @@ class DirectRPC:
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             rpc = correct(image.rpc, root @ values)
             computed, by_ground = rpc.project_with_metric_jacobian(ground)
-            return Equations(computed, by_coefficients(rpc, ground) @ root, by_ground)
+            return Equations(computed, by_coefficients(rpc, ground, computed) @ root, by_ground)
+
+        return linearise
+
+    def linear_equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
+        """Return the equations times the denominators, over those of the values: see the module's text."""
+        root = self._root(image)
+
+        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
+            rpc = correct(image.rpc, root @ values)
+            computed, by_ground = rpc.project_with_metric_jacobian(ground)
+            return Equations(computed, by_coefficients(rpc, ground, observed_px) @ root, by_ground)
 
         return linearise
 
@@ -118,10 +135,10 @@ def correct(rpc: RPC, change: np.ndarray) -> RPC:
     return replace(rpc, **new)
 
 
-def by_coefficients(rpc: RPC, ground: np.ndarray) -> np.ndarray:
-    """Return the derivatives ``(n, 2, 78)`` of image points by the coefficients, px."""
+def by_coefficients(rpc: RPC, ground: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Return the derivatives ``(n, 2, 78)`` of image points ``xy (n, 2)`` by the coefficients, px."""
     terms = monomials(rpc.normalise(ground)).T
-    ratios = (rpc.project(ground) - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
+    ratios = (xy - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
     denominators = rpc.denominators(ground).T
     result = np.zeros((len(ground), 2, COEFFICIENTS))
     for axis, (scale, names) in enumerate(
@@ -135,10 +152,17 @@ def by_coefficients(rpc: RPC, ground: np.ndarray) -> np.ndarray:
 
 def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarray:
     """Return the normal matrix of the coefficients from a virtual grid over the image."""
-    _, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
+    xy, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
     sigma_px = SYSTEMATIC_PX * np.sqrt(np.count_nonzero(converged))
-    matrix = by_coefficients(image.rpc, ground[converged]).reshape(-1, COEFFICIENTS) / sigma_px
+    matrix = by_coefficients(image.rpc, ground[converged], xy[converged]).reshape(-1, COEFFICIENTS) / sigma_px
     return np.asarray(matrix.T @ matrix)
+
+
+def _loose_information() -> np.ndarray:
+    """Return the information of coefficients of which only the size is known: of order 1, denominators nearly 1."""
+    sigma = np.ones(COEFFICIENTS)
+    sigma[SLICES["samp_den"]] = sigma[SLICES["line_den"]] = LOOSE_DENOMINATOR
+    return np.diag(1.0 / sigma**2)
 
 
 def _parameter_information(image: Image) -> np.ndarray:
@@ -153,7 +177,7 @@ def _parameter_information(image: Image) -> np.ndarray:
 DIRECT = {
     model.name: model
     for model in (
-        DirectRPC("direct", "all coefficients again from the GCPs", lambda image: np.eye(COEFFICIENTS)),
+        DirectRPC("direct", "all coefficients again from the GCPs", lambda _image: _loose_information()),
         DirectRPC(
             "bils", "coefficients by batch least squares with their covariance",
             lambda image: _virtual_information(image, DIRECT_GRID),

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,9 +22,16 @@ from ..block.block import Image
 from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
+from .direct_rpc import DirectRPC
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 ESTIMATE_MAX_ITERATIONS = 30
+LINEAR_STEPS = 3  # of the direct methods, before any other
+FROM_AFAR, AFAR = 4, 100.0  # steps at most, while residuals are so many sigmas
+SLOPES_ONLY = 8  # steps without the model's curvature
+CURVATURE_REACH = 0.1  # differences for it, in sigmas of a parameter
+LEAST_BEND = 1e-2
+UNSETTLED = 2.0  # how much more the cost may be with the weights that belong to a minimum
 WEIGHED = 3  # times that the weights are computed, the start's included
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
 #: errors up to 0.1 rad (tens of thousands of pixels).
@@ -169,10 +177,39 @@ class _Equations:
             survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
             covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
             roots = np.linalg.inv(np.linalg.cholesky(covariance))
-        matrix = (roots @ at.by_values).reshape(2 * len(control), -1) * self.sigmas
+        matrix = self._whitened(roots, at.by_values)
         right = np.einsum("nij,nj->ni", roots, residual).ravel()
         cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
         return _Whitened(values, roots, matrix, right, residual, cost)
+
+    def _whitened(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
+        return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
+
+    def gradient(self, at: _Whitened) -> np.ndarray:
+        """Return the downward slope of the cost by the scaled parameters, ``(p,)``."""
+        return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
+
+    def curved_normal(self, at: _Whitened) -> np.ndarray:
+        """Return the second derivatives ``(p, p)`` of the cost by the scaled parameters, made positive.
+
+        With A the matrix and r the residuals they are ``A' A + I - sum_i r_i (second derivatives of i)``; the sum by
+        differences of A along each parameter. Directions along which the cost is bent downwards count as bent upwards
+        as much, and none as less than `LEAST_BEND` of ``A' A + I``: so every step leads down at first (Dauphin et al.
+        2014, saddle-free Newton).
+        """
+        p = len(self.sigmas)
+        normal = at.matrix.T @ at.matrix + np.eye(p)
+        second = np.empty((p, p))
+        for k, reach in enumerate(CURVATURE_REACH / np.sqrt(normal.diagonal())):
+            change = np.zeros(p)
+            change[k] = reach * self.sigmas[k]
+            ahead, behind = (self.linearise(at.values + to, self.control.ground).by_values for to in (change, -change))
+            second[k] = self._whitened(at.roots, ahead - behind).T @ at.right / (2.0 * reach)
+        half = np.linalg.cholesky(normal)
+        inverse = np.linalg.inv(half)
+        bends, vectors = np.linalg.eigh(np.eye(p) - inverse @ (0.5 * (second + second.T)) @ inverse.T)
+        axes = half @ vectors
+        return np.asarray((axes * np.maximum(np.abs(bends), LEAST_BEND)) @ axes.T)
 
 
 def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
@@ -186,34 +223,77 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     return _finish(equations.at(values), sigmas, iterations, status)
 
 
-def iterate(equations: _Equations) -> tuple[np.ndarray, int, str]:
-    """Batch iterative least squares, damped where a step makes the fit worse; return values, steps and status."""
+def iterate(equations: _Equations, values: np.ndarray | None = None, steps: int = 0) -> tuple[np.ndarray, int, str]:
+    """Batch iterative least squares, damped where a step makes the fit worse; return values, steps and status.
+
+    ``values`` are where to begin, after so many ``steps``; by default those of the vendor.
+
+    From afar (0.1 rad are tens of thousands of pixels) the first steps take the observations for as bad as they fit, so
+    that the priors hold what a few pixels cannot tell apart there. The steps of Gauss and Newton end most problems.
+    Where large residuals meet a curved model they converge slowly or not at all; after `SLOPES_ONLY` of them the
+    equations have the curvature of the model too.
+    """
     sigmas = equations.sigmas
     lost: list[SolveError] = []
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
+    curved_normal = lru_cache(maxsize=1)(equations.curved_normal)  # a refused step begins at the same place again
 
-    def step(at: _Whitened, damping: float) -> Step[_Whitened]:
-        by_values = _solve(at.matrix, at.right, at.values, sigmas, damping)
-        gradient = at.matrix.T @ at.right - _scale(at.values, sigmas)
+    def by_slopes(at: _Whitened, damping: float) -> Step[_Whitened]:
+        return go(at, _solve(at.matrix, at.right, at.values, sigmas, damping), damping)
+
+    def by_curvature(at: _Whitened, damping: float) -> Step[_Whitened]:
+        normal = curved_normal(at) + damping * np.diag(_diagonal(at.matrix))
+        return go(at, np.linalg.solve(normal, equations.gradient(at)), damping)
+
+    def go(at: _Whitened, by_values: np.ndarray, damping: float) -> Step[_Whitened]:
         braked = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
-        promised = 0.5 * float(by_values @ gradient) + braked
+        promised = 0.5 * float(by_values @ equations.gradient(at)) + braked
         try:
             return Step(equations.at(at.values + sigmas * by_values, at.roots), promised, braked)
         except SolveError as error:
             lost.append(error)
             return Step(replace(at, cost=np.inf), promised, braked)
 
-    values, steps = np.zeros(len(sigmas)), 0
+    def variance(at: _Whitened) -> float:
+        return max(1.0, 2.0 * at.cost / freedom)
+
+    at = equations.at(np.zeros(len(sigmas)) if values is None else values)
+    first = steps
+    while steps < first + FROM_AFAR and (misfit := float(np.sqrt(np.mean(at.right**2)))) > AFAR:
+        nearer = go(at, _solve(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
+        steps += 1
+        if not nearer.cost < at.cost:
+            break
+        at = nearer
+    values, slopes_do, settled = at.values, True, np.inf
     for _ in range(WEIGHED):
-        ended = descend(
-            equations.at(values), step, lambda at: max(1.0, 2.0 * at.cost / freedom), ESTIMATE_MAX_ITERATIONS - steps
-        )
-        values, steps = ended.at.values, steps + ended.steps
+        at = equations.at(values)
+        unsettled = at.cost > UNSETTLED * settled
+        if slopes_do:
+            ended = descend(at, by_slopes, variance, min(SLOPES_ONLY, ESTIMATE_MAX_ITERATIONS - steps))
+            at, steps, slopes_do = ended.at, steps + ended.steps, ended.converged
+        if not slopes_do and steps < ESTIMATE_MAX_ITERATIONS:
+            ended = descend(at, by_curvature, variance, ESTIMATE_MAX_ITERATIONS - steps)
+            at, steps = ended.at, steps + ended.steps
+        values, settled = at.values, at.cost
         if not ended.converged or steps >= ESTIMATE_MAX_ITERATIONS:
             break
     if lost and not ended.converged:
         raise lost[0]
-    return values, steps, ended.status
+    why = ": with the corrected RPC its control has other weights, and with these it is another RPC"
+    return values, steps, ended.status + (why if unsettled and not ended.converged else "")
+
+
+def iterate_from_linear(equations: _Equations) -> tuple[np.ndarray, int, str]:
+    """Begin with what is linear in the coefficients of a rational function, then iterate."""
+    model, sigmas = equations.model, equations.sigmas
+    assert isinstance(model, DirectRPC)
+    linear = replace(equations, linearise=model.linear_equations(equations.image, equations.control.xy))
+    at = best = linear.at(np.zeros(len(sigmas)))
+    for _ in range(LINEAR_STEPS):
+        at = linear.at(at.values + sigmas * _solve(at.matrix, at.right, at.values, sigmas), at.roots)
+        best = min(best, at, key=lambda place: place.cost)
+    return iterate(equations, best.values, LINEAR_STEPS)
 
 
 def update_once(equations: _Equations) -> tuple[np.ndarray, int, str]:
@@ -240,6 +320,7 @@ def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, str]:
 
 #: How the models that are not estimated by `iterate` are: by the name of the model.
 UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, str]]] = {
+    **dict.fromkeys(("direct", "bils", "pg", "upoe"), iterate_from_linear),
     "slss": update_once,
     "idkf": update_one_by_one,
 }

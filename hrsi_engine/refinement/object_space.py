@@ -5,8 +5,8 @@ In metres east, north and up about the middle of the image, scaled by half its e
     E' = E + c + M X         image = RPC(E')
 
 with c the shift and M full (affine), diagonal (scale-shift) or absent (shift). The thesis corrects the ground that an
-RPC gives; this is its inverse, of the same family. On a single image a shift in height looks like one in position:
-the priors share the correction between them.
+RPC gives; this is its inverse, of the same family. On an image a shift in height looks like one in position: the
+priors give it to the latter.
 """
 
 from __future__ import annotations
@@ -25,6 +25,11 @@ from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex,
 from .refit import refit
 
 GROUND_AXES = ("east", "north", "up")
+UP = 2
+#: Prior sigmas of corrections in height over those in position, where both have all terms. An image sees only
+#: what lies across its rays, so height does there what position does too; left free, both grow along the rays for
+#: what little their directions differ, to where the RPC describes nothing.
+UP_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +49,10 @@ class GroundCorrection:
         """Return metres: of the shift, and of the drift from the middle of the image to its edge."""
         metres = 1.0 / px_per_m(image)
         drift = priors.drift * float(image.half_size_px.max()) * metres
-        return np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
+        sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
+        up = self.entries[:, 0] == UP
+        plan_does_it = {by for axis, by in self.entries.tolist() if axis != UP} >= set(self.entries[up, 1].tolist())
+        return np.where(up & plan_does_it, UP_SHARE * sigma, sigma)
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""

@@ -17,9 +17,9 @@ Position and attitude are nearly collinear; all corrections are estimated togeth
 (the diagonal of C_A, eq. 5.46): loose for the constants, tight for the drifts. So dH, dpsi_z and dyaw need not be left
 out with few GCPs, as the thesis does below 50.
 
-The observation equation in metres, (x, y)(image point, values, z) = ground, is brought to pixels with the inverse of
-its own derivative by the image point: that is one Newton step towards the corrected camera's projection, and exact
-where the residual is zero. `project` repeats the step. Both always go image -> ray -> ground, because under a large
+The observation equation in metres, (x, y)(image point, values, z) = ground, is brought to pixels by Newton steps
+towards the corrected camera's projection, of which `corrected_rays.see_by_rays` takes two. `project` takes as many as
+are needed, with the rays of where they lead. Both always go image -> ray -> ground, because under a large
 attitude error the ground lies where the vendor's RPC extrapolates badly.
 """
 
@@ -174,7 +174,7 @@ class PseudoSensor:
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
     ) -> Hit:
         """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
-        hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z)
+        hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, (0.0, 0.0))
         return Hit(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
 
 
