@@ -251,7 +251,8 @@ def _each(models: dict, run: Callable[[str], Run], points: int | None) -> tuple[
 HEAD = ("model", "steps", "status", "cost", "away, sigma", "check RMSE")
 INTRODUCTION = f"""# Does every model reach its minimum?
 
-Printed by `python benchmarks/convergence.py --docs`: every model on every real set, {ESTIMATE_MAX_ITERATIONS} steps at most.
+Printed by `python benchmarks/convergence.py --docs`: every model on every real set, {ESTIMATE_MAX_ITERATIONS} steps at
+most.
 *Away* is the distance from the minimum that SciPy's `least_squares` finds (from the vendor's RPCs and from where the
 engine ended, tolerances of 1e-13, residuals by the corrected camera itself), in standard deviations; 0 where the engine
 ended no higher. Check RMSE in px (sample, line) for images and in m (east, north, height) for blocks. `idkf` and `slss`
