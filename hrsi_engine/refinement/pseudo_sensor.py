@@ -174,7 +174,8 @@ class PseudoSensor:
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
     ) -> Hit:
         """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
-        hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, (0.0, 0.0))
+        here = np.zeros_like(z), np.zeros_like(z)
+        hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, here)
         return Hit(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
 
 
