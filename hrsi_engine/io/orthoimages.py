@@ -23,6 +23,7 @@ from osgeo import gdal
 from ..foundation.errors import Cancelled, OutputError
 from ..foundation.json_values import json_text
 from ..foundation.progress import Progress, advance, stage
+from .content_marks import content_mark
 from .datasets import config_option, gdal_messages, metadata_of, open_dataset
 from .leftovers import temporary_folder
 from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
@@ -161,9 +162,8 @@ def stored_figures(path: str) -> dict[str, Any]:
 
 
 def file_state(path: str) -> list[Any]:
-    """Return name, size and time of change of a file."""
-    state = os.stat(path)
-    return [os.path.abspath(path), state.st_size, state.st_mtime_ns]
+    """Return name and content of a dataset."""
+    return [os.path.abspath(path), content_mark(path)]
 
 
 def write_orthoimage(

@@ -15,6 +15,7 @@ from osgeo import gdal
 
 from ..block.block import Image
 from ..foundation.errors import InputError
+from .content_marks import content_mark
 from .datasets import gdal_messages
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
 from .rpc_files.reading import FoundRpc
@@ -109,7 +110,10 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
 
 
 def file_stamp(path: str) -> tuple[int, ...]:
-    """Return what tells one state of a file from another (size, time of change); zeros where that is not known."""
+    """Return what tells one state of an open file from another (size, time of change); zeros where that is not known.
+
+    For what one process keeps open; what later runs take up again is told by `content_marks.content_mark`.
+    """
     if path.startswith("/vsi"):
         status = gdal.VSIStatL(path)
         return (0, 0) if status is None else (int(status.size), int(status.mtime))
@@ -198,6 +202,10 @@ class GdalRaster:
         if np.issubdtype(grey.dtype, np.inexact):
             valid &= np.isfinite(grey)
         return grey, valid
+
+    def content_mark(self) -> str:
+        """Return what tells the content of the file and its side files from another: `content_marks.content_mark`."""
+        return content_mark(self.path)
 
     def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the whole image as means of ``step`` x ``step`` pixels, float32 and mask, ``(lines, samples)``.

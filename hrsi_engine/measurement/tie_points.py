@@ -239,8 +239,8 @@ class _Search:
 
 def _mark(image: Image) -> str:
     """Return what tells an image from another one, and from itself after a change of its file."""
-    stamp = image.raster.stamp if isinstance(image.raster, PyramidRaster) else ()
-    return digest(image.id, image.path, image.size, image.rpc, stamp)
+    content = image.raster.content_mark() if isinstance(image.raster, PyramidRaster) else ""
+    return digest(image.id, image.path, image.size, image.rpc, content)
 
 
 def _summaries(

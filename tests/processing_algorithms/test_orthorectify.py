@@ -427,3 +427,22 @@ def test_the_report_page_and_json(scene: Path, tmp_path: Path) -> None:
     assert "a_ortho.tif" in (tmp_path / "report.html").read_text(encoding="utf-8")
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert report["algorithm"] == "orthorectify" and report["images"]["a"]["status"] == "made"
+
+
+def test_changed_pixels_are_noticed_though_size_and_time_are_the_same(scene: Path, tmp_path: Path) -> None:
+    """Of the image and of the DEM: nothing made from others is kept."""
+    for name in ("a.tif", "dem.tif"):
+        (tmp_path / name).write_bytes((scene / name).read_bytes())
+    dem = str(tmp_path / "dem.tif")
+    ortho(tmp_path, tmp_path / "out", dem=dem)
+    for name in ("a.tif", "dem.tif"):
+        status = os.stat(tmp_path / name)
+        dataset = gdal.Open(str(tmp_path / name), gdal.GA_Update)
+        pixels = dataset.GetRasterBand(1).ReadAsArray()
+        pixels[7, 7] += 1
+        dataset.GetRasterBand(1).WriteArray(pixels)
+        del dataset
+        os.utime(tmp_path / name, ns=(status.st_atime_ns, status.st_mtime_ns))
+        with pytest.raises(InputError, match="made from other files"):
+            ortho(tmp_path, tmp_path / "out", dem=dem)
+        assert ortho(tmp_path, tmp_path / "out", dem=dem, overwrite=True)["images"]["a"]["status"] == "made"

@@ -42,9 +42,8 @@ class ImageWindow(NamedTuple):
 class PyramidRaster(Raster, Protocol):
     """A raster of a file: it knows a cheap way to its lower resolutions, and tells states of the file apart."""
 
-    @property
-    def stamp(self) -> tuple[int, ...]:
-        """Numbers that change when the file does."""
+    def content_mark(self) -> str:
+        """Return a text that differs when the content of the file or of its side files differs."""
 
     def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the whole image as means of ``step`` x ``step`` pixels, and where they are valid."""
