@@ -1,4 +1,4 @@
-"""What telling the content of an image of 40 000 x 40 000 pixels (3.2 GB) costs: ``python benchmarks/content_marks.py``.
+"""What telling the content of an image of 40 000 x 40 000 pixels costs: ``python benchmarks/content_marks.py``.
 
 Cold: the system holds nothing of the file; warm: it does. Beside it a file that is small enough to be hashed whole.
 """
