@@ -18,7 +18,7 @@ def run(options: SimulateOptions, context: Context) -> Report:
     """Simulate a block and write its files."""
     folder = options.folder.output_dir
     check_output_dir(folder, options.folder.overwrite)
-    views = simulation_inputs.make_views(options.views, options.vendor)
+    views = simulation_inputs.make_views(options.views, options.vendor, options.scene)
     simulated = simulate_block(options.scene, views, options.points, options.noise, stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.report_simulated_block(simulated, options)
     with stage_folder(folder, context.inputs, options.folder.overwrite) as temporary:

@@ -4,16 +4,18 @@ Layers, each importing only those above it::
 
     sensors     sensors by name, orientation errors, radiometry
     pushbroom   the physical camera: exact rays, both directions
+    acquisitions  dates of a year: sun, snow, air
     terrain     chart and fractal height surface
     views       which sensor looks from where
     surface     where rays first meet the terrain
     landscape   roads, parcels, objects with known shapes
     texture     grey values of the ground at any resolution
+    seasons     what is different on the ground from date to date
     scene       all of the ground together
     vendor      RPCs fitted to cameras
     control     points and measurements with errors
     synthesis   the block and its truth, no pixels
-    tiles, render   pixels of any window
+    tiles, lighting, render   pixels of any window
     truth_tables    the truth as tables
 """
 
@@ -25,7 +27,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "options": "Noise PointCounts SceneSpec",
         "sensors": "SENSORS OrientationError Radiometry Sensor StatedAccuracy",
         "pushbroom": "PushbroomCamera aim",
-        "views": "SceneView along_track_views strip_views",
+        "acquisitions": "Acquisition draw_acquisitions sun_position",
+        "views": "SceneView along_track_views dated_views strip_views",
         "surface": "locate_on_surface",
         "scene": "Scene",
         "vendor": "VendorRPC fit_camera multispectral_rpc",

@@ -199,12 +199,19 @@ class Landscape:
             found.kind, found.position_m * self.scale, found.size_m * self.scale, found.azimuth_rad, found.grey
         )
 
+    def parcels_within(self, half_extent_m: float) -> np.ndarray:
+        """Return row and column (unwrapped) of the parcels within a square around the chart's origin, ``(n, 2)``."""
+        count = int(np.ceil((half_extent_m / self.scale + 100.0) / PARCEL_M))
+        return np.mgrid[-count:count, -count:count].reshape(2, -1).T
+
+    def parcel_centres(self, parcels: np.ndarray) -> np.ndarray:
+        """Return chart metres of the middles of parcels ``(n, 2)``, scaled."""
+        return self.scale * self._centres(parcels, np.zeros((len(parcels), 2)))
+
     def _parcels_of(self, cover: str, reach: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels of a land cover within reach, ``(n, 2)``."""
-        count = int(np.ceil((reach + 100.0) / PARCEL_M))
-        rows, columns = np.mgrid[-count:count, -count:count].reshape(2, -1)
-        chosen = self.parcel_cover[rows % PARCELS, columns % PARCELS] == COVER_INDEX[cover]
-        return np.column_stack([rows, columns])[chosen]
+        parcels = self.parcels_within(reach * self.scale)
+        return parcels[self.parcel_cover[tuple(parcels.T % PARCELS)] == COVER_INDEX[cover]]
 
     def _draws(self, cells: np.ndarray, stream: int, count: int) -> np.ndarray:
         """Return ``(n, count)`` uniform draws in [0, 1) that belong to each parcel, whatever the scene's extent."""

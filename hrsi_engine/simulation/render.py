@@ -16,8 +16,10 @@ import numpy as np
 
 from ..block.block import Block
 from .landscape import SPECTRAL_BANDS
+from .lighting import LitPainter
 from .pushbroom import PushbroomCamera
-from .scene import Scene
+from .scene import Scene, objects_on
+from .seasons import season_texture
 from .sensors import Radiometry
 from .surface import RayPaths, meet_surface, ray_paths
 from .synthesis import SimulatedBlock
@@ -122,7 +124,10 @@ class ImageRenderer:
             Type float32.
         """
         paths = self.tile_paths(row, column)
-        return self.painter.grey(row, column, *paths.at(meet_surface(paths, self.scene.terrain)))
+        height = meet_surface(paths, self.scene.terrain)
+        east, north = paths.at(height)
+        lean = np.stack(paths.at(height + 1.0)) - (east, north)
+        return self.painter.grey(row, column, east, north, lean)
 
     def tile_paths(self, row: int, column: int) -> RayPaths:
         """Return the rays of a tile's pixels, from the exact ones at the nodes around it.
@@ -188,10 +193,18 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
     if band_index:
         camera = camera.coarsen(view.sensor.ms_ratio)
     blur_m = view.radiometry.psf_px * float(np.sqrt(np.prod(camera.gsd_m())))
-    painter = TilePainter.around(
-        camera.size, scene.texture.blur(blur_m, band_index, view.date, scene.spec.change),
-        scene.objects, camera.ground_to_image(scene.object_ground()), min(camera.gsd_m()), blur_m,
-    )  # fmt: skip
+    gsd_m = min(camera.gsd_m())
+    if view.acquisition is None:
+        texture = scene.texture.blur(blur_m, band_index, view.date, scene.spec.change)
+        centres = camera.ground_to_image(scene.object_ground())
+        painter = TilePainter.around(camera.size, texture, scene.objects, centres, gsd_m, blur_m)
+    else:
+        objects, height_m = objects_on(scene, view.acquisition)
+        position = objects.position_m
+        centres = camera.ground_to_image(scene.chart.to_ground(position, scene.terrain.height(*position.T)))
+        texture = season_texture(scene.texture, view.acquisition, scene.spec.lat_deg, blur_m, band_index)
+        around = TilePainter.around(camera.size, texture, objects, centres, gsd_m, blur_m)
+        painter = LitPainter.lit(around, scene.terrain, view.acquisition, height_m, gsd_m)
     return ImageRenderer(scene, camera, view.radiometry, painter, len(SPECTRAL_BANDS) * index + band_index)
 
 

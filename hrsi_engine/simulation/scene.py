@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from ..foundation.errors import InputError
+from .acquisitions import Acquisition
 from .landscape import Landscape, Objects, discs
 from .options import SceneSpec
+from .seasons import Chronicle, park_cars
 from .terrain import Chart, SimulatedTerrain, fractal_terrain
 from .texture import Texture
 from .views import SceneView
@@ -70,6 +72,11 @@ class Scene:
         return buildable.followed_by(apron).followed_by(target)
 
     @cached_property
+    def chronicle(self) -> Chronicle:
+        """What stands when, and how high, where the scene has dates."""
+        return Chronicle.of(self.objects, self.spec.seed, self.landscape.scale)
+
+    @cached_property
     def texture(self) -> Texture:
         """The random fields of the landscape."""
         return Texture(self.landscape)
@@ -104,3 +111,14 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
     scale = spec.scale or max(1.0, finest / GSD_OF_SCALE_ONE_M)
     landscape = Landscape(spec.seed, scale)
     return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)))
+
+
+def objects_on(scene: Scene, taken: Acquisition) -> tuple[Objects, np.ndarray]:
+    """Return what stands or lies on a scene on a date, cars included, and the heights of these objects ``(n,)``."""
+    standing = scene.chronicle.standing(taken.day)
+    kept, height_m = scene.objects.select(standing), scene.chronicle.height_m[standing]
+    cars = park_cars(scene.landscape, scene.half_extent_m, taken)
+    # Cars below the targets, which are surveyed and stay free
+    target = np.isin(kept.kind, ("apron", "target"))
+    found = kept.select(~target).followed_by(cars).followed_by(kept.select(target))
+    return found, np.concatenate([height_m[~target], np.zeros(len(cars)), height_m[target]])

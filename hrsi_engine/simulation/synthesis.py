@@ -12,6 +12,7 @@ from ..block.block import Block, Image, Role, assemble
 from ..foundation.errors import InputError
 from ..foundation.progress import Progress, advance, silent, stage
 from ..ground.geodesy import metres_per_degree
+from .acquisitions import Acquisition
 from .control import (  # fmt: skip
     TrueImagePoints,
     measure,
@@ -99,6 +100,12 @@ class SimulatedBlock:
     scene: Scene
     block: Block
     truth: Truth
+
+    @property
+    def acquisitions(self) -> tuple[Acquisition, ...]:
+        """The dates of the views, in the order of time; none where all were taken on one day."""
+        dates = {view.acquisition.number: view.acquisition for view in self.views if view.acquisition is not None}
+        return tuple(dates[number] for number in sorted(dates))
 
     def index(self, image_id: str) -> int:
         """Return the position of an image.

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy import fft, ndimage
@@ -30,6 +31,24 @@ from .landscape import (  # fmt: skip
 
 #: Width of the ramp with the same slope at the middle as a Gaussian edge of unit standard deviation.
 RAMP = np.float32(np.sqrt(2.0 * np.pi))
+SNOW_GREY, SNOW_ON_ROADS = 1450.0, 0.35
+
+
+@runtime_checkable
+class DatedLandscape(Protocol):
+    """What the landscape of a date has besides (`seasons.SeasonLandscape`)."""
+
+    @property
+    def parcel_season(self) -> np.ndarray:
+        """Share of the season's own texture, and how far snow covers a parcel, ``(2, PARCELS, PARCELS)``."""
+
+    @property
+    def snow(self) -> float:
+        """Share of the open land under snow."""
+
+    @property
+    def snow_line(self) -> float:
+        """What the broad field falls short of where snow lies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +192,26 @@ class BlurredTexture:
         landscape = self.landscape
         tables = (landscape.parcel_grey[self.band], *landscape.parcel_contrast)
         grey, contrast, canopy = (_blend(table, row, column, x, y, PARCELS - 1) for table in tables)
-        fine, broad, crowns = (sample_periodic(*field, e, n) for field in self.fields)
-        grey *= 1.0 + contrast * (fine + 0.6 * broad) + canopy * crowns
+        fine, broad, crowns, *season = (sample_periodic(*field, e, n) for field in self.fields)
+        own, snow = fine, None
+        if season:
+            assert isinstance(landscape, DatedLandscape)
+            share, hold = (_blend(table, row, column, x, y, PARCELS - 1) for table in landscape.parcel_season)
+            own = np.sqrt(1.0 - share**2) * fine + share * season[0]
+            if landscape.snow:
+                snow = hold * np.clip(4.0 * (landscape.snow_line - broad - 0.2 * season[0]) + 0.5, 0.0, 1.0)
+        grey *= 1.0 + contrast * (own + 0.6 * broad) + canopy * crowns
         # The share of road in each pixel
         free = (1.0 - self._roads_along(u)) * (1.0 - self._roads_along(v))
         road = 1.0 - free
-        return grey + road * (ROAD_GREY[self.band] * (1.0 + np.float32(0.05) * fine) - grey)
+        grey = grey + road * (ROAD_GREY[self.band] * (1.0 + np.float32(0.05) * fine) - grey)
+        if snow is not None:
+            grey += (
+                snow
+                * (1.0 - np.float32(1.0 - SNOW_ON_ROADS) * road)
+                * (np.float32(SNOW_GREY) * (1.0 + np.float32(0.03) * own) - grey)
+            )
+        return grey
 
     def _border_mixture(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the parcel before the nearest border and the share of the one behind it."""
@@ -219,6 +252,7 @@ CoverFunction = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray
 COVERAGE: dict[str, CoverFunction] = {
     "roof": rectangle_cover,
     "tank": disc_cover,
+    "car": rectangle_cover,
     "roundabout": disc_cover,
     "island": disc_cover,
     "apron": disc_cover,
@@ -226,13 +260,17 @@ COVERAGE: dict[str, CoverFunction] = {
 }
 
 
-def paint(
-    grey: np.ndarray, east: np.ndarray, north: np.ndarray, objects: Objects, index: int, sigma_m: float, band: int
-) -> None:
-    """Paint one object over the pixels of a window, in place; ``east`` and ``north`` are their chart metres."""
+def cover_of(objects: Objects, index: int, east: np.ndarray, north: np.ndarray, blur_m: float) -> np.ndarray:
+    """Return the share of each pixel that an object covers at chart positions."""
     east_off = (east - objects.position_m[index, 0]).astype(np.float32)
     north_off = (north - objects.position_m[index, 1]).astype(np.float32)
     sin, cos = np.float32(np.sin(objects.azimuth_rad[index])), np.float32(np.cos(objects.azimuth_rad[index]))
     ahead, right = sin * east_off + cos * north_off, cos * east_off - sin * north_off
-    cover = COVERAGE[str(objects.kind[index])](right, ahead, objects.size_m[index], sigma_m)
-    grey += cover * (objects.grey[index, band] - grey)
+    return COVERAGE[str(objects.kind[index])](right, ahead, objects.size_m[index], blur_m)
+
+
+def paint(
+    grey: np.ndarray, east: np.ndarray, north: np.ndarray, objects: Objects, index: int, sigma_m: float, band: int
+) -> None:
+    """Paint one object over the pixels of a window, in place; ``east`` and ``north`` are their chart metres."""
+    grey += cover_of(objects, index, east, north, sigma_m) * (objects.grey[index, band] - grey)

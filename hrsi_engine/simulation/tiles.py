@@ -81,14 +81,25 @@ class TilePainter:
         boxes = np.column_stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]])
         return cls(size, texture, objects, np.nan_to_num(boxes, nan=-1e9).astype(np.int64), blur_m)
 
-    def grey(self, row: int, column: int, east: np.ndarray, north: np.ndarray) -> np.ndarray:
-        """Return a tile's blurred grey values, float32, of the chart positions of its pixels."""
+    def grey(
+        self, row: int, column: int, east: np.ndarray, north: np.ndarray, lean: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return a tile's blurred grey values, float32, of the chart positions of its pixels.
+
+        ``lean (2, …)``, metres by which lines of sight move a metre above the ground, matters to what stands up.
+        """
         grey = self.texture.grey(east, north)
-        for index in self._touching.get((row, column), ()):
-            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * RENDER_TILE, row * RENDER_TILE], 2)
-            part = np.s_[max(l0, 0) : l1 + 1, max(s0, 0) : s1 + 1]
+        for index, part in self.touching(row, column):
             paint(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
         return grey
+
+    def touching(self, row: int, column: int) -> list[tuple[int, tuple[slice, slice]]]:
+        """Return the objects that touch a tile, in painting order, and the part of it that each one's box covers."""
+        found = []
+        for index in self._touching.get((row, column), ()):
+            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * RENDER_TILE, row * RENDER_TILE], 2)
+            found.append((index, (slice(max(l0, 0), l1 + 1), slice(max(s0, 0), s1 + 1))))
+        return found
 
     @cached_property
     def _touching(self) -> dict[tuple[int, int], list[int]]:

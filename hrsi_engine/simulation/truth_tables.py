@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..block.points import ROLE_LABELS, Role
-from .landscape import SPECTRAL_BANDS
+from .acquisitions import Acquisition
+from .landscape import PARCELS, SPECTRAL_BANDS
 from .pushbroom import PushbroomCamera
+from .seasons import SeasonLandscape, park_cars
 from .sensors import OrientationError
 from .synthesis import SimulatedBlock
 from .vendor import VendorRPC
@@ -127,6 +129,7 @@ def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
         "true_ground_points": TruthTable(truth.ground, columns),
         "true_image_points": _image_points(simulated),
         "objects": _objects(simulated),
+        **({"changes": _changes(simulated)} if simulated.acquisitions else {}),
     }
 
 
@@ -154,4 +157,40 @@ def _objects(simulated: SimulatedBlock) -> TruthTable:
         "length_m": objects.size_m[:, 0], "width_m": objects.size_m[:, 1],
         "azimuth_deg": np.degrees(objects.azimuth_rad),
     }  # fmt: skip
+    if simulated.acquisitions:
+        year = simulated.scene.chronicle
+        columns |= {"height_m": year.height_m, "built_day": year.built_day, "torn_day": year.torn_day}
     return TruthTable(ground, columns)
+
+
+def _changes(simulated: SimulatedBlock) -> TruthTable:
+    """Return what is different on each date: at a place of the ground, what it is and since when or on which date.
+
+    ``built`` and ``torn`` are buildings that are there or gone for the first time, ``ploughed`` and ``grown`` parcels
+    that are bare or green again for the first time, ``car`` those on the roads that day; ``snow`` stands at the centre.
+    """
+    scene, objects, year = simulated.scene, simulated.scene.objects, simulated.scene.chronicle
+    rows: list[tuple[str, Acquisition, np.ndarray]] = []
+    parcels = scene.landscape.parcels_within(scene.half_extent_m)
+    centres = scene.landscape.parcel_centres(parcels)
+    standing, bare = year.standing(-1.0), None
+    for taken in simulated.acquisitions:
+        season = SeasonLandscape.on(scene.landscape, taken, scene.spec.lat_deg)
+        now, ploughed = year.standing(taken.day), season.ploughed[tuple(parcels.T % PARCELS)]
+        rows.append(("built", taken, objects.position_m[now & ~standing]))
+        rows.append(("torn", taken, objects.position_m[standing & ~now]))
+        before = ploughed if bare is None else bare
+        rows.append(("ploughed", taken, centres[ploughed & ~before]))
+        rows.append(("grown", taken, centres[before & ~ploughed]))
+        rows.append(("car", taken, park_cars(scene.landscape, scene.half_extent_m, taken).position_m))
+        rows.append(("snow", taken, np.zeros((int(taken.snow > 0.0), 2))))
+        standing, bare = now, ploughed
+    count = [len(place) for _, _, place in rows]
+    place = np.concatenate([place for _, _, place in rows])
+    columns = {
+        "kind": np.repeat([kind for kind, _, _ in rows], count),
+        "date": np.repeat([taken.number for _, taken, _ in rows], count),
+        "day": np.repeat([taken.day for _, taken, _ in rows], count),
+        "snow": np.repeat([taken.snow for _, taken, _ in rows], count),
+    }  # fmt: skip
+    return TruthTable(scene.chart.to_ground(place, scene.terrain.height(*place.T)), columns)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .acquisitions import Acquisition
 from .options import HEADING_DEG, STRIP_OVERLAP
 from .pushbroom import PushbroomCamera, aim
 from .sensors import OrientationError, Radiometry, Sensor
@@ -42,6 +43,8 @@ class SceneView:
         How grey values become digital numbers.
     date : int
         Views of another date see the ground changed by `SceneSpec.change`.
+    acquisition : Acquisition, optional
+        A date of the year, with its sun, season and weather; it goes before ``date``.
     """
 
     id: str
@@ -56,6 +59,7 @@ class SceneView:
     vendor_error: OrientationError | None = None
     radiometry: Radiometry = Radiometry()
     date: int = 0
+    acquisition: Acquisition | None = None
 
     def camera(self, chart: Chart, height_m: float) -> PushbroomCamera:
         """Return the true camera.
@@ -165,4 +169,55 @@ def strip_views(
             offset = float(shift[0]), float(shift[1])
             prefix = f"strip{strip + 1}_{place + 1}"
             views += along_track_views(sensor, images_per_place, size, 0.0, heading_deg, offset, prefix)
+    return tuple(views)
+
+
+def dated_views(
+    sensor: Sensor,
+    acquisitions: Sequence[Acquisition],
+    images: int,
+    size: tuple[int, int],
+    heading_deg: float,
+    off_nadir_deg: float,
+    seed: int,
+) -> tuple[SceneView, ...]:
+    """Return views of one place on several dates, each date from another side.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The scanner.
+    acquisitions : sequence of Acquisition
+        The dates.
+    images : int
+        Taken from along the orbit on each date.
+    size : tuple of int
+        Samples and lines.
+    heading_deg : float
+        Azimuth of the flight.
+    off_nadir_deg : float
+        Largest angle of the middle of a date's views from the nadir; they spread evenly over the disc below it.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    tuple of SceneView
+        Date by date.
+    """
+    rng = np.random.default_rng([seed, 61])
+    width = len(str(len(acquisitions)))
+    views: list[SceneView] = []
+    for taken in acquisitions:
+        tilt, side = off_nadir_deg * np.sqrt(rng.random()), rng.uniform(0.0, 2.0 * np.pi)
+        missed = 0.04 * sensor.gsd_m * min(size) * rng.standard_normal(2)
+        for view in along_track_views(sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()):
+            views.append(
+                replace(
+                    view, id=f"d{taken.number:0{width}d}_{view.id.rpartition('_')[2]}",
+                    along_deg=float(view.along_deg + tilt * np.cos(side)), across_deg=float(tilt * np.sin(side)),
+                    offset_m=(float(missed[0]), float(missed[1])), acquisition=taken,
+                    radiometry=taken.radiometry(view.radiometry),
+                )
+            )  # fmt: skip
     return tuple(views)

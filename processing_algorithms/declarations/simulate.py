@@ -15,7 +15,23 @@ class ViewOptions:
     """Which sensor looks from where."""
 
     sensor: str = option("pleiades", "Sensor that takes the images", choices=SENSOR_NAMES)
-    images: int = option(2, "Number of images of each place", minimum=1, maximum=50, metavar="N")
+    images: int = option(2, "Number of images of each place and date", minimum=1, maximum=50, metavar="N")
+    dates: int = option(
+        1,
+        "Number of dates over a year, each seen from another side under its own sun; 1 takes all images on one day",
+        minimum=1,
+        maximum=366,
+        metavar="N",
+    )
+    off_nadir: float = option(
+        20.0,
+        "Largest off-nadir angle of the views of many dates",
+        minimum=0.0,
+        maximum=35.0,
+        unit="deg",
+        advanced=True,
+        metavar="DEG",
+    )
     size: int = option(
         2000, "Samples, and lines where those are not given, of each image", minimum=64, unit="px", metavar="PX"
     )
@@ -94,7 +110,10 @@ ALGORITHM = Algorithm(
     help=(
         "Takes pushbroom images of a fractal, textured ground through an exact physical camera, with RPCs whose "
         "orbit and attitude are wrong as a vendor's are. Writes images, terrain (ellipsoidal heights), ground points, "
-        "image points and the truth of all of them, to test methods and to plan blocks."
+        "image points and the truth of all of them, to test methods and to plan blocks.\n\n"
+        "With `dates` the images are taken over a year: shading and cast shadows as the sun stands, crops and leaves "
+        "by the season, ploughed fields, snow, buildings that stand up and of which some are built or torn down, cars, "
+        "haze and gain. truth.gpkg then says what changed when."
     ),
     options=SimulateOptions,
     module=algorithm_module(__name__),

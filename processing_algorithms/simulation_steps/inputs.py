@@ -7,8 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.simulation.acquisitions import draw_acquisitions
+from ...hrsi_engine.simulation.options import SceneSpec
 from ...hrsi_engine.simulation.sensors import SENSORS, OrientationError, Sensor
-from ...hrsi_engine.simulation.views import SceneView, along_track_views, strip_views
+from ...hrsi_engine.simulation.views import SceneView, along_track_views, dated_views, strip_views
 from ..declarations.simulate import VendorErrorOptions, ViewOptions
 
 #: Options that give the vendor's error, and the field of `OrientationError` that each one sets.
@@ -20,13 +22,20 @@ VENDOR_ERRORS = {
 }
 
 
-def make_views(options: ViewOptions, vendor: VendorErrorOptions) -> tuple[SceneView, ...]:
+def make_views(options: ViewOptions, vendor: VendorErrorOptions, scene: SceneSpec) -> tuple[SceneView, ...]:
     """Return the views that the options describe; raises `InputError` for angles that do not match the images."""
     sensor = SENSORS[options.sensor]
     samples = options.size
     size = (samples, options.lines or samples)
     heading, images = options.heading, options.images
-    if options.strips * options.places > 1:
+    across: float | None = options.across
+    if options.dates > 1:
+        if options.strips * options.places > 1:
+            raise InputError("`dates` are taken of one place: leave `strips` and `places` at 1")
+        taken_on = draw_acquisitions(options.dates, scene.lat_deg, scene.seed)
+        taken = dated_views(sensor, taken_on, images, size, heading, options.off_nadir, scene.seed)
+        across = options.across or None
+    elif options.strips * options.places > 1:
         taken = strip_views(sensor, options.strips, options.places, images, size, options.overlap, heading)
     else:
         taken = along_track_views(sensor, images, size, heading_deg=heading)
@@ -35,7 +44,7 @@ def make_views(options: ViewOptions, vendor: VendorErrorOptions) -> tuple[SceneV
     return tuple(
         replace(
             view,
-            across_deg=options.across,
+            across_deg=view.across_deg if across is None else across,
             along_deg=view.along_deg if angles is None else angles[number % images],
             vendor_error=error,
             jitter=jitter,

@@ -75,6 +75,21 @@ def test_the_adjustment_finds_the_vendors_error(tmp_path: Path):
     assert check["rmse_height_m"] < 0.5
 
 
+def test_dates_over_a_year(tmp_path: Path):
+    """Three dates with two images each: named by date, under their own sun, with the truth of what changed."""
+    run("simulate", output_dir=str(tmp_path), dates=3, images=2, off_nadir=5.0, size=128, gcps=0, checks=2, ties=5)
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert list(truth["images"]) == ["d1_1", "d1_2", "d2_1", "d2_2", "d3_1", "d3_2"]
+    days = [image["acquisition"]["day"] for image in truth["images"].values()]
+    assert days[0] == days[1] < days[2] == days[3] < days[4] < 365.0
+    suns = {image["acquisition"]["sun_elevation_deg"] for image in truth["images"].values()}
+    assert len(suns) == 3
+    layers = ogr.Open(str(tmp_path / "truth.gpkg"))
+    assert {layers.GetLayer(i).GetName() for i in range(layers.GetLayerCount())} >= {"changes", "objects"}
+    kinds = {feature["kind"] for feature in layers.GetLayerByName("changes")}
+    assert {"car", "ploughed", "built", "torn"} <= kinds
+
+
 def test_options_reach_the_block(tmp_path: Path):
     run(
         "simulate", output_dir=str(tmp_path), sensor="spot5", images=3, along="20,0,-20", vendor_attitude="1e-5,0,0",
@@ -94,6 +109,7 @@ def test_options_reach_the_block(tmp_path: Path):
         (dict(along="1,2,3"), "`along` is 1,2,3: give 2 numbers"),
         (dict(vendor_attitude="a,b,c"), "`vendor_attitude` is a,b,c"),
         (dict(lat=89.0), "is not a place"),
+        (dict(dates=3, strips=2), "`dates` are taken of one place"),
         (dict(sensor="landsat"), "not one of"),
     ],
 )

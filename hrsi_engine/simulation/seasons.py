@@ -1,0 +1,182 @@
+"""A year over the scene: what is different on the ground from date to date.
+
+Fields go through the
+year of a crop, ploughed, green, ripe, stubble; meadows and deciduous forest follow the season; the texture of soil and
+plants decorrelates over two months, that of roads and roofs never; snow lies in patches on winter days; a share of the
+buildings is built or torn down on some day; cars stand on the roads, others every time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtri
+
+from .acquisitions import YEAR_DAYS, Acquisition, day_of_season
+from .landscape import BLOCK_M, COVERS, PARCELS, PER_BLOCK, Landscape, Objects
+from .texture import BlurredTexture, PeriodicField, Texture
+
+TEXTURE_DAYS = 60.0  # after which soil and plants look altogether different close by
+BUILT_SHARE, TORN_SHARE = 0.12, 0.08
+CAR_SPACING_M, CAR_SIZE_M = 45.0, (4.6, 1.9)
+#: Visible and near infrared brightness of a field by the days since it was ploughed, relative to its usual one.
+CROP_DAYS = (0.0, 40.0, 110.0, 190.0, 225.0, 260.0, 330.0, 365.0)
+CROP_VISIBLE = (0.70, 0.78, 0.62, 0.80, 1.25, 1.10, 0.95, 0.90)
+CROP_NEAR_INFRARED = (0.45, 0.50, 1.15, 1.05, 0.70, 0.60, 0.55, 0.50)
+PLOUGHED_DAYS = 40.0
+WINTER_CROP_DAY, SUMMER_CROP_DAY, PLOUGHING_SPREAD_D = 285.0, 95.0, 18.0
+#: By land cover (the order of `COVERS`): share of the fine texture that belongs to the season; how far snow covers it.
+OWN_TEXTURE = (0.95, 0.9, 0.75, 0.45, 0.3, 0.0)
+SNOW_HOLD = (1.0, 1.0, 0.45, 0.7, 0.8, 0.0)
+
+
+# ---- the land ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SeasonLandscape(Landscape):
+    """The landscape on one date; ``day`` is that of the northern year with the same season."""
+
+    day: float = 0.0
+    snow: float = 0.0
+
+    @classmethod
+    def on(cls, landscape: Landscape, taken: Acquisition, lat_deg: float) -> SeasonLandscape:
+        """Return a landscape on the date of an acquisition."""
+        return cls(landscape.seed, landscape.scale, day=day_of_season(taken.day, lat_deg), snow=taken.snow)
+
+    @cached_property
+    def ploughing_day(self) -> np.ndarray:
+        """Day on which each parcel is ploughed, ``(PARCELS, PARCELS)``; that of fields counts, alike along strips."""
+        rng = np.random.default_rng([self.seed, 62])
+        by_row = np.kron(
+            np.random.default_rng([self.seed, 12]).random(self.block_cover.shape) < 0.5,
+            np.ones((PER_BLOCK, PER_BLOCK), dtype=bool),
+        )  # the strips of `Landscape.parcel_grey`
+        day = np.where(rng.random((PARCELS, PARCELS)) < 0.6, WINTER_CROP_DAY, SUMMER_CROP_DAY)
+        day += PLOUGHING_SPREAD_D * rng.standard_normal((PARCELS, PARCELS))
+        rows = np.repeat(day[:, ::PER_BLOCK], PER_BLOCK, axis=1)
+        return np.where(by_row, rows, np.repeat(day[::PER_BLOCK], PER_BLOCK, axis=0)) % YEAR_DAYS
+
+    @property
+    def ploughed(self) -> np.ndarray:
+        """Mask of the parcels that lie ploughed and bare, ``(PARCELS, PARCELS)``."""
+        return (self.parcel_cover == 0) & ((self.day - self.ploughing_day) % YEAR_DAYS < PLOUGHED_DAYS)
+
+    @cached_property
+    def parcel_grey(self) -> np.ndarray:
+        """As `Landscape.parcel_grey`, by the season."""
+        usual = super().parcel_grey
+        age = (self.day - self.ploughing_day) % YEAR_DAYS
+        summer = 0.5 - 0.5 * np.cos(2.0 * np.pi * (self.day - 20.0) / YEAR_DAYS)
+        leaves = np.clip(2.0 * summer - 0.5, 0.0, 1.0)
+        visible = np.array([1.0, 1.15 - 0.3 * leaves, 1.3 - 0.3 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
+        near = np.array([1.0, 0.6 + 0.4 * leaves, 0.6 + 0.4 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
+        field = self.parcel_cover == 0
+        visible = np.where(field, np.interp(age, CROP_DAYS, CROP_VISIBLE), visible)
+        near = np.where(field, np.interp(age, CROP_DAYS, CROP_NEAR_INFRARED), near)
+        pan = 0.7 * visible + 0.3 * near
+        return (usual * np.stack([pan, visible, visible, visible, near])).astype(np.float32)
+
+    @cached_property
+    def parcel_contrast(self) -> np.ndarray:
+        """As `Landscape.parcel_contrast`: bare soil is rougher, bare trees are fainter."""
+        contrast = super().parcel_contrast.copy()
+        contrast[0] *= np.where(self.ploughed, 1.6, 1.0)
+        leaves = 0.5 - 0.5 * np.cos(2.0 * np.pi * (self.day - 20.0) / YEAR_DAYS)
+        contrast[1] *= 0.55 + 0.45 * leaves
+        return contrast
+
+    @cached_property
+    def parcel_season(self) -> np.ndarray:
+        """Share of the season's own texture, and how far snow covers a parcel, ``(2, PARCELS, PARCELS)`` float32."""
+        return np.array([OWN_TEXTURE, SNOW_HOLD], dtype=np.float32)[:, self.parcel_cover]
+
+    @property
+    def snow_line(self) -> float:
+        """What the broad field, of unit standard deviation, falls short of where snow lies."""
+        return float(ndtri(np.clip(self.snow, 1e-9, 1.0 - 1e-9)))
+
+
+def season_texture(texture: Texture, taken: Acquisition, lat_deg: float, sigma_m: float, band: int) -> BlurredTexture:
+    """Return the ground on a date as a sensor sees it whose blur has ``sigma_m``, in one of `SPECTRAL_BANDS`.
+
+    Soil and plants go from one texture of their own to the next within `TEXTURE_DAYS`; crowns are lit from the sun.
+    """
+    landscape, seed = SeasonLandscape.on(texture.landscape, taken, lat_deg), texture.landscape.seed
+    epoch, share = divmod(taken.day / TEXTURE_DAYS, 1.0)
+    first, second = (
+        PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 63, int(epoch) + k])) for k in (0, 1)
+    )
+    own = first.mixed_with(second, float(np.sin(0.5 * np.pi * share)))
+    turned = np.radians(270.0 - taken.sun_azimuth_deg)  # from the west
+    canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), turned)
+    sigma = sigma_m / landscape.scale
+    fields = tuple(field.blur(sigma) for field in (texture.fine, texture.broad, canopy, own))
+    return BlurredTexture(landscape, fields, sigma, band)
+
+
+# ---- what stands on it -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Chronicle:
+    """When the objects of a scene were built and torn down, and how high they are; days of the year.
+
+    ``built_day`` is below 0 for what stood before the year, ``torn_day`` beyond it for what stays.
+    """
+
+    height_m: np.ndarray
+    built_day: np.ndarray
+    torn_day: np.ndarray
+
+    @classmethod
+    def of(cls, objects: Objects, seed: int, scale: float) -> Chronicle:
+        """Return the year of the objects of a scene."""
+        draw = np.random.default_rng([seed, 64]).random((len(objects), 4))
+        high = {"roof": (3.5, 9.0), "tank": (6.0, 6.0)}
+        low_m, range_m = np.array([high.get(str(kind), (0.0, 0.0)) for kind in objects.kind]).reshape(-1, 2).T
+        building = low_m > 0.0
+        built = np.where(building & (draw[:, 1] < BUILT_SHARE), YEAR_DAYS * draw[:, 2], -1.0)
+        torn = (draw[:, 1] > 1.0 - TORN_SHARE) & building
+        return cls(
+            scale * (low_m + range_m * draw[:, 0]), built, np.where(torn, YEAR_DAYS * draw[:, 3], 2.0 * YEAR_DAYS)
+        )
+
+    def standing(self, day: float) -> np.ndarray:
+        """Return a mask of the objects that stand on a day."""
+        return (self.built_day <= day) & (day < self.torn_day)
+
+
+def park_cars(landscape: Landscape, half_extent_m: float, taken: Acquisition) -> Objects:
+    """Return the cars on the roads of a date, on either lane, as painted objects."""
+    rng = np.random.default_rng([landscape.seed, 65, taken.number])
+    reach = half_extent_m / landscape.scale
+    lines = int(np.ceil((reach + 100.0) / BLOCK_M))
+    count = int((2 * lines + 1) * 2 * reach / CAR_SPACING_M)
+    lattice, ahead = [], []
+    for axis in (0, 1):
+        place = np.empty((count, 2))
+        lane = rng.choice([-1.5, 1.5], count)
+        place[:, axis] = BLOCK_M * rng.integers(-lines, lines + 1, count) + lane
+        place[:, 1 - axis] = rng.uniform(-reach, reach, count)
+        step = np.zeros(2)
+        step[1 - axis] = 1.0
+        lattice.append(place)
+        ahead.append(place + step)
+    position, next_one = (landscape.from_lattice(np.concatenate(parts)) for parts in (lattice, ahead))
+    inside = np.abs(position).max(axis=1) < reach
+    position, direction = position[inside], (next_one - position)[inside]
+    grey = np.where(
+        rng.random(len(position)) < 0.5, rng.uniform(900, 1500, len(position)), rng.uniform(80, 300, len(position))
+    )
+    return Objects(
+        np.full(len(position), "car", dtype="U12"), position * landscape.scale,
+        np.tile(np.array(CAR_SIZE_M) * landscape.scale, (len(position), 1)), np.arctan2(*direction.T),
+        np.repeat(grey[:, None], 5, axis=1).astype(np.float32),
+    )  # fmt: skip
+
+
+assert len(OWN_TEXTURE) == len(SNOW_HOLD) == len(COVERS)
