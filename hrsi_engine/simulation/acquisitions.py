@@ -57,7 +57,18 @@ class Acquisition:
         return np.array([plan * np.sin(azimuth), plan * np.cos(azimuth), np.sin(elevation)])
 
     def radiometry(self, usual: Radiometry) -> Radiometry:
-        """Return how grey values become digital numbers under this sun and air."""
+        """Return how grey values become digital numbers under this sun and air.
+
+        Parameters
+        ----------
+        usual : Radiometry
+            Under a high sun in clear air.
+
+        Returns
+        -------
+        Radiometry
+            With the gain and the offset of the date.
+        """
         light = AMBIENT + (1.0 - AMBIENT) * np.sin(np.radians(self.sun_elevation_deg)) / np.sin(
             np.radians(FULL_SUN_DEG)
         )

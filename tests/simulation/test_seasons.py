@@ -85,7 +85,7 @@ def pixel_of(block: SimulatedBlock, place: np.ndarray, height_m: float) -> tuple
 
 
 def test_a_shadow_falls_away_from_the_sun():
-    """Seen from above, sun from the east and from the west, 45 degrees high: shadows are as long as the house is high."""
+    """Seen from above, sun from the east and from the west, 45 degrees high: shadows as long as the house."""
     (block, index), (other, _) = (one_building(sun) for sun in SUNS)
     height, foot = block.scene.chronicle.height_m[index], block.scene.objects.position_m[index]
     reach = 0.5 * float(np.ptp(block.scene.objects.corners_m()[index][:, 0])) + 0.5 * height
