@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
+
+if f"{__name__}.processing_algorithms.interface.cli" in getattr(sys, "orig_argv", ()):
+    from .hrsi_engine.foundation.interruption import quit_on_signals
+
+    quit_on_signals()  # ``python -m`` loads all packages above a module before it runs
 
 if TYPE_CHECKING:
     from .plugin.plugin import HrsiPlugin

@@ -200,6 +200,58 @@ def test_a_signal_leaves_one_line_and_no_file(tmp_path, number, code, word):
     assert list(out_dir.iterdir()) == []
 
 
+@pytest.mark.parametrize("start", ["hrsi", "hrsi.processing_algorithms.interface.cli"])
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupt"), (signal.SIGTERM, 143, "termin")]
+)
+def test_a_signal_while_modules_load_gives_one_line(tmp_path, start, number, code, word):
+    """From the moment on that SIGTERM is caught (the system tells), through the loading of NumPy, OpenCV and GDAL."""
+    for delay_s in (0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 1.2):
+        out_dir = tmp_path / f"out{delay_s}"
+        words = ["simulate", "--size", "9000", "--output-dir", str(out_dir)]
+        process = subprocess.Popen(
+            [sys.executable, "-m", start, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        _wait_for_handler(process.pid)
+        time.sleep(delay_s)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30)
+        assert (process.returncode, out) == (code, ""), (delay_s, err)
+        assert [line.startswith(f"ERROR: {word}") for line in err.splitlines() if "ERROR" in line] == [True], err
+        assert "Traceback" not in err and "Exception ignored" not in err, (delay_s, err)
+        assert not out_dir.exists() or not list(out_dir.iterdir())
+
+
+def _wait_for_handler(process_id: int) -> None:
+    """Wait until a process catches SIGTERM, which Python itself does not."""
+    for _ in range(4000):
+        status = Path(f"/proc/{process_id}/status").read_text()
+        caught = next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt"))
+        if int(caught, 16) & 1 << signal.SIGTERM - 1:
+            return
+        time.sleep(0.002)
+    raise AssertionError("SIGTERM is not caught")
+
+
+def test_an_interrupt_that_was_swallowed_comes_again():
+    """Python drops exceptions in finalisers and prints them; this one is raised again where it can be caught."""
+    code = (
+        "import signal, time\n"
+        "from hrsi.hrsi_engine.foundation.interruption import ending, signals_as_exceptions\n"
+        "class Careless:\n"
+        "    def __del__(self): signal.raise_signal(signal.SIGINT); time.sleep(0)\n"
+        "with signals_as_exceptions():\n"
+        "    try:\n"
+        "        careless = Careless(); del careless\n"
+        "        time.sleep(20); print('slept')\n"
+        "    except KeyboardInterrupt:\n"
+        "        print(ending())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30)
+    assert done.stdout == "(130, 'interrupted; no half-written file is left')\n"
+    assert done.stderr == ""
+
+
 def _wait_for_file(folder: Path) -> None:
     for _ in range(400):
         if folder.is_dir() and any(folder.iterdir()):

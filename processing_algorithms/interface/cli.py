@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import signal
 import sys
-import threading
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
+from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, signals_as_exceptions
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import algorithm_parser, registry_help
@@ -31,30 +30,8 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
 
     0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted, 143 terminated.
     """
-    with _termination_as_exception():
+    with signals_as_exceptions():
         return _main(words, registry)
-
-
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end (SIGTERM): it cleans up as it does when the user interrupts it."""
-
-
-@contextlib.contextmanager
-def _termination_as_exception() -> Iterator[None]:
-    """Have SIGTERM end the work like an interrupt; only a program's main thread may ask for that."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(_number: int, _frame: object) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what cleans up is not to be interrupted
-        raise Terminated
-
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _main(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int:
@@ -78,7 +55,13 @@ def _main(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int
 
 
 def describe(error: BaseException) -> tuple[str, int]:
-    """Return what the user reads of an error, on one line, and the exit code."""
+    """Return what the user reads of an error, on one line, and the exit code.
+
+    Once a signal has come, every error that ends the work is taken for its consequence.
+    """
+    if (signalled := ending()) is not None:
+        code, message = signalled
+        return message, code
     for kind, description in DESCRIPTIONS.items():
         if isinstance(error, kind):
             message, code = description(error)
@@ -140,10 +123,6 @@ def _describe_interrupt(error: BaseException) -> tuple[str, int]:
     return "interrupted; no half-written file is left", Cancelled.exit_code
 
 
-def _describe_termination(error: BaseException) -> tuple[str, int]:
-    return "terminated; no half-written file is left", 143
-
-
 def _describe_missing_package(error: BaseException) -> tuple[str, int]:
     package = getattr(error, "name", None) or "needed"
     if package.startswith(f"{_OWN_PACKAGE}."):
@@ -172,7 +151,6 @@ def _describe_unexpected(error: BaseException) -> tuple[str, int]:
 #: How errors are told, by class; the first that fits counts.
 DESCRIPTIONS: dict[type[BaseException], Callable[[BaseException], tuple[str, int]]] = {
     HrsiError: _describe_own,
-    Terminated: _describe_termination,
     KeyboardInterrupt: _describe_interrupt,
     ImportError: _describe_missing_package,
     MemoryError: _describe_memory,
@@ -193,4 +171,6 @@ def _silence_stdout() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_code = main()
+    quit_on_signals()
+    sys.exit(exit_code)

@@ -9,6 +9,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any, TypeVar
 
+from ...hrsi_engine.foundation.interruption import quitting_on_signals
 from ...hrsi_engine.foundation.options import Option, nested_in, option_of
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.reasons import Level
@@ -214,7 +215,8 @@ class Algorithm:
 
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, by key, and close all images: nothing stays open when the work is done."""
-        work, rasters, values = map(import_module, (self.module, _RASTERS, _JSON_VALUES))
+        with quitting_on_signals():
+            work, rasters, values = map(import_module, (self.module, _RASTERS, _JSON_VALUES))
         context = replace(context, inputs=self.inputs(options))
         try:
             report: Report = values.json_ready(work.run(made_options(self.options, options), context))

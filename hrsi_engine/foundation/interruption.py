@@ -1,0 +1,115 @@
+"""How a program ends when it is asked to (SIGINT, SIGTERM): one line, the exit code of that signal, no traceback.
+
+Two ways, one after the other. While modules are loaded nothing is open, and an exception could come out of any half
+loaded library as another one, or as a traceback: the program ends at once (`quit_on_signals`). While it works, the
+signal is an exception that cleans up on its way (`signals_as_exceptions`). Where Python or GDAL swallow that exception,
+as in callbacks, it is raised again. Programs only, in their main thread: what is called from elsewhere keeps its ways.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+
+_ENDINGS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
+_AGAIN_S = 0.05  # until an exception that was swallowed is raised again
+_PATIENCE_S = 2.0  # for which further signals are taken for the same one
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM): it cleans up as it does when the user interrupts it."""
+
+
+class _State:
+    """Which signal has come, and when its exception was raised; None while it is still to be raised."""
+
+    number: int | None = None
+    raised_at: float | None = None
+
+
+def quit_on_signals() -> None:
+    """End the process at once on these signals; for a program that starts or has done its work."""
+    if threading.current_thread() is threading.main_thread():
+        for number in _ENDINGS:
+            if signal.getsignal(number) is not signal.SIG_IGN:  # a job in the background of a shell ignores SIGINT
+                signal.signal(number, _quit)
+
+
+@contextmanager
+def quitting_on_signals() -> Iterator[None]:
+    """End at once while this lasts, where `signals_as_exceptions` is in force: for loading modules."""
+    ours = [number for number in _ENDINGS if signal.getsignal(number) is _raise]
+    if threading.current_thread() is not threading.main_thread():
+        ours = []
+    for number in ours:
+        signal.signal(number, _quit)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, _raise)
+
+
+@contextmanager
+def signals_as_exceptions() -> Iterator[None]:
+    """Raise KeyboardInterrupt or `Terminated` in the main thread on these signals; as before when this ends."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _State.number = _State.raised_at = None
+    before = {number: signal.getsignal(number) for number in _ENDINGS}
+    hooks = sys.unraisablehook, sys.excepthook
+    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+    for number in before:
+        signal.signal(number, _raise)
+    sys.unraisablehook = lambda told: _raise_again() if _is_ours(told.exc_value) else hooks[0](told)
+    sys.excepthook = lambda kind, error, trace: _raise_again() if _is_ours(error) else hooks[1](kind, error, trace)
+    try:
+        yield
+    finally:
+        sys.unraisablehook, sys.excepthook = hooks
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def ending() -> tuple[int, str] | None:
+    """Return exit code and line of the signal that has come since work began; None where none has."""
+    if _State.number is None:
+        return None
+    code, word = _ENDINGS[signal.Signals(_State.number)]
+    return code, f"{word}; no half-written file is left"
+
+
+def _is_ours(error: BaseException | None) -> bool:
+    return _State.number is not None and isinstance(error, KeyboardInterrupt)
+
+
+def _raise(number: int, _frame: FrameType | None) -> None:
+    if _State.raised_at is None:
+        _State.number, _State.raised_at = number, time.monotonic()
+        raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+    if time.monotonic() > _State.raised_at + _PATIENCE_S:  # what cleans up takes too long for the user
+        _quit(number, _frame)
+
+
+def _raise_again() -> None:
+    """Raise the exception of the signal again, soon, in the main thread, from where it was lost."""
+    _State.raised_at = None
+    again = threading.Timer(_AGAIN_S, signal.raise_signal, [_State.number])
+    again.daemon = True
+    again.start()
+
+
+def _quit(number: int, _frame: FrameType | None) -> None:
+    _State.number = number
+    told = ending()
+    code, line = told if told is not None else (1, "")
+    with suppress(OSError):
+        os.write(2, f"ERROR: {line}\n".encode())
+    os._exit(code)
