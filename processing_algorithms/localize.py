@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.io.position_tables import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.localize import LAYERS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
-from .files.image_files import open_images
+from .files.image_files import is_on_image, open_images
 from .files.result_folder import check_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
@@ -61,11 +61,14 @@ def _localize(
     if unknown:
         raise InputError(f"the points name the image {unknown[0]!r}, which is not given: add it, or remove its points")
     ground, status = np.full((len(points.ids), 3), np.nan), np.full(len(points.ids), int(Status.NO_RAY))
+    beside: list[str] = []  # images that all their points lie beside
     for image in images:
         rows = np.flatnonzero(points.image_ids == image.id)
         ground[rows], status[rows] = _on_ground(image, points, rows, surface)
+        beside += [image.id] if len(rows) and not is_on_image(image, points.image[rows]).any() else []
     lost = {kind: np.count_nonzero(status == kind) for kind in Status if kind != Status.FOUND}
     warnings = [f"{count} points have no ground position: {kind.label}" for kind, count in lost.items() if count]
+    warnings += [f"all points of {list_ids(beside)} lie beside the image: check sample and line"] if beside else []
     columns = {
         "id": points.ids, "image": points.image_ids, "sample": points.image[:, 0], "line": points.image[:, 1],
         "lon": ground[:, 0], "lat": ground[:, 1], "height": ground[:, 2],

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .declarations.project import LAYERS_FILE, ProjectOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
-from .files.image_files import open_images
+from .files.image_files import is_on_image, open_images
 from .files.result_folder import check_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
@@ -28,6 +28,10 @@ def run(options: ProjectOptions, context: Context) -> Report:
     surface = open_terrain(options.terrain)
     ids, ground, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
     columns = _project(images, ids, ground)
+    if options.points:
+        seen = set(columns["image"][columns["inside"]].tolist())
+        bare = [image.id for image in images if image.id not in seen]
+        warnings += [f"no point lies on {list_ids(bare)}: check the CRS and the columns of the points"] if bare else []
     tell(warnings, context)
     report: Report = {
         "schema": 1, "algorithm": "project", "images": [image.id for image in images],
@@ -73,19 +77,13 @@ def _project(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[s
     """Return one row for each point and image."""
     parts = [image.rpc.project(ground) for image in images]
     xy = np.concatenate(parts)
-    inside = np.concatenate([_inside(image, part) for image, part in zip(images, parts, strict=True)])
+    inside = np.concatenate([is_on_image(image, part) for image, part in zip(images, parts, strict=True)])
     repeated = np.tile(ground, (len(images), 1))
     return {
         "id": np.tile(ids, len(images)), "image": np.repeat([image.id for image in images], len(ids)),
         "sample": xy[:, 0], "line": xy[:, 1], "inside": inside,
         "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
     }  # fmt: skip
-
-
-def _inside(image: Image, xy: np.ndarray) -> np.ndarray:
-    first_sample, last_sample, first_line, last_line = image.domain_px
-    low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
-    return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
 
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:

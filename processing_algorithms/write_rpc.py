@@ -64,8 +64,11 @@ def _jobs(options: WriteRpcOptions) -> list[WriteJob]:
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
-    if len({os.path.realpath(job.output) for job in jobs}) < len(jobs):
-        raise InputError("two of the images have the same id, so that one result would replace the other: rename one")
+    made_from: dict[str, str] = {}
+    for job in jobs:
+        first = made_from.setdefault(os.path.realpath(job.output), job.path)
+        if first is not job.path:
+            raise InputError(f"{first} and {job.path} would both be written as {job.output}: rename one")
     if options.output_dir:
         os.makedirs(options.output_dir, exist_ok=True)
     return jobs

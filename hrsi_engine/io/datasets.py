@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any, TypeVar
 
 from osgeo import gdal
+
+Found = TypeVar("Found")
 
 
 @contextmanager
@@ -38,6 +41,15 @@ def quiet() -> Iterator[None]:
         yield
     finally:
         gdal.PopErrorHandler()
+
+
+def quietly(function: Callable[..., Found], *words: Any) -> Found:
+    """Return what a function returns, without what libraries say of damaged files past Python.
+
+    PROJ reads grids through the TIFF library that GDAL has report to its own handler.
+    """
+    with quiet():
+        return function(*words)
 
 
 @contextmanager

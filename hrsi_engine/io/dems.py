@@ -11,7 +11,7 @@ from osgeo import gdal
 from ..foundation.errors import InputError
 from ..ground.geodesy import geoid_heights, has_vertical_datum, undulations_of_crs
 from ..surface.dem import GridSurface
-from .datasets import gdal_messages, open_dataset
+from .datasets import gdal_messages, open_dataset, quietly
 from .georeference import Georeference
 
 #: Metres per unit of height, by the names that drivers give (lower case).
@@ -56,7 +56,7 @@ def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations |
     if height_datum == "ellipsoidal":
         return None
     if height_datum != "layer":
-        return lambda ground: geoid_heights(ground, height_datum)
+        return lambda ground: quietly(geoid_heights, ground, height_datum)
     if not has_vertical_datum(crs.to_wkt()):
         raise InputError(
             f"{path}: does not say what its heights refer to: name egm96, egm2008, ellipsoidal or the file of a geoid "

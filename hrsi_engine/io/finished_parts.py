@@ -23,7 +23,10 @@ class FinishedParts:
         self.folder = Path(folder)
 
     def __len__(self) -> int:
-        return sum(1 for _ in self.folder.glob("*.npz"))
+        try:
+            return sum(name.endswith(".npz") for name in os.listdir(self.folder))
+        except OSError:  # not there yet, or never: `save` tells
+            return 0
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
         """Return what was kept under a key; None where there is no file, or a damaged one."""

@@ -20,6 +20,7 @@ from typing import Any
 
 from ..foundation.errors import OutputError
 from ..foundation.json_values import json_text
+from .folder_lock import remove_dead_lock
 from .leftovers import is_writer_running, sweep, temporary_name, writer
 from .replacing import flush
 
@@ -120,6 +121,7 @@ def finish_interrupted(folders: Iterable[str]) -> list[str]:
     for folder in sorted({os.path.abspath(folder) for folder in folders}):
         notices += _finish_in(folder)
         sweep(folder)
+        remove_dead_lock(folder)
     return notices
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.points import ImagePoints
-from ..foundation.errors import InputError
+from ..foundation.errors import InputError, list_ids
 from ..foundation.progress import Progress, silent, stage
 from ..foundation.scheduling import Keeper, Result, Scheduler, WorkPart, digest, open_scheduler, run_parts
 from ..foundation.version import VERSION
@@ -191,8 +191,8 @@ class _Search:
         chosen = overlaps.choose_pairs(found, len(images), self.options.most_partners)
         if not chosen:
             raise InputError(
-                "no two images overlap between the heights of their RPCs: check that they show the same area, or name "
-                "the terrain's heights with `dem`"
+                f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "
+                "check that they show the same area, or name the terrain's heights with `dem`"
             )
         coarseness = [overlaps.coarseness(image) for image in images]
         terrain: dict[int, np.ndarray] = {}

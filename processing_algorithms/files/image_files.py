@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
+import numpy as np
+
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.io.rasters import open_image_and_source
 from ...hrsi_engine.io.transactions import finish_interrupted
@@ -28,3 +30,10 @@ def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Ima
             log(f"{image.id}: {found.summary}")
         images.append(image)
     return images
+
+
+def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:
+    """Tell of image points ``(n, 2)`` whether they lie on the image's pixels, or where its RPC is meant for."""
+    first_sample, last_sample, first_line, last_line = image.domain_px
+    low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
+    return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))

@@ -20,6 +20,7 @@ Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
 _RASTERS = f"{_ROOT}.hrsi_engine.io.rasters"
 _JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
+_FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.folder_lock"
 
 
 class Kind(Enum):
@@ -214,12 +215,16 @@ class Algorithm:
         return params_of(self.options)
 
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
-        """Run with checked options, by key, and close all images: nothing stays open when the work is done."""
+        """Run with checked options, by key, as the only writer in the output directory.
+
+        All images are closed then: nothing stays open when the work is done.
+        """
         with quitting_on_signals():
-            work, rasters, values = map(import_module, (self.module, _RASTERS, _JSON_VALUES))
+            work, rasters, values, lock = map(import_module, (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK))
         context = replace(context, inputs=self.inputs(options))
         try:
-            report: Report = values.json_ready(work.run(made_options(self.options, options), context))
+            with lock.only_writer(options.get("output_dir")):
+                report: Report = values.json_ready(work.run(made_options(self.options, options), context))
             return report
         finally:
             rasters.close_images()

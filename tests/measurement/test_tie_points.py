@@ -174,7 +174,7 @@ def test_image_without_match_is_named(triplet):
 
 def test_images_apart_are_an_error(triplet):
     far = replace(triplet[1], rpc=replace(triplet[1].rpc, long_off=triplet[1].rpc.long_off + 1.0))
-    with pytest.raises(InputError, match="no two images overlap"):
+    with pytest.raises(InputError, match=r"no two images of .* overlap"):
         find_tie_points([triplet[0], far])
 
 

@@ -52,7 +52,7 @@ def ground_ranges(images: Sequence[Image], surface: HeightSurface | None, margin
     """
     ranges = [_ground_range(image, surface, margin_m) for image in images]
     if surface is not None and not any(ranges):
-        raise InputError("the DEM has no heights below the images: name a DEM of their area")
+        raise InputError("`dem` has no heights below the images: name a DEM of their area")
     return [known or _rpc_range(image) for image, known in zip(images, ranges, strict=True)]
 
 

@@ -1,0 +1,154 @@
+"""Every algorithm on small sound inputs, chosen from what it declares: for tests that run over all of them.
+
+A new algorithm or option is covered as it is declared; what is sound for it comes from `SOUND` by its key, else by its
+kind. Where that does not do, `ESPECIALLY` and `BESIDES` say what does.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from osgeo import gdal, osr
+
+from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
+from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.interface.declare import READ_KINDS, Algorithm, Kind, Param
+
+IMAGES, DEM, REFERENCE, POINTS, RPC_FILE, GRID, FOLDER = (
+    "image", "DEM", "orthoimage", "points", "RPC file", "geoid grid", "folder",
+)  # fmt: skip
+
+#: Sound values of options by key, as names in the scene; other options that name files take those of `BY_KIND`.
+SOUND: dict[str, Any] = {
+    "images": ["image_1.tif", "image_2.tif"], "gcps": "ground_points.csv", "image_points": "image_points.csv",
+    "tie_points": "ties.csv", "points": "points.csv", "edges": "edges.csv", "terrain_points": "points.csv",
+    "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
+    "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "work_dir": "kept",
+}  # fmt: skip
+BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
+#: Where one algorithm needs something else.
+ESPECIALLY: dict[str, dict[str, Any]] = {
+    "ortho-check": {"images": ["ortho_1.tif", "ortho_2.tif"], "reference": "ortho_1.tif"},
+    "project": {"points": "without_heights.csv"},
+    "localize": {"points": "without_heights.csv"},
+    "write-rpc": {"images": ["image_1.tif"]},
+    "measure-targets": {"points": "ground_points.csv"},
+}
+#: Options that make runs short, or have the input used that is looked at.
+BESIDES: dict[str, dict[str, Any]] = {
+    "simulate": {"size": 64, "gcps": 1, "checks": 0, "ties": 0, "pixels": False},
+    "triangulate": {"sigma_dem": 2.0, "no_report": True},
+    "adjust": {"sigma_dem": 2.0, "no_report": True},
+    "refine-rpc": {"no_report": True},
+    "tie-points": {"cells": 2},
+    "register": {"model": "rpc-affine"},
+    "match": {"window_1": "20,20,100,100", "window_2": "20,20,100,100"},
+}
+#: Inputs that stand for one another.
+INSTEAD_OF = {
+    "edges": ("points", "images"),
+    "terrain_points": ("dem", "dem_datum"),
+    "dem": ("terrain_points",),
+    "images": ("tie_points",),
+    "work_dir": ("tie_points",),
+}
+#: Inputs that are given only where they are looked at.
+SELDOM = {"reference", "edges", "terrain_points", "rpc", "before", "work_dir", "height_datum", "dem_datum"}
+#: What kind of input an option takes, by its key; else by its kind.
+ROLES = {"reference": REFERENCE, "rpc": RPC_FILE, "before": FOLDER, "work_dir": FOLDER}
+ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind.FILE: POINTS, Kind.TEXT: GRID}
+
+
+def role_of(param: Param) -> str | None:
+    """Return what kind of input an option takes; None where it names nothing that is read."""
+    named = set(param.metavar.split("|")) & {"FILE", "DIR"}
+    if param.kind is Kind.OUTPUT_DIR or not (param.kind in READ_KINDS or named):
+        return None
+    return ROLES.get(param.key, ROLE_OF_KIND[param.kind])
+
+
+def inputs_of(algorithm: Algorithm) -> dict[str, str]:
+    """Return the role of each input that an algorithm declares, by key."""
+    found = {param.key: role for param in algorithm.params if (role := role_of(param)) is not None}
+    return found | ({"images": REFERENCE} if algorithm.name == "ortho-check" else {})
+
+
+def make_scene(folder: Path) -> None:
+    """Write sound inputs: a block of two small images, its points, DEM, orthoimages, and what else is asked for."""
+    folder.mkdir(parents=True, exist_ok=True)
+    run(
+        "simulate", sensor="pleiades", images=2, along="-4,4", size=160, gcps=8, checks=4, ties=20, ortho=True, seed=7,
+        output_dir=str(folder),
+    )  # fmt: skip
+    for name in ("report.json", "truth.gpkg", "truth.json"):
+        (folder / name).unlink()
+    images = [open_image(str(folder / name)) for name in SOUND["images"]]
+    (folder / "cameras").mkdir()
+    write_rpc_text(str(folder / SOUND["rpc"]), images[0].rpc)
+    # Points with everything that a point file may have: positions on the ground and in the first image
+    rows = ["id,image,sample,line,lon,lat,height"]
+    for height in (200.0, 260.0, 320.0):
+        xy = images[0].grid_px(5, 5)
+        for number, (place, ground) in enumerate(zip(xy, images[0].rpc.localize(xy, height).ground, strict=True)):
+            values = ",".join(f"{value:.10f}" for value in (*place, *ground))
+            rows.append(f"P{number:02d}_{height:.0f},image_1,{values}")
+    (folder / "points.csv").write_text("\n".join(rows) + "\n")
+    (folder / "without_heights.csv").write_text("\n".join(row.rpartition(",")[0] for row in rows) + "\n")
+    measured = (folder / "image_points.csv").read_text().splitlines()
+    (folder / "ties.csv").write_text("\n".join([measured[0], *(row for row in measured if row.startswith("T"))]) + "\n")
+    angles = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    edges = [f"E1,image_1,{60 + 8 * np.cos(angle):.3f},{70 + 5 * np.sin(angle):.3f}" for angle in angles]
+    (folder / "edges.csv").write_text("\n".join(["id,image,sample,line", *edges]) + "\n")
+    (folder / "before").mkdir()
+    (folder / "kept").mkdir()
+    for number, noise in ((1, 0.0), (2, 3.0)):
+        name = f"ortho_{number}.tif"
+        gdal.Translate(str(folder / name), str(folder / "orthophoto.tif"), srcWin=[300, 300, 300, 300])
+        dataset = gdal.Open(str(folder / name), gdal.GA_Update)
+        grey = dataset.ReadAsArray() + np.random.default_rng(1).normal(0.0, noise, (300, 300))
+        dataset.GetRasterBand(1).WriteArray(grey.round())
+        del dataset
+        shutil.copy(folder / name, folder / "before" / name)
+    grid = gdal.GetDriverByName("GTiff").Create(str(folder / "geoid.tif"), 9, 9, 1, gdal.GDT_Float32)
+    grid.SetGeoTransform((1.0, 1.0, 0.0, 48.0, 0.0, -1.0))
+    grid.SetProjection(osr_of(4326).ExportToWkt())
+    grid.GetRasterBand(1).WriteArray(np.zeros((9, 9)))
+
+
+def osr_of(epsg: int) -> osr.SpatialReference:
+    """Return a CRS."""
+    crs = osr.SpatialReference()
+    crs.ImportFromEPSG(epsg)
+    return crs
+
+
+def sound_options(algorithm: Algorithm, scene: Path, varied: str = "") -> dict[str, Any]:
+    """Return options with which an algorithm runs to its end, reading the input ``varied`` among others."""
+    own = ESPECIALLY.get(algorithm.name, {})
+    without = INSTEAD_OF.get(varied, ())
+    options = dict(BESIDES.get(algorithm.name, {}))
+    for key in inputs_of(algorithm):
+        param = algorithm.param(key)
+        if key in without or (key in SELDOM and key != varied and not param.required):
+            continue
+        value = own.get(key, SOUND.get(key, BY_KIND.get(param.kind)))
+        options[key] = [str(scene / name) for name in value] if isinstance(value, list) else str(scene / value)
+    if "height_datum" in algorithm.defaults() and varied != "height_datum":
+        options["height_datum"] = "ellipsoidal"
+    return options
+
+
+def words_of(algorithm: Algorithm, options: Mapping[str, Any]) -> list[str]:
+    """Return the command line of options; images come last."""
+    words = [algorithm.name]
+    for key, value in options.items():
+        if key == "images":
+            continue
+        name = "--" + key.replace("_", "-")
+        words += ([name] if value else ["--no-" + name[2:]]) if isinstance(value, bool) else [f"{name}={value}"]
+    return [*words, *options.get("images", [])]
