@@ -68,7 +68,9 @@ def _jobs(options: WriteRpcOptions) -> list[WriteJob]:
     for job in jobs:
         first = made_from.setdefault(os.path.realpath(job.output), job.path)
         if first is not job.path:
-            raise InputError(f"{first} and {job.path} would both be written as {job.output}: rename one")
+            raise InputError(
+                f"{first} and {job.path} have the same id, so that one result would replace the other: rename one"
+            )
     if options.output_dir:
         os.makedirs(options.output_dir, exist_ok=True)
     return jobs

@@ -26,7 +26,8 @@ IMAGES, DEM, REFERENCE, POINTS, RPC_FILE, GRID, FOLDER = (
 #: Sound values of options by key, as names in the scene; other options that name files take those of `BY_KIND`.
 SOUND: dict[str, Any] = {
     "images": ["image_1.tif", "image_2.tif"], "gcps": "ground_points.csv", "image_points": "image_points.csv",
-    "tie_points": "ties.csv", "points": "points.csv", "edges": "edges.csv", "terrain_points": "points.csv",
+    "tie_points": "ties.csv", "tracks": "ties.csv", "used_points": "points.csv", "points": "points.csv",
+    "edges": "edges.csv", "terrain_points": "points.csv",
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "work_dir": "kept",
 }  # fmt: skip

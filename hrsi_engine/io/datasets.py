@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from osgeo import gdal
 
-Found = TypeVar("Found")
+Told = TypeVar("Told")
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def quiet() -> Iterator[None]:
         gdal.PopErrorHandler()
 
 
-def quietly(function: Callable[..., Found], *words: Any) -> Found:
+def quietly(function: Callable[..., Told], *words: Any) -> Told:
     """Return what a function returns, without what libraries say of damaged files past Python.
 
     PROJ reads grids through the TIFF library that GDAL has report to its own handler.

@@ -120,12 +120,14 @@ def stage_folder(
         temporary = Path(temporary_folder(str(folder)))
     except OSError as error:
         raise InputError(f"{path} cannot be written ({error.strerror}): choose another `output_dir`") from error
+    changes = transaction or Transaction(str(folder))
     try:
         yield temporary
-        with transaction or Transaction(str(folder)) as changes:
+        with changes:
             _move_into_place(temporary, folder, inputs, overwrite, changes)
     except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
+        if not changes.is_under_way:
+            shutil.rmtree(temporary, ignore_errors=True)
         if made and not any(folder.iterdir()):
             folder.rmdir()
         raise

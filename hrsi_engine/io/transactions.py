@@ -14,7 +14,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Sequence
+import signal
+import threading
+from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -42,6 +44,7 @@ class Transaction:
         self.home = os.path.abspath(home)
         self._steps: list[tuple[str, str, str]] = []
         self._made: list[str] = []
+        self.is_under_way = False  #: the journal is written, and not all is done: what it names must stay
 
     def __enter__(self) -> Transaction:
         return self
@@ -77,6 +80,10 @@ class Transaction:
         """
         if not self._steps:
             return
+        with _uninterrupted():
+            self._commit()
+
+    def _commit(self) -> None:
         if not os.path.isdir(self.home):
             self.home = os.path.dirname(self._steps[0][1])
         journal = os.path.join(self.home, JOURNAL)
@@ -95,12 +102,14 @@ class Transaction:
             raise OutputError(
                 f"{error.filename or self.home}: cannot be written ({error.strerror}): nothing was changed"
             ) from None
+        self.is_under_way = True
         _carry_out(journal, self._steps, signposts)
+        self.is_under_way = False
         self._steps, self._made = [], []
 
     def abandon(self) -> None:
-        """Forget the changes and remove the hidden files."""
-        for file in self._made:
+        """Forget the changes and remove the hidden files; what a journal names is left for the next run."""
+        for file in () if self.is_under_way else self._made:
             for leftover in (file, f"{file}.aux.xml"):
                 with contextlib.suppress(OSError):
                     os.remove(leftover)
@@ -110,6 +119,27 @@ class Transaction:
         folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
         inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
         return sorted(folders - inside)
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait: an exception between two steps would tear apart what belongs together."""
+    if threading.current_thread() is not threading.main_thread():  # signals reach the main thread only
+        yield
+        return
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _frame: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(number) is not None  # None: set by another program's code, which cannot be set back
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 def finish_interrupted(folders: Iterable[str]) -> list[str]:
@@ -134,8 +164,8 @@ def _finish_in(folder: str) -> list[str]:
         else:  # its writer had not come to the journal: nothing was changed
             os.remove(signpost)
     left = _read(journal, _JOURNAL_KEYS)
-    if left is None or is_writer_running(left["writer"]):
-        return []
+    if left is None or (left["writer"] != writer() and is_writer_running(left["writer"])):
+        return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
     steps = _own_steps(journal, left["steps"])
     signposts = [str(file) for file in left["signposts"]]
     _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])

@@ -14,6 +14,7 @@ import pytest
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.io import leftovers, transactions
 from hrsi.hrsi_engine.io.leftovers import is_dead, sweep, temporary_folder, temporary_name
+from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.transactions import JOURNAL, SIGNPOST, Transaction, finish_interrupted
 
 COUNT = 6
@@ -167,3 +168,49 @@ def test_failing_journal_changes_nothing(folders: list[Path], monkeypatch: pytes
         with pytest.raises(OutputError, match="nothing was changed"):
             changes.commit()
     assert state_of(folders) == {"old"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_wait_until_all_changes_are_made(folders: list[Path], monkeypatch, number: signal.Signals) -> None:
+    """A signal in the midst of the renames: all of them happen, then it does what it does."""
+    replace, came = os.replace, []
+    before = signal.signal(number, lambda *_: came.append((folders[2] / "5.txt").read_text()))
+
+    def interrupted(old: str, new: str) -> None:
+        if new == str(folders[1] / "2.txt"):
+            signal.raise_signal(number)
+        replace(old, new)
+
+    monkeypatch.setattr(transactions.os, "replace", interrupted)
+    try:
+        with Transaction(str(folders[0])) as changes:
+            fill(changes, folders, "new")
+            changes.commit()
+    finally:
+        signal.signal(number, before)
+    assert came == ["new"] and state_of(folders) == {"new"}
+
+
+def test_what_could_not_be_put_in_place_is_by_the_next_run(tmp_path: Path, monkeypatch) -> None:
+    """The disk fails in the midst of the renames of a result: the next run, of this process too, finishes them."""
+    folder, replace = tmp_path / "out", os.replace
+
+    def failing(old: str, new: str) -> None:
+        if new.endswith("report.json"):  # the last one
+            raise OSError(5, "Input/output error", new)
+        replace(old, new)
+
+    monkeypatch.setattr(transactions.os, "replace", failing)
+    names = {"a.txt", "b.txt", "report.json"}
+
+    def write() -> None:
+        with stage_folder(str(folder), ()) as stage:
+            for name in names:
+                (stage / name).write_text(name)
+
+    with pytest.raises(OutputError, match="run again, which finishes it"):
+        write()
+    assert {name for name in names if (folder / name).exists()} == {"a.txt", "b.txt"}
+    monkeypatch.setattr(transactions.os, "replace", replace)
+    finish_interrupted([str(folder)])
+    assert {path.name for path in folder.iterdir() if not path.name.startswith(".hrsi-unfinished")} == names

@@ -1,0 +1,311 @@
+"""Runs that are ended at any moment, of everything that writes: what is found then, and after the next run.
+
+A process that has loaded everything forks; the child runs one command line and is ended by KILL, TERM or INT: half of
+them from outside at a random time, half exactly before a random one of its changes of files (Python's audit events), so
+that the narrow moments between two renames are met too. ``benchmarks/kills.py`` prints the table.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+from every_algorithm import sound_options, words_of
+from osgeo import gdal, ogr
+
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.io.transactions import finish_interrupted
+from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.interface.cli import main
+
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+#: Exit code of a run that was ended, as `os.waitpid` tells it: minus the signal, or the command line's own.
+CODES = {signal.SIGKILL: {-9}, signal.SIGTERM: {143}, signal.SIGINT: {130}}
+CHANGES = {"os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.truncate", "os.chmod", "shutil.rmtree"}
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
+IN_WRITING = 0.8  # share of the moments that lie after the first change of a file
+LONGEST_S = 300
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A command line that writes: an algorithm, and how it writes where it can choose."""
+
+    algorithm: str
+    how: str = ""
+    restore: bool = False
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.algorithm, self.how, "restore" if self.restore else "")))
+
+    def words(self, scene: Path, output: Path) -> list[str]:
+        algorithm = REGISTRY[self.algorithm]
+        options = sound_options(algorithm, scene)
+        options |= {"write": self.how} if self.how else {}
+        if "threads" in algorithm.defaults():
+            options["threads"] = 1
+        if self.restore:
+            options["restore"] = True
+        elif not (self.algorithm == "write-rpc" and self.how == "in-place"):
+            options["output_dir"] = str(output)
+        return words_of(algorithm, options)
+
+
+def writers() -> Iterator[Writer]:
+    """Return everything that writes, from the declarations."""
+    for name, algorithm in REGISTRY.items():
+        how = algorithm.param("write").choices if "write" in algorithm.defaults() else ("",)
+        yield from (Writer(name, choice) for choice in how)
+    yield Writer("write-rpc", restore=True)
+
+
+@dataclass
+class Measured:
+    """A whole run: seconds until the first change of a file and until the end, number of changes, files by name."""
+
+    first_s: float
+    whole_s: float
+    changes: int
+    made: dict[str, str]
+
+
+@dataclass
+class Kill:
+    """What became of a run that was ended: ``wrong`` names every fault, ``state`` what the next run found."""
+
+    writer: Writer
+    number: signal.Signals
+    code: int
+    state: str
+    wrong: list[str] = field(default_factory=list)
+
+
+def is_change(event: str, args: tuple[Any, ...]) -> bool:
+    """Return whether an audit event changes files."""
+    if event == "open":
+        return isinstance(args[0], (str, bytes)) and isinstance(args[2], int) and bool(args[2] & WRITING)
+    return event in CHANGES
+
+
+def run_forked(words: list[str], folder: Path, at_change: int = 0, number: signal.Signals | None = None) -> int:
+    """Start a command line in a child; return its process. It ends itself before a change of files where asked to."""
+    child = os.fork()
+    if child:
+        return child
+    code = 99
+    try:
+        for descriptor, name in ((1, "stdout"), (2, "stderr")):
+            os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), descriptor)
+        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
+        began, seen, first = time.monotonic(), 0, 0.0
+
+        def watch(event: str, args: tuple[Any, ...]) -> None:
+            nonlocal seen, first
+            if is_change(event, args):
+                seen += 1
+                first = first or time.monotonic() - began
+                if number is not None and seen == at_change:
+                    os.kill(os.getpid(), number)
+
+        sys.addaudithook(watch)
+        code = main(words)
+        whole = time.monotonic() - began
+        counts = seen
+        (folder / "measured.json").write_text(json.dumps([first or whole, whole, counts]))
+    except KeyboardInterrupt:  # after the end of the command line
+        code = 0
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
+
+
+def wait_for(child: int) -> int:
+    """Return the exit code of a child, minus the signal that ended it."""
+    end = time.monotonic() + LONGEST_S
+    while time.monotonic() < end:
+        found, status = os.waitpid(child, os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.002)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return 98  # it hung
+
+
+# ---- what lies in folders --------------------------------------------------------------------------------------------
+
+
+def content_of(file: Path) -> str:
+    """Return what a whole file holds, without what differs from run to run (times); raise where it is not whole."""
+    if file.suffix in (".json",):
+        return ",".join(sorted(json.loads(file.read_text())))
+    if file.suffix == ".gpkg":
+        source = ogr.Open(str(file))
+        layers = [source.GetLayer(number) for number in range(source.GetLayerCount())]
+        return ",".join(f"{layer.GetName()}:{len([feature.GetFID() for feature in layer])}" for layer in layers)
+    if file.suffix in (".tif", ".vrt"):
+        dataset = gdal.Open(str(file))
+        sums = [dataset.GetRasterBand(number + 1).Checksum() for number in range(dataset.RasterCount)]
+        rpc = dataset.GetMetadata("RPC")
+        return f"{dataset.RasterXSize} {dataset.RasterYSize} {sums} {sorted(rpc.items())}"
+    if file.suffix == ".html":
+        return str(file.read_text().rstrip().endswith("</html>"))
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Return the visible files below a folder and what each holds; ``damaged`` for one that is not whole."""
+    found = {}
+    for file in sorted(folder.rglob("*")) if folder.exists() else []:
+        parts = file.relative_to(folder).parts
+        if file.is_file() and not any(part.startswith(".") for part in parts) and "unfinished" not in parts[0]:
+            try:
+                found["/".join(parts)] = content_of(file)
+            except Exception as error:
+                found["/".join(parts)] = f"damaged: {error}"
+    return found
+
+
+def hidden_in(*folders: Path) -> list[str]:
+    """Return hidden files and folders."""
+    return [str(path.relative_to(folder)) for folder in folders if folder.exists() for path in folder.rglob(".*")]
+
+
+def cameras(scene: Path) -> list[Any]:
+    return [read_rpc(str(scene / f"image_{number}.tif")).rpc for number in (1, 2)]
+
+
+def sources(scene: Path) -> dict[str, str]:
+    """Return the hash of every input but the images that are written in place."""
+    return {
+        str(file.relative_to(scene)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(scene.rglob("*")) if file.is_file() and not file.name.startswith(".")
+    }  # fmt: skip
+
+
+# ---- one writer ------------------------------------------------------------------------------------------------------
+
+
+class Target:
+    """A writer with inputs of its own, measured in a whole run."""
+
+    def __init__(self, writer: Writer, scene: Path, folder: Path) -> None:
+        self.writer, self._original, self.folder = writer, scene, folder
+        self.scene, self.output = folder / "in", folder / "out"
+        self.in_place = writer.how == "in-place" or writer.restore
+        folder.mkdir(parents=True)
+        self.before = self.lay_out()
+        self.words = writer.words(self.scene, self.output)
+        code = wait_for(run_forked(self.words, folder))
+        if code != 0:
+            raise AssertionError(f"{writer} does not run: {code} {(folder / 'stderr').read_text()[-500:]}")
+        first, whole, changes = json.loads((folder / "measured.json").read_text())
+        self.measured = Measured(first, whole, changes, contents(self.output))
+        self.changed_to = cameras(self.scene)
+        self.after = sources(self.scene)
+
+    def lay_out(self) -> dict[str, str]:
+        """Make the inputs anew, and the output folder go; return the inputs' hashes."""
+        for place in (self.scene, self.output):
+            shutil.rmtree(place, ignore_errors=True)
+        shutil.copytree(self._original, self.scene)
+        if self.writer.restore:
+            words = words_of(REGISTRY["write-rpc"], {
+                "write": "in-place", "rpc": str(self.scene / "cameras"), "images": [str(self.scene / "image_1.tif")],
+            })  # fmt: skip
+            if main([*words, "--quiet"]):
+                raise AssertionError("cannot write in place")
+        self.unchanged = cameras(self.scene)
+        return sources(self.scene)
+
+    def kill(self, number: signal.Signals, rng: random.Random) -> Kill:
+        """End a run at a random moment, look at what is found, run again, and look once more."""
+        before = self.lay_out()
+        measured, by_change = self.measured, rng.random() < 0.5 and self.measured.changes > 0
+        if by_change:
+            child = run_forked(self.words, self.folder, rng.randint(1, measured.changes), number)
+        else:
+            child = run_forked(self.words, self.folder)
+            late = rng.random() < IN_WRITING
+            time.sleep(rng.uniform(measured.first_s, measured.whole_s) if late else rng.uniform(0.0, measured.first_s))
+            os.kill(child, number)
+        code = wait_for(child)
+        said = (self.folder / "stderr").read_text()
+        kill = Kill(self.writer, number, code, "")
+        if code not in CODES[number] | {0}:
+            kill.wrong.append(f"exit code {code}")
+        if "Traceback" in said or "fault of HRSI" in said:
+            kill.wrong.append(f"traceback: {said[-300:]}")
+        # Immediately: inputs as they were (those that are written in place: the old or the new camera)
+        self._look_at_inputs(kill, before, "at once")
+        kill.wrong += [f"half-written {name}" for name, text in contents(self.output).items() if "damaged" in text]
+        # After what is left of it was finished: all or nothing, images and report alike
+        finish_interrupted([str(self.scene), *([str(self.output)] if self.output.exists() else [])])
+        self._look_at_inputs(kill, before, "when finished")
+        hidden = hidden_in(self.scene, self.output)
+        kill.wrong += [f"hidden: {', '.join(hidden[:3])}"] if hidden else []
+        found, changed = contents(self.output), cameras(self.scene) != self.unchanged
+        whole = found.keys() == measured.made.keys()
+        one_by_one = self.writer.algorithm in ("orthorectify", "write-rpc")  # each file for itself
+        if found and not whole and not one_by_one:
+            kill.wrong.append(f"half a result: {', '.join(found)}")
+        if self.in_place and self.writer.algorithm != "write-rpc" and changed != ("report.json" in found):
+            kill.wrong.append("images changed without a report" if changed else "report without changed images")
+        kill.state = "whole" if whole and (changed or not self.in_place) else "nothing" if not found else "part"
+        # The next run: done, or refused because the result is there; nothing left over, the result that a run gives
+        code = wait_for(run_forked(self.words, self.folder))
+        said = (self.folder / "stderr").read_text()
+        if code != 0 and not (code == 2 and whole):
+            kill.wrong.append(f"the next run ends with {code}: {said[-300:]}")
+        left = hidden_in(self.scene, self.output)
+        left += [path.name for path in self.output.glob("unfinished*")] if self.output.exists() else []
+        kill.wrong += [f"left over: {', '.join(left[:3])}"] if left else []
+        again = contents(self.output)
+        if again != measured.made:
+            differ = [name for name in {**again, **measured.made} if again.get(name) != measured.made.get(name)]
+            kill.wrong.append(f"another result: {', '.join(differ)}")
+        if cameras(self.scene) != self.changed_to:
+            kill.wrong.append("the next run leaves other cameras")
+        return kill
+
+    def _look_at_inputs(self, kill: Kill, before: dict[str, str], when: str) -> None:
+        now = sources(self.scene)
+        allowed = {"image_1.tif", "image_2.tif"} if self.in_place else set()
+        own = self.after.keys() - before.keys()  # sidecars of images written in place
+        damaged = [
+            name for name in {**before, **now} if before.get(name) != now.get(name) and name not in allowed | own
+        ]
+        kill.wrong += [f"input damaged {when}: {', '.join(damaged)}"] if damaged else []
+        for name, camera, old, new in zip(
+            ("image_1.tif", "image_2.tif"), cameras(self.scene), self.unchanged, self.changed_to, strict=True
+        ):
+            if camera not in (old, new):
+                kill.wrong.append(f"{name} has a third camera {when}")
+
+
+def load_everything(scene: Path, folder: Path) -> None:
+    """Run every writer once in this process, so that its children have all loaded and compiled; without threads."""
+    cv2.setNumThreads(1)
+    for writer in writers():
+        place = folder / str(writer).replace(" ", "_")
+        shutil.copytree(scene, place / "in")
+        with open(os.devnull, "w") as nowhere:
+            before = sys.stderr, sys.stdout
+            sys.stderr = sys.stdout = nowhere
+            try:
+                main([*writer.words(place / "in", place / "out"), "--quiet"])
+            finally:
+                sys.stderr, sys.stdout = before
+        shutil.rmtree(place)
