@@ -24,6 +24,7 @@ import cv2
 from every_algorithm import sound_options, words_of
 from osgeo import gdal, ogr
 
+from hrsi.hrsi_engine.foundation.interruption import quit_on_signals
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.io.transactions import finish_interrupted
 from hrsi.processing_algorithms import REGISTRY
@@ -119,12 +120,12 @@ def run_forked(words: list[str], folder: Path, at_change: int = 0, number: signa
                     os.kill(os.getpid(), number)
 
         sys.addaudithook(watch)
+        quit_on_signals()  # as the program `hrsi` does before and after its work
         code = main(words)
+        quit_on_signals()
         whole = time.monotonic() - began
         counts = seen
         (folder / "measured.json").write_text(json.dumps([first or whole, whole, counts]))
-    except KeyboardInterrupt:  # after the end of the command line
-        code = 0
     finally:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()

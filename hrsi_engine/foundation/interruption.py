@@ -3,7 +3,8 @@
 Two ways, one after the other. While modules are loaded nothing is open, and an exception could come out of any half
 loaded library as another one, or as a traceback: the program ends at once (`quit_on_signals`). While it works, the
 signal is an exception that cleans up on its way (`signals_as_exceptions`). Where Python or GDAL swallow that exception,
-as in callbacks, it is raised again. Programs only, in their main thread: what is called from elsewhere keeps its ways.
+as in callbacks, it is raised again. Programs only, in their main thread: what is called from elsewhere keeps its ways. While several
+files change together, signals wait (`holding_signals`), in any program.
 """
 
 from __future__ import annotations
@@ -76,6 +77,26 @@ def signals_as_exceptions() -> Iterator[None]:
         sys.unraisablehook, sys.excepthook = hooks
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def holding_signals() -> Iterator[None]:
+    """Let signals wait until this ends: an exception between two steps would tear apart what belongs together."""
+    if threading.current_thread() is not threading.main_thread():  # signals reach the main thread only
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.getsignal(number) for number in _ENDINGS}
+    before = {number: handler for number, handler in before.items() if handler is not None}  # None: not Python's
+    for number in before:
+        signal.signal(number, lambda number, _frame: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
 
 
 def ending() -> tuple[int, str] | None:

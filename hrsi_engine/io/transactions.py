@@ -14,13 +14,12 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
-import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from types import TracebackType
 from typing import Any
 
 from ..foundation.errors import OutputError
+from ..foundation.interruption import holding_signals
 from ..foundation.json_values import json_text
 from .folder_lock import remove_dead_lock
 from .leftovers import is_writer_running, sweep, temporary_name, writer
@@ -80,7 +79,7 @@ class Transaction:
         """
         if not self._steps:
             return
-        with _uninterrupted():
+        with holding_signals():
             self._commit()
 
     def _commit(self) -> None:
@@ -119,27 +118,6 @@ class Transaction:
         folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
         inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
         return sorted(folders - inside)
-
-
-@contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait: an exception between two steps would tear apart what belongs together."""
-    if threading.current_thread() is not threading.main_thread():  # signals reach the main thread only
-        yield
-        return
-    came: list[int] = []
-    before = {
-        number: signal.signal(number, lambda number, _frame: came.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-        if signal.getsignal(number) is not None  # None: set by another program's code, which cannot be set back
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        for number in came[:1]:
-            signal.raise_signal(number)
 
 
 def finish_interrupted(folders: Iterable[str]) -> list[str]:
