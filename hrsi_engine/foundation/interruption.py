@@ -3,8 +3,8 @@
 Two ways, one after the other. While modules are loaded nothing is open, and an exception could come out of any half
 loaded library as another one, or as a traceback: the program ends at once (`quit_on_signals`). While it works, the
 signal is an exception that cleans up on its way (`signals_as_exceptions`). Where Python or GDAL swallow that exception,
-as in callbacks, it is raised again. Programs only, in their main thread: what is called from elsewhere keeps its ways. While several
-files change together, signals wait (`holding_signals`), in any program.
+as in callbacks, it is raised again. Programs only, in their main thread: what is called from elsewhere keeps its ways.
+While several files change together, signals wait, in any program (`holding_signals`).
 """
 
 from __future__ import annotations
