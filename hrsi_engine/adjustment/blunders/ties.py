@@ -5,9 +5,15 @@ less does not matter, and each point is a small adjustment of its own. The test 
 the weighted sum of squares falls when it is left out, divided by the variance factor. The worst measurement goes until
 the rest agree; where one does not explain it, and there are four rays or more, two blunders may hide each other: then
 it begins with the largest set of rays that agree with the point that two of them make. Where several measurements could
-be the wrong one the point cannot tell; all of those are *doubtful* and left out, none is called a blunder. Two rays
-that are left after a gross error agree by chance too often where many measurements are wrong: then they are doubtful as
-well.
+be the wrong one the point cannot tell; all of those are *doubtful* and left out, none is called a blunder.
+
+Two rays that are left of k have one condition y (sigmas), which wrong ones meet by chance. With a share e of wrong
+measurements and errors of size a (sigmas), that of k rays k - 1 or all are wrong and two of them happen to agree, over
+that the other k - 2 are wrong, is
+
+    odds = (k e (1 - e) + e²) / (1 - e)² · chance / phi(y)        chance = 1 / (2 a), phi: the normal density
+
+(Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `CREDIT` are doubtful too.
 """
 
 from __future__ import annotations
@@ -24,8 +30,7 @@ from .consensus import pairs_of
 from .limits import critical_value, error_probability, shared_sigmas
 
 MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
-MOSTLY_CLEAN = 0.07  # share of wrong measurements up to which two rays that agree prove something
-
+CREDIT = 0.05  # odds of agreeing by chance up to which two rays that are left are believed
 GROSS = 1.5  # times the user's limit: beyond it a point has a blunder, and not just bad luck
 
 
@@ -34,9 +39,10 @@ def tie_variance(
 ) -> tuple[float, float]:
     """Return the variance factor of the tie points, and the degrees of freedom with which it is known; 1 without any.
 
-    It is the median of their sums of squares ``(m,)`` over what they would be, of points on two ``rays (m,)`` or more.
+    It is the median of their sums of squares ``(m,)`` over what they would be, of points on two ``rays (m,)`` or more;
+    not of those that were reduced to two, which stayed because they agree.
     """
-    chosen = ties & (rays >= 2)
+    chosen = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
     if not chosen.any():
         return 1.0, 0.0
     freedom = 2 * rays[chosen] - 3
@@ -96,10 +102,12 @@ def tie_decisions(
         return decision, failed
     probability = np.concatenate([group.judge_worst(freedom) for _, group in groups])
     limit = shared_sigmas(probability, int(ties.sum()), sigmas)
-    touched = float((probability < error_probability(limit)).sum()) / ties.sum()
-    wrong = 1.0 - (1.0 - touched) ** (1.0 / lengths[ties].mean())
+    touched = probability < error_probability(limit)
+    wrong = 1.0 - (1.0 - touched.sum() / ties.sum()) ** (1.0 / lengths[ties].mean())
+    worst = np.concatenate([group.worst for _, group in groups])
+    size = float(np.sqrt(np.median(worst[touched]))) if touched.any() else 1.0
     for rows, group in groups:
-        decision[rows], failed[rows] = group.judge(sigmas, limit, wrong > MOSTLY_CLEAN)
+        decision[rows], failed[rows] = group.judge(sigmas, limit, wrong, size)
     return decision, failed
 
 
@@ -137,11 +145,11 @@ class PointRays:
         self.probability = np.minimum(np.where(rays == 2, of_two, rays * special.fdtrc(2.0, freedom, 0.5 * worst)), 1.0)
         return self.probability
 
-    def judge(self, sigmas: float, limit: float, many_wrong: bool) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, sigmas: float, limit: float, wrong: float, size: float) -> tuple[np.ndarray, np.ndarray]:
         """Leave out the worst measurement of each point until the rest agree; return decisions and tests ``(m, k)``.
 
         A point whose worst measurement stays below ``limit`` (sigmas) has none that is wrong; in the others ``sigmas``
-        decide. ``many_wrong``: two rays that are left are doubtful.
+        decide. ``wrong`` is the share of wrong measurements, ``size`` what is usual of their errors, in sigmas.
         """
         limits = np.array([least_suspicious(sigmas, rays) for rays in range(self.weight.shape[1] + 1)])
         pending = np.flatnonzero(self.probability < error_probability(limit))
@@ -159,9 +167,16 @@ class PointRays:
             bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
             pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
             self._leave_out(pending, tests, squares, rays, sigmas)
-        if many_wrong:
-            alone = touched[(self.weight[touched] > 0.0).sum(axis=1) <= 2]
-            self._doubt(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
+        # Two rays that are left, and agree by chance too often
+        alone = touched[(self.weight[touched] > 0.0).sum(axis=1) == 2]
+        if not len(alone):
+            return self.decision, self.failed
+        _, squares = self._tests(alone)
+        agreeing = np.exp(-0.5 * squares) / np.sqrt(2.0 * np.pi)
+        rays = self.weight.shape[1]
+        odds = (rays * wrong * (1.0 - wrong) + wrong**2) / (1.0 - wrong) ** 2 * (0.5 / size) / agreeing
+        alone = alone[odds > CREDIT]
+        self._doubt(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
         return self.decision, self.failed
 
     def _doubt(self, points: np.ndarray, out: np.ndarray, failed: np.ndarray) -> None:
