@@ -29,7 +29,7 @@ from . import ellipsoid
 WGS84, WGS84_3D = 4326, 4979
 
 ONE_PLACE_DEG = 90.0  # longitudes that lie nearer together across the 180 degree meridian are those of one place
-
+MOST_UNDULATION_M = 200.0  # the geoid's are within 110 m; a local height datum may lie some metres off it
 #: Geoid grids by the name used on the command line: PROJ's file name, then older names of the same model.
 GEOID_GRIDS = {
     "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
@@ -353,6 +353,9 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
         undulation = np.full(len(ground), np.nan)
     if not np.isfinite(undulation).all():
         raise InputError(f"the geoid grid {datum} does not cover all points: use another datum or a larger grid")
+    largest = undulation[np.abs(undulation).argmax()] if undulation.size else 0.0
+    if abs(largest) > MOST_UNDULATION_M:
+        raise InputError(f"the geoid grid {datum} holds {largest:g} m, which no geoid has: get the file again")
     return np.asarray(undulation)
 
 

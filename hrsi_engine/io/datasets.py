@@ -1,4 +1,7 @@
-"""Opening GDAL datasets without touching GDAL's global state: quiet, with or without GDAL exceptions enabled."""
+"""Opening GDAL datasets quietly, with or without GDAL exceptions enabled.
+
+Of GDAL's global state nothing is touched but what it would do without an end: wait for a server (`HTTP_PATIENCE`).
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,36 @@ from typing import Any, TypeVar
 from osgeo import gdal
 
 Told = TypeVar("Told")
+#: How long servers are waited for, in seconds: until they take a connection, and while they send less than some bytes a
+#: second. Whoever sets these options of GDAL, in the environment or by the program, has his own.
+HTTP_PATIENCE = {"GDAL_HTTP_CONNECTTIMEOUT": "10", "GDAL_HTTP_LOW_SPEED_TIME": "15", "GDAL_HTTP_LOW_SPEED_LIMIT": "10"}
+
+
+_SERVERS = ("http://", "https://", "/vsis3", "/vsigs", "/vsiaz", "/vsioss", "/vsiswift")
+
+
+def set_http_patience() -> None:
+    """Give GDAL the options of `HTTP_PATIENCE` that nobody has set.
+
+    They count in the whole process, because GDAL fetches pixels in whatever thread reads them; this module does it when
+    it is imported, so that every process has them that reads anything, workers of a cluster too.
+    """
+    for name, value in HTTP_PATIENCE.items():
+        if gdal.GetConfigOption(name) is None:
+            gdal.SetConfigOption(name, value)
+
+
+set_http_patience()
+
+
+def check_advice(path: str, otherwise: str = "check the path") -> str:
+    """Return what to do about a file that cannot be opened; of one on a server, that it may be slow."""
+    if not any(server in path for server in _SERVERS):
+        return otherwise
+    return (
+        "check the address, and whether its server answers (GDAL's options GDAL_HTTP_CONNECTTIMEOUT and "
+        "GDAL_HTTP_LOW_SPEED_TIME say how long it is waited for)"
+    )
 
 
 @contextmanager

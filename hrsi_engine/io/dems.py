@@ -11,7 +11,8 @@ from osgeo import gdal
 from ..foundation.errors import InputError
 from ..ground.geodesy import geoid_heights, has_vertical_datum, undulations_of_crs
 from ..surface.dem import GridSurface
-from .datasets import gdal_messages, open_dataset, quietly
+from .budgets import require_heights, require_raster
+from .datasets import check_advice, gdal_messages, open_dataset, quietly
 from .georeference import Georeference
 
 #: Metres per unit of height, by the names that drivers give (lower case).
@@ -45,7 +46,9 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
     """
     dataset, message = open_dataset(path)
     if dataset is None:
-        raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): check the file")
+        advice = check_advice(path, "check the file")
+        raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): {advice}")
+    require_raster(path, dataset)
     place = Georeference(dataset, path, "DEM", endless=True)
     reader = _DemReader(dataset, path, place, _undulations(path, place.crs, height_datum))
     return GridSurface((dataset.RasterYSize, place.turn or dataset.RasterXSize), reader.read, place.to_grid)
@@ -84,10 +87,13 @@ class _DemReader:
         self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
         self._metres = _metres_per_unit(band, place.crs, path)
 
+    def _cell_name(self, row: int, column: int) -> str:
+        return f"{self._path}, row {row}, column {column}"
+
     def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
         """Return a window's ellipsoidal heights, NaN where there are none.
 
-        Raises `InputError` where it cannot be read or a geoid grid does not cover it.
+        Raises `InputError` where it cannot be read, holds what is no height, or a geoid grid does not cover it.
         """
         turn, begin = self._place.turn, column + self._place.first
         if not turn:
@@ -118,4 +124,5 @@ class _DemReader:
         heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
         heights[mask == 0] = np.nan
         heights[~np.isfinite(heights)] = np.nan
+        require_heights(heights.ravel(), lambda cell: self._cell_name(row + cell // columns, column + cell % columns))
         return np.asarray(heights)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..foundation.errors import InputError
+from .budgets import require_size
 from .replacing import replacing
 
 _KEY = re.compile(r"[A-Za-z0-9_.-]+")
@@ -30,10 +31,14 @@ class FinishedParts:
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
         """Return what was kept under a key; None where there is no file, or a damaged one."""
+        path = str(self._path(key))
         try:
-            with np.load(self._path(key), allow_pickle=False) as file:
+            require_size(path, "result")
+            with np.load(path, allow_pickle=False) as file:
+                if any(part.compress_type != zipfile.ZIP_STORED for part in file.zip.infolist()):
+                    return None  # `save` compresses nothing, so that nothing can unfold
                 return {name: file[name] for name in file.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        except Exception:  # whatever zipfile, NumPy and the decoders raise of bytes that nobody wrote
             return None
 
     def save(self, key: str, result: dict[str, np.ndarray]) -> None:

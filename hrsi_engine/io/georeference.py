@@ -9,7 +9,8 @@ import pyproj
 from osgeo import gdal
 
 from ..foundation.errors import InputError
-from ..ground.geodesy import longitudes_near, wrap_degrees
+from ..ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
+from .budgets import CELL_M
 
 TURN_TOLERANCE = 1e-3  # of a column, by which a raster round the Earth may miss a whole turn
 
@@ -33,8 +34,15 @@ class Georeference:
         self._geotransform, self._inverse = geotransform, inverse
         self.horizontal = self.crs.sub_crs_list[0] if self.crs.sub_crs_list else self.crs
         self._geographic = bool(self.horizontal.is_geographic)
-        self._from_wgs84 = pyproj.Transformer.from_crs(4326, self.horizontal, always_xy=True)
-        self._to_wgs84 = pyproj.Transformer.from_crs(self.horizontal, 4326, always_xy=True)
+        try:
+            self._from_wgs84 = pyproj.Transformer.from_crs(4326, self.horizontal, always_xy=True)
+            self._to_wgs84 = pyproj.Transformer.from_crs(self.horizontal, 4326, always_xy=True)
+        except pyproj.exceptions.ProjError as error:
+            raise InputError(
+                f"{path}: PROJ knows no way from its CRS to WGS84 ({error}): assign one with gdal_edit.py"
+            ) from None
+        self.first = 0
+        self._require_place(path, np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))
         (west, _), (middle, _), (east, _) = self._xy(
             np.array([[0.0, 0.5], [0.5, 0.5], [1.0, 0.5]]) * [dataset.RasterXSize, dataset.RasterYSize]
         )
@@ -43,7 +51,6 @@ class Georeference:
         columns = 360.0 / geotransform[1] if endless and self._geographic and geotransform[1] > 0.0 else 0.0
         whole = abs(columns - round(columns)) < TURN_TOLERANCE and round(columns) <= dataset.RasterXSize
         self.turn = round(columns) if whole else 0
-        self.first = 0
         self._placed = not self.turn
         self._lock = threading.Lock()
 
@@ -78,11 +85,24 @@ class Georeference:
         lon, lat = self._to_wgs84.transform(xy[:, 0], xy[:, 1])
         return np.column_stack([wrap_degrees(np.asarray(lon)), lat])
 
+    def _require_place(self, path: str, middle: np.ndarray) -> None:
+        """Raise `InputError` for a middle that is nowhere on Earth, or cells of an impossible size."""
+        lonlat = self.to_lonlat(middle + [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        sides = np.linalg.norm(ground_difference_m(*(_at_height_0(lonlat[k]) for k in ([1, 2], [0, 0]))), axis=1)
+        if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 90.0:
+            raise InputError(f"{path}: its middle is nowhere on Earth: correct its geotransform and CRS")
+        if sides.min() < CELL_M[0] or sides.max() > CELL_M[1]:
+            raise InputError(f"{path}: its cells are {sides[0]:g} x {sides[1]:g} m: correct its geotransform and CRS")
+
     def _xy(self, corner: np.ndarray) -> np.ndarray:
         """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
         x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
         column, row = corner.T
         return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
+
+
+def _at_height_0(lonlat: np.ndarray) -> np.ndarray:
+    return np.column_stack([lonlat, np.zeros(len(lonlat))])
 
 
 def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:

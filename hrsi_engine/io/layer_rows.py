@@ -17,6 +17,7 @@ from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
 from .layer_styles import default_styles
 from .layers import Layer, create_layer, create_style_table, in_one_place, insert_rows, insert_styles, write_geopackage
+from .point_files.ogr_layer import open_vector
 from .sql import sql_text
 
 _WAIT_S = 5.0  # for another program that is writing
@@ -94,9 +95,7 @@ def text_columns(path: str, layer: str, fields: Sequence[str]) -> dict[str, list
 
 
 def _open_layer(path: str) -> gdal.Dataset:
-    dataset = None
-    with gdal_messages():
-        dataset = gdal.OpenEx(path, gdal.OF_VECTOR)
+    dataset = open_vector(path)
     if dataset is None:
         raise InputError(f"{path}: cannot be opened as a vector file: check the path")
     return dataset

@@ -5,7 +5,6 @@ A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets t
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -18,6 +17,7 @@ from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages, quiet
+from .json_files import read_json
 from .layers import remove_old_journal
 from .leftovers import temporary_folder
 from .replacing import COPY_BYTES
@@ -189,9 +189,8 @@ def names_of_last_run(folder: str) -> set[str]:
 def read_report(path: str) -> dict[str, Any] | None:
     """Return a report that this program wrote; None where there is none."""
     try:
-        with open(path, encoding="utf-8") as file:
-            report = json.load(file)
-    except (OSError, ValueError):
+        report = read_json(path, "report")
+    except InputError:
         return None
     return report if isinstance(report, dict) and {"schema", "algorithm"} <= report.keys() else None
 

@@ -12,16 +12,16 @@ finds it from any of the files.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 from collections.abc import Iterable, Sequence
 from types import TracebackType
 from typing import Any
 
-from ..foundation.errors import OutputError
+from ..foundation.errors import InputError, OutputError
 from ..foundation.interruption import holding_signals
 from ..foundation.json_values import json_text
 from .folder_lock import remove_dead_lock
+from .json_files import read_json
 from .leftovers import is_writer_running, sweep, temporary_name, writer
 from .replacing import flush
 
@@ -210,9 +210,8 @@ def _write(path: str, content: dict[str, object]) -> None:
 def _read(path: str, keys: dict[str, type]) -> dict[str, Any] | None:
     """Return a journal's or signpost's content; None where there is none, or one that is not whole."""
     try:
-        with open(path, encoding="utf-8") as file:
-            content = json.load(file)
-    except (OSError, ValueError):
+        content = read_json(path, "report")
+    except InputError:
         return None
     if not isinstance(content, dict) or not all(isinstance(content.get(key), kind) for key, kind in keys.items()):
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import time
@@ -21,6 +20,7 @@ from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.threads import thread_count
 from ...hrsi_engine.foundation.version import VERSION
+from ...hrsi_engine.io.json_files import read_json
 from ...hrsi_engine.io.ortho_warp import OrthoSource, Warp
 from ...hrsi_engine.io.orthoimages import (  # fmt: skip
     OrthoFigures,
@@ -131,11 +131,9 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -
 def _foreign_report(folder: Path) -> bool:
     """Tell whether the folder holds the report of something else."""
     try:
-        return bool(json.loads((folder / "report.json").read_text(encoding="utf-8"))["algorithm"] != "orthorectify")
-    except FileNotFoundError:
-        return False
-    except (OSError, ValueError, KeyError, TypeError):
-        return True
+        return bool(read_json(str(folder / "report.json"), "report")["algorithm"] != "orthorectify")
+    except (InputError, KeyError, TypeError):
+        return os.path.exists(folder / "report.json")
 
 
 def _finish(job: OrthoJob) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...ground.geodesy import east_north_up
+from ..budgets import require_size
 from .table import PointReader, PointTable
 
 _POINT_FIELDS, _IMAGE_FIELDS = 7, 5
@@ -26,6 +27,7 @@ _Row = tuple[int, str, str, list[float]]
 
 def read(path: str, _layer: str = "") -> PointTable:
     """Return one row for each point and image; raise `InputError` naming the line where one is damaged."""
+    require_size(path, "points")
     try:
         with open(path, encoding="utf-8-sig", errors="replace") as file:
             lines = file.read().splitlines()

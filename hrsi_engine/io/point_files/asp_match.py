@@ -15,6 +15,7 @@ import struct
 import numpy as np
 
 from ...foundation.errors import InputError
+from ..budgets import require_size
 from .table import PointReader, PointTable
 
 _COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")
@@ -26,6 +27,7 @@ def read(path: str, _layer: str = "") -> PointTable:
     named = _NAME.match(os.path.basename(path))
     if named is None:
         raise InputError(f"{path}: its name does not say its images: call it PREFIX-IMAGE1__IMAGE2.match")
+    require_size(path, "matches")
     try:
         with open(path, "rb") as file:
             content = file.read()
@@ -56,7 +58,7 @@ def _interest_points(path: str, content: bytes) -> np.ndarray:
             offset += _RECORD.size + 4 * record[-1]
         if offset != len(content):
             raise ValueError(f"{len(content)} bytes instead of {offset}")
-    except (struct.error, ValueError) as error:
+    except (struct.error, ValueError, OverflowError) as error:
         raise InputError(f"{path}: is no complete match file ({error}): get it again") from None
     if not np.isfinite(xy).all():
         raise InputError(f"{path}: holds positions that are no numbers: get it again")

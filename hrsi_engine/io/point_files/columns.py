@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ...foundation.errors import InputError
+from ..budgets import require_texts
 
 #: Text fields and what else they may be called.
 TEXT_FIELDS: dict[str, tuple[str, ...]] = {
@@ -68,9 +69,14 @@ def match_fields(names: Sequence[str]) -> dict[str, int]:
     return found
 
 
-def strip_texts(texts: Sequence[str]) -> np.ndarray:
-    """Return a text column without surrounding blanks, ``(n,)`` str."""
-    return np.array(list(map(str.strip, texts)), dtype=str)
+def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
+    """Return a text column without surrounding blanks, ``(n,)`` str.
+
+    Raises `InputError` naming file and field where a text is longer than any name.
+    """
+    stripped = list(map(str.strip, texts))
+    require_texts(source, name, len(stripped), max(map(len, stripped), default=0))
+    return np.array(stripped, dtype=str)
 
 
 def numbers(

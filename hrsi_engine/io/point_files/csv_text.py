@@ -15,6 +15,7 @@ from itertools import islice
 import numpy as np
 
 from ...foundation.errors import InputError
+from ..budgets import LONGEST_LINE, require_texts
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
 from .table import PointReader, PointTable
 
@@ -52,19 +53,25 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
         where = partial(_row_name_after, row_name, done)
         texts = _columns(path, chunk, len(names), where)
         for field, column in found.items():
-            parts[field].append(_values(f"{path}, field {field!r}", field, texts[column], where, decimal_comma))
+            parts[field].append(_values(path, field, texts[column], where, decimal_comma))
         done += len(chunk)
-    columns = {field: np.concatenate(parts.pop(field)) if done else np.empty(0) for field in found}
+    columns = {field: _joined(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
     return PointTable(path, columns, tuple(names), row_name)
 
 
 def _values(
-    source: str, field: str, texts: tuple[str, ...], row_name: Callable[[int], str], decimal_comma: bool
+    path: str, field: str, texts: tuple[str, ...], row_name: Callable[[int], str], decimal_comma: bool
 ) -> np.ndarray:
     if field in NUMBER_FIELDS:
-        named = lambda index: f"{source}, {row_name(index)}"  # noqa: E731  # a name for the line's sake
+        named = lambda index: f"{path}, field {field!r}, {row_name(index)}"  # noqa: E731  # for the line's sake
         return numbers(texts, named, decimal_comma, field in MAY_BE_INFINITE)
-    return strip_texts(texts)
+    return strip_texts(texts, path, field)
+
+
+def _joined(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
+    if parts[0].dtype.kind == "U":
+        require_texts(path, field, sum(map(len, parts)), max(part.dtype.itemsize // 4 for part in parts))
+    return np.concatenate(parts)
 
 
 def _separator(path: str, encoding: str) -> str:
@@ -121,20 +128,29 @@ def _row_name_after(row_name: Callable[[int], str], done: int, index: int) -> st
 
 
 def _encoding(path: str) -> str:
-    """Return UTF-8 or UTF-16 by the byte order mark or because every byte fits, otherwise Latin-1."""
+    """Return UTF-8 or UTF-16 by the byte order mark or because every byte fits, otherwise Latin-1.
+
+    The whole file passes here once: raises `InputError` for one without line breaks, which would come as one line.
+    """
+    encoding, decoder, unbroken = "utf-8", codecs.getincrementaldecoder("utf-8")(), 0
     with open(path, "rb") as file:
         head = file.read(4)
-        for mark, name in _BOMS:
-            if head.startswith(mark):
-                return name
         file.seek(0)
-        decoder = codecs.getincrementaldecoder("utf-8")()
-        try:
-            while block := file.read(1 << 20):
-                decoder.decode(block)
-            decoder.decode(b"", final=True)
-        except UnicodeDecodeError:
-            return "latin-1"
+        marked = next((name for mark, name in _BOMS if head.startswith(mark)), None)
+        while block := file.read(1 << 20):
+            unbroken = 0 if b"\n" in block or b"\r" in block else unbroken + len(block)
+            if unbroken > LONGEST_LINE:
+                raise InputError(f"{path}: holds {unbroken} bytes without a line break: it is no table, check the file")
+            if marked is None and encoding == "utf-8":
+                encoding = _encoding_after(decoder, block, len(block) < 1 << 20)
+    return marked or encoding
+
+
+def _encoding_after(decoder: codecs.IncrementalDecoder, block: bytes, last: bool) -> str:
+    try:
+        decoder.decode(block, final=last)
+    except UnicodeDecodeError:
+        return "latin-1"
     return "utf-8"
 
 

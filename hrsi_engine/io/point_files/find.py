@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...foundation.errors import InputError
+from ..datasets import check_advice
 from . import asp_gcp, asp_match, csv_text, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
 from .interpret import PointTables, interpret
@@ -134,5 +135,6 @@ def point_reader_of(path: str) -> PointReader:
     reader = next((reader for reader in POINT_READERS.values() if reader.recognises(path, name, head)), None)
     if reader is None:
         titles = ", ".join(reader.title for reader in POINT_READERS.values())
-        raise InputError(f"{path}: is no point file that is known ({titles}): convert it to GeoPackage or CSV")
+        advice = check_advice(path, "convert it to GeoPackage or CSV")
+        raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
     return reader

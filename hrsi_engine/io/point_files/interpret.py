@@ -14,6 +14,7 @@ import numpy as np
 
 from ...block.block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
 from ...foundation.errors import InputError
+from ..budgets import FARTHEST_PX, require_heights
 from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy
@@ -90,6 +91,10 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
         row = np.flatnonzero(wrong)[0]
         field = "sample" if empty[row, 0] else "line"
         raise InputError(f"{table.at(row)}: field {field!r} is empty: fill it in, or remove the row")
+    far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > FARTHEST_PX
+    if far.any():
+        row = np.flatnonzero(far)[0]
+        raise InputError(f"{table.at(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")
     rows = np.flatnonzero(~empty.any(axis=1))
     if not len(rows):
         return None
@@ -143,6 +148,7 @@ def _matching_id(name: str, image_ids: set[str], prefixed: bool) -> str:
 def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
     """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
     ground, warnings = ground_positions(table, reference)
+    require_heights(ground[:, 2], table.at)
     role = np.full(len(table), UNSET, dtype=np.int8)
     names, index = unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
     for number, name in enumerate(names):

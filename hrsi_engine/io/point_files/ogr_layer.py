@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from osgeo import gdal, ogr
 
 from ...foundation.errors import InputError
+from ..budgets import require_texts, require_unfolded
 from ..datasets import gdal_messages
-from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
+from ..sound_databases import is_database, require_sound, widths
+from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, TEXT_FIELDS, match_fields, numbers, strip_texts
 from .ogr_arrow import BY_COLUMNS, arrow_columns
 from .table import PointReader, PointTable
 
 _NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
 _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
+POINT_BYTES = 128  # of a point with the longest header that a GeoPackage has
 _NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
 
 
 def open_vector(path: str) -> gdal.Dataset | None:
-    """Return the opened vector dataset, None where OGR cannot read the file."""
+    """Return the opened vector dataset, None where OGR cannot read the file.
+
+    Raises `InputError` where it is a database that contradicts itself, or a spreadsheet that unfolds without end.
+    """
+    require_sound(path)
+    require_unfolded(path)
     dataset = None
     with gdal_messages():
         dataset = gdal.OpenEx(path, gdal.OF_VECTOR)
@@ -36,7 +44,7 @@ def read(path: str, layer_wanted: str = "") -> PointTable:
     source = path if dataset.GetLayerCount() == 1 else f"{path}, layer {layer.GetName()!r}"
     table = None
     with gdal_messages() as messages:
-        table = _read_layer(source, layer, dataset.GetDriver().ShortName)
+        table = _read_layer(path, source, layer, dataset.GetDriver().ShortName)
     if table is None or messages:
         reason = messages[-1] if messages else "unknown reason"
         raise InputError(f"{source}: cannot be read to the end ({reason}): get it again")
@@ -58,7 +66,7 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
 
 
-def _read_layer(source: str, layer: ogr.Layer, driver: str) -> PointTable:
+def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str) -> PointTable:
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
     found = match_fields(names)
@@ -66,7 +74,8 @@ def _read_layer(source: str, layer: ogr.Layer, driver: str) -> PointTable:
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
     layer.ResetReading()
     wanted = {field: names[index] for field, index in found.items()}
-    quick = arrow_columns(layer, wanted, has_geometry) if driver in BY_COLUMNS else None
+    by_columns = driver in BY_COLUMNS and _is_narrow(path, source, layer, wanted)
+    quick = arrow_columns(layer, wanted, has_geometry) if by_columns else None
     if quick is not None:
         ids = quick.feature_ids
         columns = {f: _column(source, f, names[found[f]], quick.values[f], ids) for f in found}
@@ -87,6 +96,20 @@ def _read_layer(source: str, layer: ogr.Layer, driver: str) -> PointTable:
     return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
 
 
+def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, str]) -> bool:
+    """Tell whether a layer has only geometries of the size of a point; raise `InputError` for impossible texts.
+
+    OGR's columns give each row the width of the longest: a polygon among a million points would take a petabyte.
+    """
+    if not is_database(path):
+        return True
+    texts, geometry = {name: field for field, name in wanted.items() if field in TEXT_FIELDS}, layer.GetGeometryColumn()
+    found = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
+    for name in texts:
+        require_texts(source, name, found.rows, found.longest[name])
+    return not geometry or found.longest[geometry] <= POINT_BYTES
+
+
 def _getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str
     return _float if field in NUMBER_FIELDS and field_type in _NUMERIC else _text
 
@@ -103,7 +126,7 @@ def _column(
     source: str, field: str, name: str, values: Sequence | np.ndarray, feature_ids: Sequence[int] | np.ndarray
 ) -> np.ndarray:
     if field not in NUMBER_FIELDS:
-        return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values)
+        return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values, source, name)
     where = f"field {name!r}"
     if len(values) and isinstance(values[0], str):
         return numbers(

@@ -5,22 +5,21 @@ Positions are longitude, latitude and ellipsoidal height, as GeoJSON (RFC 7946) 
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 import numpy as np
 
 from ...foundation.errors import InputError
+from ..json_files import read_json
 from .table import PointReader, PointTable
 
 
 def read(path: str, _layer: str = "") -> PointTable:
     """Return the GCPs of a file; raise `InputError` naming the feature where one is damaged."""
     try:
-        with open(path, encoding="utf-8-sig") as file:
-            features = json.load(file)["features"]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        features = read_json(path, "points")["features"]
+    except (TypeError, KeyError) as error:
         raise InputError(f"{path}: is no GeoJSON feature collection ({error}): check the file") from None
     if not isinstance(features, list):
         raise InputError(f"{path}: 'features' is no list: check the file")

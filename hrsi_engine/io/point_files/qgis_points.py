@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 
 from ...foundation.errors import InputError
+from ..budgets import require_size
 from ..rasters import image_id
 from .columns import numbers
 from .table import PointReader, PointTable
@@ -22,6 +23,7 @@ _X, _Y = ("sourcex", "pixelx"), ("sourcey", "pixely")  # QGIS 3.26 and later, an
 
 def read(path: str, _layer: str = "") -> PointTable:
     """Return the points that are switched on; raise `InputError` where the file is damaged."""
+    require_size(path, "points")
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             lines = file.read().splitlines()

@@ -12,12 +12,13 @@ from xml.parsers import expat
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ..budgets import MOST_BYTES
+from ..datasets import check_advice, quiet
 
-LIMIT_BYTES = 32 * 2**20  # the largest vendor XML known (with ephemeris and attitude lists) has about 2 MB
 HEAD_BYTES = 2**20  # enough to tell the format of a file
 
 
-def read_bytes(path: str, limit: int = LIMIT_BYTES) -> bytes:
+def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
     """Return a file's content; it may lie behind a GDAL virtual path (``/vsizip/…``).
 
     Raises `InputError` where the file cannot be read or is too large to be an RPC file.
@@ -40,13 +41,15 @@ def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
 
 
 def _read_virtual(path: str, count: int) -> bytes:
-    handle = gdal.VSIFOpenL(path, "rb")
-    if handle is None:
-        raise InputError(f"{path}: cannot be read: check the path")
-    try:
-        return bytes(gdal.VSIFReadL(1, count, handle) or b"")
-    finally:
-        gdal.VSIFCloseL(handle)
+    content = None
+    with quiet():
+        handle = gdal.VSIFOpenL(path, "rb")
+        if handle is not None:
+            content = bytes(gdal.VSIFReadL(1, count, handle) or b"")
+            gdal.VSIFCloseL(handle)
+    if content is None:
+        raise InputError(f"{path}: cannot be read: {check_advice(path)}")
+    return content
 
 
 def read_text(path: str) -> str:

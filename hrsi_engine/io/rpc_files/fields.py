@@ -15,6 +15,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ..budgets import RPC_RANGES
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (
@@ -103,6 +104,10 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             raise InputError(f"{where}: {names[field]} is {value}: a finite number is needed")
         if field.endswith("_scale") and value == 0.0:
             raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, get the file again")
+    for field, (low, high) in RPC_RANGES.items():
+        value = getattr(rpc, field)
+        if not low <= value <= high:
+            raise InputError(f"{where}: {names[field]} is {value:g}, beyond {low:g} to {high:g}: get the file again")
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
         if not np.isfinite(values).all():

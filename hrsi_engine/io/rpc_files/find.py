@@ -16,7 +16,8 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..datasets import metadata_of, open_dataset
+from ..budgets import require_raster
+from ..datasets import check_advice, metadata_of, open_dataset
 from . import crop, dimap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings
 from .fields import numbers_of, rpc_from_gdal
@@ -90,7 +91,9 @@ def open_raster(path: str) -> gdal.Dataset:
     dataset, message = open_dataset(path)
     if dataset is None or dataset.RasterCount < 1:
         reason = f" ({message})" if message else ""
-        raise InputError(f"{path}: neither an image nor an RPC file{reason}: check the file")
+        advice = check_advice(path, "check the file")
+        raise InputError(f"{path}: neither an image nor an RPC file{reason}: {advice}")
+    require_raster(path, dataset)
     return dataset
 
 

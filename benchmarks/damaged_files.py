@@ -1,0 +1,136 @@
+"""Damaged files of every kind through every reader: crashes, tracebacks, and readings above 10 s or 2 GiB.
+
+`damaged_files.py [--files N] [--seed S] [--readers R …] [--data FOLDER] [--keep FOLDER] [--docs]`. Every reading
+runs in a forked process with limits. What fails is kept where ``--keep`` says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections import Counter, defaultdict
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a process that forks must have no other threads
+    os.environ[_name] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from damaged_files import DAMAGES, MOST_BYTES, MOST_SECONDS, READERS, Ending, Laboratory, SoundFile, sound_files  # noqa: E402
+
+from hrsi.benchmarks.thesis_tables import render  # noqa: E402
+
+FAULTS = ("crash", "traceback", "time", "memory")
+
+
+def plan(files: list[SoundFile], count: int) -> list[tuple[SoundFile, str, int]]:
+    """Return which file is damaged how, ``count`` in all: readers in turn, their files, all kinds of damage."""
+    kinds, chosen = list(DAMAGES), []
+    by_reader: dict[str, list[SoundFile]] = defaultdict(list)
+    for file in files:
+        by_reader[file.reader].append(file)
+    for number in range(-(-count // len(by_reader))):
+        for own in by_reader.values():
+            chosen.append((own[number % len(own)], kinds[number // len(own) % len(kinds)], number))
+    return chosen[:count]
+
+
+def main() -> int:
+    """Damage, read, print the tables; return 1 where a reading failed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--files", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--readers", nargs="*", choices=READERS, default=list(READERS))
+    parser.add_argument("--data", type=Path, default=os.environ.get("HRSI_TEST_DATA"))
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--docs", action="store_true")
+    options = parser.parse_args()
+    counts: Counter[tuple[str, str, str]] = Counter()
+    slowest: dict[str, Ending] = {}
+    largest: dict[str, Ending] = {}
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="hrsi-damaged-") as name:
+        files = [file for file in sound_files(Path(name), options.data) if file.reader in options.readers]
+        laboratory = Laboratory(Path(name), files)
+        for file in files:
+            ending = laboratory.examine(file, file.content)
+            if ending.how != "read":
+                print(f"{file.reader} {file.name} is not read although it is sound: {ending.text}")
+        for file, kind, number in plan(files, options.files):
+            content = laboratory.damaged(file, kind, options.seed * 1_000_000 + number)
+            ending = laboratory.examine(file, content)
+            counts[file.reader, kind, ending.how] += 1
+            slowest[file.reader] = max(slowest.get(file.reader, ending), ending, key=lambda one: one.seconds)
+            largest[file.reader] = max(largest.get(file.reader, ending), ending, key=lambda one: one.bytes)
+            if ending.how in FAULTS:
+                place = f"{ending.how} {file.reader} {file.name} {kind} {number}"
+                print(f"{place}: {ending.seconds:.1f} s, {ending.bytes / 2**20:.0f} MiB\n{ending.text}", flush=True)
+                if options.keep:
+                    options.keep.mkdir(parents=True, exist_ok=True)
+                    (options.keep / f"{place.replace(' ', '-')}-{file.name}").write_bytes(content)
+    print(f"{time.monotonic() - started:.0f} s")
+    text = render_tables(counts, slowest, largest, len(files))
+    print(text)
+    if options.docs:
+        PAGE.write_text(text, encoding="utf-8")
+    return int(any(how in FAULTS for _, _, how in counts))
+
+
+def render_tables(
+    counts: Counter[tuple[str, str, str]], slowest: dict[str, Ending], largest: dict[str, Ending], seeds: int
+) -> str:
+    """Return the page: by reader how readings ended and what they cost, and by reader and kind what was refused."""
+    ends = ("read", "refused", *FAULTS)
+    rows = []
+    for reader in [reader for reader in READERS if reader in slowest]:
+        row = [sum(n for (one, _, how), n in counts.items() if (one, how) == (reader, end)) for end in ends]
+        cost = f"{slowest[reader].seconds:.1f}", f"{largest[reader].bytes / 2**20:.0f}"
+        rows.append([reader, str(sum(row)), *map(str, row), *cost])
+    all_of = [sum(n for (_, _, how), n in counts.items() if how == end) for end in ends]
+    cost = (
+        f"{max(one.seconds for one in slowest.values()):.1f}",
+        str(max(one.bytes for one in largest.values()) // 2**20),
+    )
+    rows.append(["all", str(sum(all_of)), *map(str, all_of), *cost])
+    by_kind = []
+    for reader in [reader for reader in READERS if reader in slowest]:
+        cells = []
+        for kind in DAMAGES:
+            ended = {how: counts[reader, kind, how] for how in ends}
+            wrong = sum(ended[fault] for fault in FAULTS)
+            cells.append(f"{ended['refused']} of {sum(ended.values())}" + (f", {wrong} wrong" if wrong else ""))
+        by_kind.append([reader, *cells])
+    return TEXT.format(
+        seeds=seeds,
+        number=sum(counts.values()),
+        seconds=MOST_SECONDS,
+        gib=MOST_BYTES / 2**30,
+        endings=render(["reader", "files", *ends, "longest, CPU s", "most memory, MiB"], rows),
+        kinds=render(["reader", *DAMAGES], by_kind),
+    )
+
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "damaged_files.md"
+TEXT = """# Damaged files
+
+Printed by `benchmarks/damaged_files.py --docs`: {number} files, damaged on purpose, made of {seeds} sound ones (of
+the simulator, of the engine's writers, of GDAL, and real ones), each through its reader in a process of its own;
+`adjust` is the whole command with one damaged input. A reader may read a damaged file, where the damage does not show,
+or refuse it in one line that names it. Nothing else may happen: no crash, no traceback, nothing above {seconds:.0f} s
+of processor time, nothing above {gib:.0f} GiB of memory, that of the interpreter with all packages included.
+
+{endings}
+
+## What was refused, by the kind of damage
+
+{kinds}
+
+*bits* flips up to 16 of them, *bytes* and *blank* replace a piece, *numbers* puts extreme ones (in text or binary),
+*cut*, *removed*, *repeated* and *exchanged* take, double or move pieces, *foreign* puts in what other formats hold.
+"""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

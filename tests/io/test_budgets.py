@@ -1,0 +1,353 @@
+"""What readers refuse before they work with it, and that what is large and real passes."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import sqlite3
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import TEST_DATA
+from hypothesis import settings
+from osgeo import gdal, ogr, osr
+from rpc_samples import sample_rpc
+
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import geoid_heights
+from hrsi.hrsi_engine.io import budgets
+from hrsi.hrsi_engine.io.datasets import quiet
+from hrsi.hrsi_engine.io.dems import open_dem
+from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.output_dir import names_of_last_run
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.rasters import GdalRaster, open_image
+from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
+from hrsi.hrsi_engine.io.sound_databases import require_sound, widths
+
+GIB = 2**30
+
+
+def raster(
+    path: Path, size: tuple[int, int], kind: int = gdal.GDT_Float32, options=(), crs: int = 4326
+) -> gdal.Dataset:
+    """Make an empty raster near 7 degrees east, 45 north, and return it for changes."""
+    dataset = gdal.GetDriverByName("GTiff").Create(str(path), *size, 1, kind, list(options))
+    reference = osr.SpatialReference()
+    reference.ImportFromEPSG(crs)
+    dataset.SetProjection(reference.ExportToWkt())
+    dataset.SetGeoTransform((7.0, 1e-4, 0.0, 45.0, 0.0, -1e-4))
+    return dataset
+
+
+def points_file(path: Path, rows: int, name: str = "P") -> Path:
+    ids = np.char.add(name, np.arange(rows).astype(str))
+    fields = {"id": ids, "image": np.full(rows, "image_1"), "sample": np.arange(rows) * 1.0, "line": np.zeros(rows)}
+    write_geopackage(str(path), [Layer("image_points", "PointZ", 4326, np.zeros((rows, 3)), fields)])
+    return path
+
+
+def change_rows(path: Path, statement: str, value: str, database: sqlite3.Connection | None = None) -> None:
+    """Change rows as a program does that knows nothing of GeoPackage's functions, which its triggers call."""
+    with contextlib.closing(sqlite3.connect(path)) as own:
+        used = database or own
+        triggers = used.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall()
+        for (name,) in triggers:
+            used.execute(f'DROP TRIGGER "{name}"')
+        used.execute(statement, (value,))
+        used.commit()
+
+
+# ---- databases -----------------------------------------------------------------------------------------------------
+
+
+def test_one_long_text_among_many_rows(tmp_path: Path) -> None:
+    """OGR's columns would take rows x longest: here 20 000 x 400 kB = 8 GB."""
+    path = points_file(tmp_path / "points.gpkg", 20_000)
+    change_rows(path, "UPDATE image_points SET id = ? WHERE fid = 7", "x" * 400_000)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match=r"points.gpkg: field 'id' holds a text of 400000 characters .20000 rows"):
+        read_points(str(path), image_ids=["image_1"])
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
+
+
+def test_one_polygon_among_points(tmp_path: Path) -> None:
+    """Its size is that of no point; it is named instead of giving every point room for it."""
+    path = points_file(tmp_path / "points.gpkg", 5_000)
+    ring = ", ".join(f"{np.cos(a):.6f} {np.sin(a):.6f}" for a in np.linspace(0, 2 * np.pi, 60_000)[:-1]) + ", 1 0"
+    dataset = gdal.OpenEx(str(path), gdal.OF_VECTOR | gdal.OF_UPDATE)
+    dataset.ExecuteSQL("UPDATE image_points SET geom = NULL WHERE fid = 9")
+    layer = dataset.GetLayer(0)
+    feature = layer.GetFeature(9)
+    feature.SetGeometry(ogr.CreateGeometryFromWkt(f"POLYGON(({ring}))"))
+    with quiet():  # GDAL warns of the polygon
+        layer.SetFeature(feature)
+    del feature, layer, dataset
+    with pytest.raises(InputError, match=r"feature 9: is a Polygon: give a layer of points"):
+        read_points(str(path), image_ids=["image_1"])
+
+
+def test_pages_that_contradict_each_other(tmp_path: Path) -> None:
+    """A page of the table's tree leads to another table's: rows would come twice, or without end."""
+    path = points_file(tmp_path / "points.gpkg", 20_000)
+    content = bytearray(path.read_bytes())
+    page = int.from_bytes(content[16:18], "big")
+    half = len(content) // page // 2 * page
+    content[half : half + page] = content[half - page : half]
+    path.write_bytes(bytes(content))
+    with pytest.raises(InputError, match=r"points.gpkg: is a damaged database .*: get it again") as caught:
+        read_points(str(path), image_ids=["image_1"])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_view_without_end_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = points_file(tmp_path / "points.gpkg", 100)
+    database = sqlite3.connect(path)
+    database.execute(
+        "CREATE VIEW endless AS WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM c) "
+        "SELECT n AS id, 'a' AS image, n AS sample, n AS line FROM c"
+    )
+    database.execute(
+        "INSERT INTO gpkg_contents (table_name, data_type, identifier) VALUES ('endless', 'attributes', 'endless')"
+    )
+    database.commit()
+    database.close()
+    monkeypatch.setattr("hrsi.hrsi_engine.io.sound_databases.database_seconds", lambda size: 0.5)
+    started = time.thread_time()
+    with pytest.raises(InputError, match="no answer after"):
+        read_points(f"{path}|layername=endless", image_ids=["a"])
+    assert time.thread_time() - started < 3.0
+
+
+def test_sound_databases_pass(tmp_path: Path) -> None:
+    path = points_file(tmp_path / "it's 50% “ok”?.gpkg", 1000)
+    require_sound(str(path))
+    assert widths(str(path), "image_points", ["id", "image"]) == (1000, {"id": 4, "image": 7})
+    table = read_points(str(path), image_ids=["image_1"]).image
+    assert table is not None and len(table) == 1000
+    with pytest.raises(InputError, match="no such table"):
+        widths(str(path), 'no "such" table', [])
+
+
+def test_a_database_that_another_program_writes_is_read(tmp_path: Path) -> None:
+    """QGIS keeps files open with a write-ahead log; what is in it counts."""
+    path = points_file(tmp_path / "points.gpkg", 10)
+    other = sqlite3.connect(path)
+    other.execute("PRAGMA journal_mode = WAL")
+    change_rows(path, "UPDATE image_points SET id = ? WHERE fid = 3", "renamed", other)
+    table = read_points(str(path), image_ids=["image_1"]).image
+    other.close()
+    assert table is not None and "renamed" in table.ids
+    read_points(str(path), image_ids=["image_1"])
+    assert [file.name for file in tmp_path.iterdir()] == ["points.gpkg"]
+
+
+def test_millions_of_points_are_looked_through_quickly(tmp_path: Path) -> None:
+    """The time of looking through is a small part of reading; the figure for 7 million: 1.7 s of 9.4 s."""
+    path = points_file(tmp_path / "points.gpkg", 200_000)
+    started = time.thread_time()
+    require_sound(str(path))
+    widths(str(path), "image_points", ["id", "image", "geom"])
+    looked = time.thread_time() - started
+    read_points(str(path), image_ids=["image_1"])
+    assert looked < 0.5 * (time.thread_time() - started - looked) + 0.1
+
+
+# ---- other point files ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", "id,image,sample,line\nA,image_1,1,2\n" + "x" * 5000 + ",image_1,3,4\n", "a text of 5000 characters"),
+        ("b.csv", "id,image,sample,line\n" + "x" * (6 << 20), "bytes without a line break"),
+        ("c.csv", "id,image,sample,line\nA,image_1,1e12,2\n", "line 2 .id 'A'.: sample 1e.12, line 2 is in no image"),
+        ("d.csv", "id,lon,lat,height\nA,7,45,300\nB,7,45,29000\n", "line 3 .id 'B'.: the height 29000 m"),
+        ("e.geojson", '{"ji": 1, "features": ' + "[" * 100_000, "is no JSON that can be read"),
+        ("i-a__b.match", b"\x01" + b"\0" * 7 + b"\x01" + b"\0" * 7 + b"\xff" * 200, "is no complete match file"),
+    ],
+)
+def test_points_that_cannot_be(tmp_path: Path, name: str, content: str | bytes, message: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(InputError, match=message) as caught:
+        read_points(str(path), image_ids=["image_1"], height_datum="ellipsoidal")
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_spreadsheet_that_unfolds_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "points.xlsx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/worksheets/sheet1.xml", b"\0" * (21 * budgets.MIB))
+    monkeypatch.setattr(budgets, "LARGEST_UNFOLDED", 20 * budgets.MIB)
+    with pytest.raises(InputError, match=r"points.xlsx: unfolds to 21 MiB"):
+        read_points(str(path))
+
+
+def test_files_too_large_to_be_read_whole(tmp_path: Path) -> None:
+    """Nothing of them is read: they are holes on the disk."""
+    for name, kind in (("points.gcp", "points"), ("a.points", "points"), ("x-a__b.match", "matches")):
+        path = tmp_path / name
+        with open(path, "wb") as file:
+            file.truncate(budgets.MOST_BYTES[kind] + 1)
+        with pytest.raises(InputError, match=f"{name}: has .* MiB, more than"):
+            read_points(str(path), image_ids=["a"])
+
+
+# ---- rasters and RPCs ----------------------------------------------------------------------------------------------
+
+
+def test_a_giant_with_nothing_in_it(tmp_path: Path) -> None:
+    """1e6 x 1e6 pixels without a byte of them; a block of that would be searched for months."""
+    path = tmp_path / "giant.tif"
+    raster(path, (1_000_000, 1_000_000), gdal.GDT_Byte, ("SPARSE_OK=YES", "TILED=YES", "BLOCKXSIZE=4096",
+                                                         "BLOCKYSIZE=4096", "BIGTIFF=YES"))  # fmt: skip
+    assert path.stat().st_size < 4_000_000
+    for opened in (GdalRaster, open_image, open_dem):
+        with pytest.raises(InputError, match=r"giant.tif: claims 1000000 x 1000000 pixels"):
+            opened(str(path))
+
+
+def test_an_empty_image_is_told_from_a_large_one(tmp_path: Path) -> None:
+    """40 000 x 40 000 px pass where their bytes are there, in the file or in those that a VRT names."""
+    empty, full, mosaic = tmp_path / "empty.tif", tmp_path / "full.tif", tmp_path / "mosaic.vrt"
+    size = (40_000, 40_000)
+    raster(empty, size, gdal.GDT_Byte, ("SPARSE_OK=YES", "TILED=YES", "BLOCKXSIZE=4096", "BLOCKYSIZE=4096"))
+    with pytest.raises(InputError, match=r"empty.tif: claims 40000 x 40000 pixels in .* bytes: nearly all"):
+        GdalRaster(str(empty))
+    raster(full, size, gdal.GDT_Byte)  # a hole on the disk where the pixels are to be
+    assert full.stat().st_size > 1_600_000_000
+    assert GdalRaster(str(full)).size == size
+    gdal.BuildVRT(str(mosaic), [str(full)]).FlushCache()
+    assert GdalRaster(str(mosaic)).size == size
+    assert open_dem(str(mosaic), "ellipsoidal").shape == size
+
+
+def test_a_mosaic_of_a_continent_passes(tmp_path: Path) -> None:
+    """Of a DEM of 30 m over 60 x 60 degrees, as a VRT, only what is needed is read."""
+    tile, mosaic = tmp_path / "tile.tif", tmp_path / "continent.vrt"
+    heights = raster(tile, (3600, 3600), gdal.GDT_Int16)
+    heights.GetRasterBand(1).Fill(321)
+    del heights
+    step = 1.0 / 3600.0
+    source = (
+        '<SimpleSource><SourceFilename relativeToVRT="1">tile.tif</SourceFilename><SourceBand>1</SourceBand>'
+        '<SrcRect xOff="0" yOff="0" xSize="3600" ySize="3600"/>'
+        '<DstRect xOff="{0}" yOff="{1}" xSize="3600" ySize="3600"/></SimpleSource>'
+    )
+    sources = "".join(source.format(3600 * i, 3600 * j) for i in range(60) for j in range(60))
+    mosaic.write_text(
+        f'<VRTDataset rasterXSize="216000" rasterYSize="216000"><SRS>EPSG:4326</SRS><GeoTransform>-20, {step}, 0, 60, '
+        f'0, -{step}</GeoTransform><VRTRasterBand dataType="Int16" band="1">{sources}</VRTRasterBand></VRTDataset>'
+    )
+    surface = open_dem(str(mosaic), "ellipsoidal")
+    lonlat = np.array([[7.5, 45.5], [39.9, 0.1]])
+    np.testing.assert_array_equal(surface.heights(surface.grid_coordinates(lonlat)), 321.0)
+
+
+def test_blocks_too_large_to_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "strip.tif"
+    raster(path, (40_000, 40_000), gdal.GDT_UInt16, ("COMPRESS=LZW", "BLOCKYSIZE=40000", "SPARSE_OK=YES"))
+    with open(path, "ab") as file:
+        file.truncate(GIB)
+    with pytest.raises(InputError, match=r"strip.tif: its pixels come in blocks of 40000 x 40000, 3051 MiB each"):
+        GdalRaster(str(path))
+
+
+@pytest.mark.parametrize("wrong", [-32768.0, -99999.0, 3.4e38, 12_345.0])
+def test_heights_that_no_ground_has(tmp_path: Path, wrong: float) -> None:
+    """An undeclared value for no data, or damage: the first cell is named, and how many there are."""
+    path = tmp_path / "dem.tif"
+    dataset = raster(path, (60, 50))
+    cells = np.full((50, 60), 300.0)
+    cells[30, 20:23] = wrong
+    dataset.GetRasterBand(1).WriteArray(cells)
+    del dataset
+    surface = open_dem(str(path), "ellipsoidal")
+    with pytest.raises(InputError, match=r"dem.tif, row 30, column 20: the height .* \(so are 3 of 3000 there\)"):
+        surface.heights(np.array([[5.0, 5.0]]))
+    dataset = gdal.Open(str(path), gdal.GA_Update)
+    dataset.GetRasterBand(1).SetNoDataValue(float(np.float32(wrong)))
+    del dataset
+    surface = open_dem(str(path), "ellipsoidal")
+    assert surface.heights(np.array([[5.0, 5.0], [21.0, 30.0]])).tolist()[0] == 300.0
+
+
+@pytest.mark.parametrize(
+    ("geotransform", "message"),
+    [
+        ((7.0, 1e-13, 0.0, 45.0, 0.0, -1e-13), "its cells are"),
+        ((7.0, 1e-4, 0.0, 450.0, 0.0, -1e-4), "nowhere on Earth"),
+        ((7.0, 90.0, 0.0, 45.0, 0.0, -1e-4), "its cells are|nowhere on Earth"),
+    ],
+)
+def test_grids_that_lie_nowhere(tmp_path: Path, geotransform: tuple[float, ...], message: str) -> None:
+    path = tmp_path / "dem.tif"
+    raster(path, (60, 50)).SetGeoTransform(geotransform)
+    with pytest.raises(InputError, match=f"dem.tif: .*({message})"):
+        open_dem(str(path), "ellipsoidal")
+
+
+def test_a_geoid_of_kilometres(tmp_path: Path) -> None:
+    path = tmp_path / "geoid.tif"
+    dataset = raster(path, (60, 50))
+    dataset.GetRasterBand(1).Fill(7000.0)
+    del dataset
+    with pytest.raises(InputError, match=r"geoid.tif holds 7000 m, which no geoid has"):
+        geoid_heights(np.array([[7.003, 44.998]]), str(path))
+
+
+def test_rpc_terms_that_cannot_be(tmp_path: Path) -> None:
+    write_rpc_text(str(tmp_path / "a_RPC.TXT"), sample_rpc())
+    text = (tmp_path / "a_RPC.TXT").read_text()
+    for name in ("LAT_OFF", "LONG_OFF", "HEIGHT_OFF", "LINE_OFF", "SAMP_SCALE", "HEIGHT_SCALE"):
+        damaged = "\n".join(f"{name}: 7e+11" if line.startswith(name) else line for line in text.splitlines())
+        (tmp_path / "b_RPC.TXT").write_text(damaged)
+        with pytest.raises(InputError, match=rf"b_RPC.TXT: {name} is 7e\+11, beyond"):
+            open_image(str(tmp_path / "b_RPC.TXT"))
+
+
+# ---- what HRSI itself keeps ----------------------------------------------------------------------------------------
+
+
+def test_kept_results_that_are_none(tmp_path: Path) -> None:
+    """They are made again: too large, compressed (which could unfold to anything), of a method that Python lacks."""
+    parts = FinishedParts(str(tmp_path))
+    parts.save("part", {"a": np.arange(5)})
+    path = tmp_path / "part.npz"
+    sound = path.read_bytes()
+    assert parts.load("part") is not None
+    method = sound.index(b"PK\x01\x02") + 10
+    for name, content in (
+        ("method", sound[:method] + b"\x63" + sound[method + 1 :]),
+        ("cut", sound[:-40]),
+        ("pickle", b"\x80\x04\x95"),
+    ):
+        path.write_bytes(content)
+        assert parts.load("part") is None, name
+    np.savez_compressed(path, a=np.zeros(10))
+    assert parts.load("part") is None
+    with open(path, "wb") as file:
+        file.truncate(budgets.MOST_BYTES["result"] + 1)
+    assert parts.load("part") is None
+
+
+def test_a_report_nested_without_end(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text('{"schema": 1, "algorithm": ' + "[" * 200_000)
+    assert names_of_last_run(str(tmp_path)) == set()
+
+
+@pytest.mark.fuzz
+def test_damaged_files_through_every_reader(tmp_path: Path, repository: Path) -> None:
+    """Some hundred; under ``make fuzz`` ten thousand others than those of `benchmarks/damaged_files.py`."""
+    script, runs = repository / "benchmarks" / "damaged_files.py", 120 if settings().max_examples <= 1000 else 10_000
+    command = [sys.executable, str(script), "--files", str(runs), "--seed", "7", "--keep", str(tmp_path / "kept")]
+    command += ["--data", str(TEST_DATA)] if TEST_DATA.is_dir() else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
