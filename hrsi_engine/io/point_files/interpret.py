@@ -14,7 +14,7 @@ import numpy as np
 
 from ...block.block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
 from ...foundation.errors import InputError
-from ..budgets import FARTHEST_PX, require_heights
+from ..budgets import MOST_SAMPLES_PX, require_heights
 from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy
@@ -91,7 +91,7 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
         row = np.flatnonzero(wrong)[0]
         field = "sample" if empty[row, 0] else "line"
         raise InputError(f"{table.at(row)}: field {field!r} is empty: fill it in, or remove the row")
-    far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > FARTHEST_PX
+    far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > MOST_SAMPLES_PX
     if far.any():
         row = np.flatnonzero(far)[0]
         raise InputError(f"{table.at(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")
