@@ -28,6 +28,11 @@ def _told(text: str, declaration: Algorithm) -> str:
     return spell_arguments(text, declaration.params, label_of)
 
 
+def as_rich_text(plain: str) -> str:
+    """Return plain text for a place where Qt guesses from it whether it is HTML, such as a tool tip."""
+    return f"<qt>{'<br/>'.join(map(escape, plain.splitlines()))}</qt>"
+
+
 def _text(plain: str) -> str:
     """Return plain text on one line for HTML; quotes stay, for the places that show the source."""
     return escape(" ".join(plain.split()), quote=False)

@@ -16,6 +16,7 @@ from qgis.gui import (
 from qgis.PyQt.QtWidgets import QHBoxLayout, QLineEdit, QToolButton, QWidget
 
 from .dialog_fields import DialogField
+from .help_text import as_rich_text
 from .layer_sources import list_sources
 
 
@@ -49,7 +50,7 @@ class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
     def _select(self, sources: list[str]) -> None:
         self._selected = sources
         self._text.setText(f"{len(sources)} image{'' if len(sources) == 1 else 's'} chosen")
-        self._text.setToolTip("\n".join(sources))
+        self._text.setToolTip(as_rich_text("\n".join(sources)))
 
     def _choose(self) -> None:
         dialog = QgsProcessingMultipleInputDialog(self.parameterDefinition(), self._selected, [], None, self._text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
 from qgis.core import Qgis, QgsProcessingFeedback
@@ -39,6 +40,10 @@ def log_verdict(verdict: dict[str, Any], text: str, feedback: QgsProcessingFeedb
 
 
 def show_in_message_bar(verdict: dict[str, Any], title: str, text: str) -> None:
-    """Show the headline above the map, if there is a desktop; QGIS calls this in its main thread only."""
+    """Show the headline above the map, if there is a desktop; QGIS calls this in its main thread only.
+
+    The bar takes texts for HTML, and ids of points may be anything.
+    """
     if iface is not None:
-        iface.messageBar().pushMessage(title, text, SIGNAL[verdict["level"]], LONG[verdict["level"]])
+        level = verdict["level"]
+        iface.messageBar().pushMessage(title, escape(text, quote=False), SIGNAL[level], LONG[level])

@@ -7,6 +7,8 @@ from qgis.PyQt.QtGui import QPainter, QPixmap
 from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import QLabel
 
+from ..help_text import as_rich_text
+
 LABEL_SIDE_PX = 150
 _NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 
@@ -15,7 +17,8 @@ class ChipLabel(QLabel):
     """Shows a chip (SVG) with a line of text under it; nothing before the first fit."""
 
     def show_chip(self, svg: str, text: str) -> None:
-        self.setToolTip(text)
+        self.setToolTip(as_rich_text(text))
+        self.setTextFormat(Qt.TextFormat.PlainText)
         pixmap = render_chip(svg)
         if pixmap.isNull():
             self.setText(text)

@@ -61,6 +61,7 @@ class PanelLayout(QWidget):
         self.kind.setToolTip(KIND_TIP)
         self.message, self.progress = QLabel(), QProgressBar()
         self.message.setWordWrap(True)
+        self.message.setTextFormat(Qt.TextFormat.PlainText)  # ids of points may look like HTML
         self.message.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.points, self.measurements = QTableView(), QTableView()
         self.views = [ImageView(self) for _ in range(VIEWS)]

@@ -13,6 +13,7 @@ from qgis.PyQt.QtGui import QColor
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, Measured
+from ..help_text import as_rich_text
 
 SUSPICIOUS = QColor(215, 25, 28)
 FAINT = QColor(130, 130, 130)
@@ -67,7 +68,8 @@ class RowsModel(QAbstractTableModel):
         if role == Qt.ItemDataRole.DecorationRole and row.suspicion and index.column() == 0:
             return SUSPICIOUS  # seen where the row is selected, too
         if role == Qt.ItemDataRole.ToolTipRole:
-            return row.suspicion or self.tip(row)
+            tip = row.suspicion or self.tip(row)
+            return as_rich_text(tip) if tip else None
         return None
 
     def setData(self, index: QModelIndex, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:

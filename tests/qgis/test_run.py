@@ -213,3 +213,19 @@ def test_result_layers_are_loaded_with_their_stored_style(tiny_provider, qgis_ne
     assert layer.name() == "points"
     assert layer.featureCount() == 1
     assert layer.renderer().type() == "RuleRenderer"
+
+
+def test_hostile_ids_are_text_in_the_message_bar_and_in_tips(monkeypatch) -> None:
+    """Both take texts for HTML; Qt itself reads them back here."""
+    from qgis.PyQt.QtGui import QTextDocument
+
+    from hrsi.plugin.help_text import as_rich_text
+    from hrsi.plugin.verdict import show_in_message_bar
+
+    desktop, evil = MessageBar(), '<img src="http://x/y.png"><b>P1</b> & <a href="file:///etc">GCP</a>'
+    monkeypatch.setattr("hrsi.plugin.verdict.iface", desktop)
+    show_in_message_bar({"level": "doubtful"}, "Adjust", evil)
+    for shown in (desktop.shown[0][1], as_rich_text(evil)):
+        document = QTextDocument()
+        document.setHtml(shown)
+        assert document.toPlainText() == evil
