@@ -17,6 +17,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
+    block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points, options.dem, options.tie_points)
     clock.lap("read")

@@ -306,7 +306,7 @@ def _layers(
     """Return footprints with each set's figures, the pairs as a table, and a layer of residuals for each set."""
     images = sets[0].block.images
     ground = np.vstack([sets[0].fit.ground[kept], sets[0].block.points.ground[sets[0].block.known]])
-    height = float(np.nanmedian(ground[:, 2])) if len(ground) else images[0].rpc.height_off
+    height = float(np.nanmedian(ground[:, 2])) if len(ground) else images[0].middle_height_m
     columns: dict[str, Any] = {"id": np.array([image.id for image in images])}
     for name, entry in report["sets"].items():
         for key in ("predicted_rmse_px", "fit_rmse_px"):

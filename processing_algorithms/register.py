@@ -120,7 +120,7 @@ def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
     if len(options.images or []) != 2:
         raise InputError(f"`model` {options.registration.model} needs both images with their RPCs: name two images")
     first, second = (open_image(path) for path in options.images)
-    surface = open_terrain(options.terrain) or ConstantHeight(first.rpc.height_off)
+    surface = open_terrain(options.terrain) or ConstantHeight(first.middle_height_m)
     ground, _ = intersect_surface(first.rpc, first_px, surface)
     return second.rpc.project(ground)
 

@@ -65,7 +65,7 @@ def _surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSu
     surface = open_terrain(options.terrain)
     if surface is not None:
         return surface, []
-    height = sum(image.rpc.height_off for image in images) / len(images)
+    height = sum(image.middle_height_m for image in images) / len(images)
     warning = (
         f"the height of the ground is not known; {height:.0f} m is the middle of the RPCs' height range. "
         "Footprints and overlaps depend on it: give `dem` or `height`"

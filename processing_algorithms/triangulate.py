@@ -12,10 +12,11 @@ from .block_steps import dem_offset, model_choice, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps.summary import summarise as summarise
-from .declarations.triangulate import AUTOMATIC_TIES, NO_TIES, TriangulateOptions
+from .declarations.triangulate import TriangulateOptions
 from .files.image_files import open_images
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
+from .interface.option_groups import AUTOMATIC_TIES
 
 if TYPE_CHECKING:
     from .block_steps.tie_search import Finished
@@ -25,6 +26,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     clock = block_outputs.Clock()
     images = open_images(options.images, context.log)
+    block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")
     searching = context.stage(0.0, 0.4)
@@ -67,7 +69,7 @@ def _read(
 ) -> tuple[Block, list[str], Report]:
     """Return the block, warnings and entries of the report; with GCPs of a reference where one is named."""
     points, dem = options.points, options.dem
-    file = None if options.tie_points in (NO_TIES, AUTOMATIC_TIES) else options.tie_points
+    file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if not options.reference.reference:
         return *block_inputs.read_block(images, points, dem, file, ties), {}
     from .block_steps.reference_control import read_reference_block  # needs OpenCV, too

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..block.block import Block, Image
+from ..block.block import Block, Image, tiles_of_scenes
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..refinement.image_space import ImagePolynomial, with_drift
 from ..refinement.model import UNFOLLOWED_DRIFT, Priors, RefinementModel, believed_drift, priors_of
@@ -158,9 +158,9 @@ def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
 
 
 def _cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
-    """Return the set of parameters of each image; the images of a group have one."""
+    """Return the set of parameters of each image; the images of a group, or the tiles of a scene, have one."""
     representative = np.arange(len(block.images))
-    for group in shared:
+    for group in (*shared, *tiles_of_scenes(block.images, shared)):
         members = _image_indices(block, group, "a group of images with shared parameters")
         representative[members] = min(members)
     return np.unique(representative, return_inverse=True)[1].astype(np.int32)

@@ -39,7 +39,7 @@ def point_priors(
     reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
     pixels = np.array([px_per_m(one) for one in observations.images])[image] * np.radians(converging) * reach
     open_height = weak & (pixels < 1.0)
-    middle = np.array([one.rpc.height_off for one in observations.images])[image]
+    middle = np.array([one.middle_height_m for one in observations.images])[image]
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
     priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
     priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2

@@ -60,6 +60,25 @@ class ArrayRaster:
         return self.grey[window], self.valid[window]
 
 
+@dataclass(frozen=True)
+class Tile:
+    """Where an image lies in the scene that it is a part of: all tiles of a scene have one camera.
+
+    Parameters
+    ----------
+    scene : str
+        What names the scene: the file that holds its RPC.
+    first : tuple of float
+        The scene's sample and line at the image's first pixel.
+    size : tuple of int, optional
+        The scene's samples and lines, where known.
+    """
+
+    scene: str
+    first: tuple[float, float]
+    size: tuple[int, int] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Image:
     """One image: its id, its camera and, where they are known, its size and pixels.
@@ -76,6 +95,10 @@ class Image:
         Of the file; empty for an image that comes from arrays.
     raster : Raster, optional
         Its pixels.
+    tile : Tile, optional
+        Where it lies in its scene, when it is a part of one.
+    stated_height_m : float, optional
+        Ellipsoidal height of the scene's middle, where the delivery states one.
     """
 
     id: str
@@ -83,6 +106,13 @@ class Image:
     size: tuple[int, int] | None = None
     path: str = ""
     raster: Raster | None = None
+    tile: Tile | None = None
+    stated_height_m: float | None = None
+
+    @property
+    def middle_height_m(self) -> float:
+        """Ellipsoidal height of the ground, where nothing better is known: as stated, else the RPC's HEIGHT_OFF."""
+        return self.rpc.height_off if self.stated_height_m is None else self.stated_height_m
 
     @property
     def known_size(self) -> tuple[int, int]:
@@ -115,7 +145,7 @@ class Image:
 
     @property
     def centre_px(self) -> np.ndarray:
-        """Middle of the image area, ``(2,)`` sample and line: origin of the image-space models."""
+        """Middle of the image area, ``(2,)`` sample and line."""
         first_sample, last_sample, first_line, last_line = self.domain_px
         return np.array([(first_sample + last_sample) / 2.0, (first_line + last_line) / 2.0])
 
@@ -124,6 +154,20 @@ class Image:
         """Half the extent of the image area, ``(2,)``."""
         first_sample, last_sample, first_line, last_line = self.domain_px
         return np.array([(last_sample - first_sample) / 2.0, (last_line - first_line) / 2.0])
+
+    @property
+    def camera_centre_px(self) -> np.ndarray:
+        """Middle of what the camera took, ``(2,)``: origin of the refinements. Of a tile the middle of its scene."""
+        if self.tile is None or self.tile.size is None:
+            return self.centre_px
+        return (np.array(self.tile.size) - 1.0) / 2.0 - np.array(self.tile.first)
+
+    @property
+    def camera_half_size_px(self) -> np.ndarray:
+        """Half the extent of what the camera took, ``(2,)``."""
+        if self.tile is None or self.tile.size is None:
+            return self.half_size_px
+        return (np.array(self.tile.size) - 1.0) / 2.0
 
     def grid_px(self, samples: int, lines: int, margin: float = 0.0) -> np.ndarray:
         """Return a regular grid over the image area.
@@ -306,6 +350,16 @@ def _confused_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> li
         f"measured, but without a ground point: {list_ids(found)}: ids are compared as text, so these are different "
         "points; if two are meant to be one, give both the same id"
     ]
+
+
+def tiles_of_scenes(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
+    """Return the ids of images that are tiles of one scene, a list a scene; but for those in groups of their own."""
+    named = {name for group in apart for name in group}
+    scenes: dict[str, list[str]] = {}
+    for image in images:
+        if image.tile is not None and image.id not in named:
+            scenes.setdefault(image.tile.scene, []).append(image.id)
+    return [tiles for tiles in scenes.values() if len(tiles) > 1]
 
 
 def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:

@@ -103,10 +103,10 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     path = os.fspath(path)
     alone = read_rpc_file(path)
     if alone is not None:
-        return Image(image_id(path), alone.rpc, alone.size, path), alone
+        return Image(image_id(path), alone.rpc, alone.size, path, stated_height_m=alone.height_m), alone
     raster = GdalRaster(path)
     found = rpc_of_dataset(path, raster.dataset)
-    return Image(image_id(path), found.rpc, raster.size, path, raster), found
+    return Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m), found
 
 
 def file_stamp(path: str) -> tuple[int, ...]:

@@ -177,7 +177,7 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
 def _cover(image: Image, block: Block, surface: HeightSurface) -> float:
     """Return the share of an image's ground at which a DEM has a height."""
     known = block.points.ground[block.known, 2]
-    height = float(np.median(known)) if len(known) else image.rpc.height_off
+    height = float(np.median(known)) if len(known) else image.middle_height_m
     low, high = image.rpc.height_range
     ground = image.rpc.localize(
         image.grid_px(COVERAGE_GRID, COVERAGE_GRID, margin=-0.05), float(np.clip(height, low, high))

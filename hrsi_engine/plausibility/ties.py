@@ -80,7 +80,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> SampledPa
     rows = first[chosen]
     known = block.points.ground[block.known, 2]
     height = known[np.isfinite(known)] if len(known) else np.empty(0)
-    middle = float(np.median(height)) if len(height) else float(np.median([i.rpc.height_off for i in block.images]))
+    middle = float(np.median(height)) if len(height) else float(np.median([i.middle_height_m for i in block.images]))
     return SampledPairs(
         block, accuracies, measured.point[rows], np.column_stack([measured.image[rows], measured.image[rows + 1]]),
         np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),

@@ -38,7 +38,9 @@ def ground_area(image: Image) -> GroundArea:
 
     Raises `SolveError` where the RPC has no ground position for the image.
     """
-    corners = image.centre_px + image.half_size_px * np.array([[0, 0], [-1, -1], [1, -1], [-1, 1], [1, 1]])
+    corners = image.camera_centre_px + image.camera_half_size_px * np.array(
+        [[0, 0], [-1, -1], [1, -1], [-1, 1], [1, 1]]
+    )
     ground = image.rpc.localize(corners, image.rpc.height_off).ground
     if not np.isfinite(ground).all():
         raise SolveError(f"{image.id}: the RPC has no ground positions for the image: check that both belong together")
@@ -51,5 +53,5 @@ def ground_area(image: Image) -> GroundArea:
 
 def px_per_m(image: Image) -> float:
     """Return how many pixels a metre on the ground is in the middle of an image."""
-    middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
+    middle = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground
     return float(image.rpc.px_per_m(middle)[0])

@@ -45,7 +45,7 @@ class ImagePolynomial:
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return shift, drift (px/px) or, for higher degrees, drift per half image size."""
         degree = self.powers.sum(axis=1)
-        reach = image.half_size_px.max()
+        reach = image.camera_half_size_px.max()
         by_monomial = np.where(
             degree == 0, priors.shift_px, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
         )
@@ -67,7 +67,7 @@ class ImagePolynomial:
 
     def constants(self, image: Image) -> np.ndarray:
         """Return what `correct_in_image` needs of an image: its centre, ``(2,)`` px."""
-        return image.centre_px
+        return image.camera_centre_px
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """Return the coefficients of the monomials in sample and in line, ``(…, 2, m)``, of values ``(…, p)``."""
@@ -80,7 +80,7 @@ class ImagePolynomial:
 
     def by_values(self, image: Image, projected: np.ndarray) -> np.ndarray:
         """Return the derivatives of the correction at projected positions by the parameters, ``(n, 2, p)``."""
-        return np.einsum("nm,cmp->ncp", self._terms(projected - image.centre_px), self.mixing)
+        return np.einsum("nm,cmp->ncp", self._terms(projected - image.camera_centre_px), self.mixing)
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
@@ -96,7 +96,7 @@ class ImagePolynomial:
         return refit(image, lambda ground: self.project(image, values, ground))
 
     def _corrected(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
-        return projected + self._terms(projected - image.centre_px) @ (self.mixing @ values).T
+        return projected + self._terms(projected - image.camera_centre_px) @ (self.mixing @ values).T
 
     def _terms(self, offset: np.ndarray) -> np.ndarray:
         """Return the monomials of centred positions, ``(n, m)``."""
@@ -110,7 +110,7 @@ class ImagePolynomial:
         affine = np.column_stack([np.zeros(2), np.eye(2)])  # columns: constant, sample, line
         for (by_sample, by_line), column in zip(self.powers, coefficients.T, strict=True):
             affine[:, by_sample + 2 * by_line] += column
-        affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.centre_px
+        affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.camera_centre_px
         return fold_affine(image.rpc, affine)
 
 

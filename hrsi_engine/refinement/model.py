@@ -187,7 +187,7 @@ def believed_drift(image: Image) -> float:
     """
     if not image.rpc.err_bias:
         return UNFOLLOWED_DRIFT
-    return max(STABLE * _pointing_px(image) / float(2.0 * image.half_size_px.max() + 1.0), UNFOLLOWED_DRIFT)
+    return max(STABLE * _pointing_px(image) / float(2.0 * image.camera_half_size_px.max() + 1.0), UNFOLLOWED_DRIFT)
 
 
 def _pointing_px(image: Image) -> float:

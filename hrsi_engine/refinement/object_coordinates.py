@@ -38,7 +38,7 @@ class GroundPolynomial:
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the shift, and the drift's pixels from the middle of the image to its edge."""
         degree = np.tile(self.powers.sum(axis=1), 2)
-        return np.where(degree == 0, priors.shift_px, priors.drift * float(image.half_size_px.max()))
+        return np.where(degree == 0, priors.shift_px, priors.drift * float(image.camera_half_size_px.max()))
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""

@@ -48,7 +48,7 @@ class GroundCorrection:
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres: of the shift, and of the drift from the middle of the image to its edge."""
         metres = 1.0 / px_per_m(image)
-        drift = priors.drift * float(image.half_size_px.max()) * metres
+        drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
         up = self.entries[:, 0] == UP
         plan_does_it = {by for axis, by in self.entries.tolist() if axis != UP} >= set(self.entries[up, 1].tolist())

@@ -95,12 +95,13 @@ COLUMNS = 18
 @lru_cache(maxsize=1024)
 def sensor_frame(image: Image) -> SensorFrame:
     """Return the frame of an image: its origin below the middle of the image, on the ellipsoid."""
-    middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground[0]
+    middle = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
     if not np.isfinite(middle).all():
         raise SolveError(f"{image.id}: the RPC has no ground position for the middle of the image: check that both fit")
-    level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, image.centre_px, image.half_size_px)
+    centre, half_size = image.camera_centre_px, image.camera_half_size_px
+    level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, centre, half_size)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
-    rays = pseudo_rays(image.rpc, level, image.centre_px + image.half_size_px * ends)
+    rays = pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
     return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_meeting_heights(rays))

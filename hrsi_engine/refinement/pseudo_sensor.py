@@ -129,7 +129,7 @@ class PseudoSensor:
         frame = sensor_frame(image)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         place = frame.from_ground(ground)
-        position = np.tile(image.centre_px, (len(ground), 1))
+        position = np.tile(image.camera_centre_px, (len(ground), 1))
         for _ in range(MAX_STEPS):
             rays = pseudo_rays(image.rpc, frame, position)
             hit = self._hit(constants, coefficients, rays, position, place[:, 2])
@@ -182,7 +182,7 @@ class PseudoSensor:
 def _orientation_of(image: Image, priors: Priors) -> Orientation:
     """Return the position and attitude errors that move the image by the priors' pixels."""
     metres, height, reach = 1.0 / px_per_m(image), sensor_frame(image).height_m, ground_area(image).reach_m
-    shift, drift = priors.shift_px * metres, priors.drift * float(image.half_size_px.max()) * metres
+    shift, drift = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres
     return Orientation(shift, shift / height, drift, drift / height, reach)
 
 

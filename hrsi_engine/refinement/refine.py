@@ -165,7 +165,7 @@ def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> floa
     if not len(found.values):
         return 0.0
     corners = image.centre_px + image.half_size_px * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
-    ground = image.rpc.localize(corners, image.rpc.height_off).ground
+    ground = image.rpc.localize(corners, image.middle_height_m).ground
     by_values = model.equations(image, corners)(found.values, ground).by_values
     variance = np.einsum("ncp,pq,ncq->n", by_values, found.covariance, by_values)
     return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(found.sigma0, 1e-12)))

@@ -9,8 +9,6 @@ from ..foundation.options import option, options
 SENSOR_NAMES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
 #: Azimuth of the flight (degrees), and the share by which neighbouring places overlap.
 HEADING_DEG, STRIP_OVERLAP = 190.0, 0.2
-#: Latitude beyond which neither the scene's plane chart nor an RPC in longitude and latitude follows the ground.
-FARTHEST_LAT_DEG = 89.0
 
 
 @options
@@ -37,10 +35,9 @@ class SceneSpec:
     change: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (-360.0 <= self.lon_deg <= 360.0 and abs(self.lat_deg) <= FARTHEST_LAT_DEG):
+        if not (-360.0 <= self.lon_deg <= 360.0 and abs(self.lat_deg) <= 90.0):
             raise InputError(
-                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place where RPCs hold: give degrees, latitude "
-                f"within {FARTHEST_LAT_DEG:g}"
+                f"scene centre {self.lon_deg}, {self.lat_deg} is not a place: give degrees, east and north"
             )
         if self.relief_m < 0.0 or self.cliff_m < 0.0:
             raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")

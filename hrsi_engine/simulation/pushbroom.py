@@ -297,8 +297,8 @@ def aim(
     centre = to_ecef(np.asarray(target, dtype=np.float64).reshape(1, 3))[0]
     position = _position(sensor, frame, along_deg, across_deg, heading_deg)
     zenith = position / np.linalg.norm(position)
-    flight = _azimuth_vector(from_ecef(position[None])[0], heading_deg)
-    flight = _unit(flight - (flight @ zenith) * zenith)
+    heading = np.radians(heading_deg)
+    flight = _unit(_across(np.sin(heading) * east + np.cos(heading) * north, zenith))
     scan = np.radians(heading_deg if scan_deg is None else scan_deg)
     # Euler's radius of curvature (m) of the ellipsoid in an azimuth, at the frame's height
     meridian, prime_vertical = curvature_radii(np.array([frame.lat_deg]))
@@ -336,18 +336,25 @@ def _position(sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: f
         upward = np.array([0.0, 0.0, 1.0]) - tangents[0] * forward - tangents[1] * right
         direction = _unit(upward @ _axes_of(frame))
         position = intersect_height(target, direction[None], np.array([sensor.altitude_m]), outward=True)
-        seen = _look_tangents(position, target, heading_deg)
+        seen = _look_tangents(position, target, forward @ _axes_of(frame))
         tangents = tangents + (wanted - seen)
     return to_ecef(position)[0]
 
 
-def _look_tangents(position: np.ndarray, target: np.ndarray, heading_deg: float) -> np.ndarray:
-    """Return the tangents of the off-nadir angles ahead and to the right at a satellite (lon, lat, height)."""
+def _look_tangents(position: np.ndarray, target: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return the tangents of the off-nadir angles ahead and to the right at a satellite (lon, lat, height).
+
+    The flight's direction at the ground, carried up there: azimuths of two places differ, and near a pole by anything.
+    """
     look = target[0] - to_ecef(position)[0]
     up = _axes_of(LocalFrame(*position[0]))[2]
-    forward = _azimuth_vector(position[0], heading_deg)
-    right = _azimuth_vector(position[0], heading_deg + 90.0)
-    return np.array([look @ forward, look @ right]) / -(look @ up)
+    forward = _unit(_across(heading, up))
+    return np.array([look @ forward, look @ np.cross(forward, up)]) / -(look @ up)
+
+
+def _across(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the part of a vector at right angles to a unit vector."""
+    return np.asarray(vector - (vector @ normal) * normal)
 
 
 def intersect_height(
@@ -402,10 +409,3 @@ def _axes_of(frame: LocalFrame) -> np.ndarray:
             [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
         ]
     )
-
-
-def _azimuth_vector(ground: np.ndarray, azimuth_deg: float) -> np.ndarray:
-    """Return the horizontal unit vector in ECEF of an azimuth at a place."""
-    east, north, _ = _axes_of(LocalFrame(*ground))
-    azimuth = np.radians(azimuth_deg)
-    return np.sin(azimuth) * east + np.cos(azimuth) * north

@@ -18,6 +18,7 @@ from .texture import Texture
 from .views import SceneView
 
 MOST_POSTS = 4000  # a side of the terrain
+POLAR_SHARE = 0.2  # of its distance from the pole that half a scene may reach
 GSD_OF_SCALE_ONE_M = 0.7
 TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])
 APRON_GREY = np.array([330.0, 330.0, 340.0, 340.0, 330.0])
@@ -107,6 +108,12 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
             "a side: make the posts wider"
         )
     chart = Chart(spec.lon_deg, spec.lat_deg)
+    to_pole = (90.0 - abs(spec.lat_deg)) * chart.scale[1]
+    if half_extent > POLAR_SHARE * to_pole:
+        raise InputError(
+            f"a scene of {2e-3 * half_extent:.1f} km so near the pole ({1e-3 * to_pole:.1f} km): an RPC in longitude "
+            "and latitude does not follow it: make the scene smaller, or move it away"
+        )
     terrain = fractal_terrain(chart, half_extent, post, spec.mean_height_m, spec.relief_m, spec.seed, spec.cliff_m)
     scale = spec.scale or max(1.0, finest / GSD_OF_SCALE_ONE_M)
     landscape = Landscape(spec.seed, scale)

@@ -9,13 +9,14 @@ from functools import partial
 import numpy as np
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble
+from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble, tiles_of_scenes
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import consistent_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
-from ..interface.option_groups import DemOptions, PointFiles
+from ..interface.declare import Log
+from ..interface.option_groups import NO_TIES, DemOptions, PointFiles
 
 GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
 
@@ -73,6 +74,8 @@ def read_block(
             warnings += tables.warnings
     if pairs:
         measured.append(join_image_points(pairs))
+    measured, left_out = _of_whole_block(measured, images)
+    warnings += left_out
     if ground and not any(len(table) for table in measured):
         raise InputError(
             f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, "
@@ -84,6 +87,12 @@ def read_block(
     return block, warnings + list(block.warnings)
 
 
+def tell_tiles(images: Sequence[Image], options: AdjustOptions, log: Log) -> None:
+    """Tell which images are tiles of one scene and are adjusted as one camera."""
+    for tiles in tiles_of_scenes(images, options.shared_images):
+        log(f"{', '.join(tiles)}: tiles of one scene, adjusted as one camera (`shared_images` groups them otherwise)")
+
+
 def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, list[str]]:
     """Return the tie measurements on images of the block, and a warning where the file has others: a part of a block.
 
@@ -93,13 +102,33 @@ def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, l
     known = np.isin(named, [image.id for image in images])
     if known.all() or known.sum() < 2:
         return ties, []
-    others = ", ".join(named[~known][:5]) + (" …" if (~known).sum() > 5 else "")
-    note = f"{ties.source}: measurements on images that are not in the block are left out ({others})"
-    return ties.select(np.isin(ties.image_ids, named[known])), [note]
+    return ties.select(np.isin(ties.image_ids, named[known])), [_left_out(ties, named[~known].tolist())]
+
+
+def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) -> tuple[list[ImagePoints], list[str]]:
+    """Return the measurements on images of the block: files may be those of a larger one.
+
+    Where an image of the block has no measurement, nothing is left out: then its name may be the wrong one.
+    """
+    known = {image.id for image in images}
+    named = {str(name) for table in measured for name in np.unique(table.image_ids)}
+    if named <= known or not known <= named:
+        return list(measured), []
+    return [table.select(np.isin(table.image_ids, list(known))) for table in measured], [
+        _left_out(table, sorted(others))
+        for table in measured
+        if (others := {str(name) for name in np.unique(table.image_ids)} - known)
+    ]
+
+
+def _left_out(table: ImagePoints, others: Sequence[str]) -> str:
+    listed = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
+    return f"{table.source}: measurements on images that are not in the block are left out ({listed})"
 
 
 def _point_files(points: PointFiles, tie_points: str | None) -> list[tuple[str, str]]:
     """Return what each point file is read for, and its name."""
+    tie_points = None if tie_points == NO_TIES else tie_points
     files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: tie_points}
     specs = [(purpose, spec) for purpose, file in files.items() if file for spec in several_specs(file)]
     return [(purpose, spec if purpose == GCPS else measurements_of(spec)) for purpose, spec in specs]

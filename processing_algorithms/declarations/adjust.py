@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
-from ..interface.option_groups import BlockOutput, DemOptions, PointFiles, images_option
+from ..interface.option_groups import NO_TIES, BlockOutput, DemOptions, PointFiles, images_option
 
 
 @options(kw_only=True)
@@ -14,8 +14,11 @@ class AdjustAlgorithmOptions:
 
     images: tuple[str, ...] = images_option()
     points: PointFiles = nested(PointFiles)
-    tie_points: str | None = option(
-        None, "Further image points, measured on two or more images", kind=Kind.POINTS, metavar="FILE"
+    tie_points: str = option(
+        NO_TIES,
+        f"FILE of further image points, measured on two or more images; {NO_TIES} does without",
+        kind=Kind.POINTS,
+        metavar=f"{NO_TIES}|FILE",
     )
     dem: DemOptions = nested(DemOptions)
     adjustment: AdjustOptions = nested(AdjustOptions)

@@ -45,11 +45,15 @@ class OrthorectifyOptions:
         metavar="N",
     )
     crs: str | None = option(
-        None, "CRS of the orthoimages; by default the UTM zone of the block's middle", metavar="CRS"
+        None,
+        "CRS of the orthoimages; by default the UTM zone of the block's middle, or UPS beyond 84 degrees north and 80 "
+        "south",
+        metavar="CRS",
     )
     resolution: float | None = option(
         None,
-        "Pixel size, in units of the CRS; by default the finest pixel of the block on the ground, rounded",
+        "Pixel size, in units of the CRS (degrees for EPSG:4326); by default the finest pixel of the block on the "
+        "ground, rounded",
         minimum=1e-9,
         metavar="R",
     )

@@ -6,6 +6,8 @@ from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
+    AUTOMATIC_TIES,
+    NO_TIES,
     BlockOutput,
     DemOptions,
     PointFiles,
@@ -13,8 +15,6 @@ from ..interface.option_groups import (
     SearchOptions,
     images_option,
 )
-
-AUTOMATIC_TIES, NO_TIES = "auto", "none"
 
 
 @options(kw_only=True)

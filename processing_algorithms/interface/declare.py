@@ -19,6 +19,7 @@ Log = Callable[[str], None]
 Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
 _RASTERS = f"{_ROOT}.hrsi_engine.io.rasters"
+_DELIVERIES = f"{_ROOT}.hrsi_engine.io.deliveries"
 _JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
 _FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.folder_lock"
 
@@ -217,10 +218,15 @@ class Algorithm:
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, by key, as the only writer in the output directory.
 
-        All images are closed then: nothing stays open when the work is done.
+        Folders, archives and lists among the images are replaced by the images that they hold. All images are closed
+        in the end: nothing stays open when the work is done.
         """
+        modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES)
         with quitting_on_signals():
-            work, rasters, values, lock = map(import_module, (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK))
+            work, rasters, values, lock, deliveries = map(import_module, modules)
+        named = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
+        images = {key: deliveries.named_images(names, context.log) for key, names in named.items() if names}
+        options = {**options, **images}
         context = replace(context, inputs=self.inputs(options))
         try:
             with lock.only_writer(options.get("output_dir")):

@@ -12,6 +12,8 @@ from .declare import Kind
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
 POINTS = "FILE[|layername=L]"
+#: Words instead of a file of tie points: those that matching finds, and none.
+AUTOMATIC_TIES, NO_TIES = "auto", "none"
 WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
 
 

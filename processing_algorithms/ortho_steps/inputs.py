@@ -24,6 +24,7 @@ from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurfac
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.terrain import open_terrain
 
+UNLIKELY_RATIO = 200.0  # of the orthoimages' pixels to the images': nobody wants that
 METRES_PER_DEGREE = 111_320.0
 NOTABLE_HEIGHT_M = 10.0  # an error of the constant height that the warning speaks of
 
@@ -99,6 +100,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     gsd = {image.id: mean_gsd_m(image, below[image.id]) for image in images}
     crs = _crs(options.crs, np.concatenate(list(below.values())))
     resolution = options.resolution or rounded_resolution(min(gsd.values()) / _metres_per_unit(crs))
+    _require_resolution(resolution, crs, min(gsd.values()))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain)]
     grids = _grids(images, terrain.surface, crs, resolution, options.extent)
     return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings)
@@ -131,6 +133,19 @@ def _crs(given: str | None, ground: np.ndarray) -> str:
 def _metres_per_unit(wkt: str) -> float:
     crs = pyproj.CRS.from_wkt(wkt)
     return METRES_PER_DEGREE if crs.is_geographic else float(crs.axis_info[0].unit_conversion_factor)
+
+
+def _require_resolution(resolution: float, wkt: str, gsd_m: float) -> None:
+    """Raise `InputError` for pixels of quite another size than the images': then another unit was meant."""
+    metres = resolution * _metres_per_unit(wkt)
+    if 1.0 / UNLIKELY_RATIO <= metres / gsd_m <= UNLIKELY_RATIO:
+        return
+    crs = pyproj.CRS.from_wkt(wkt)
+    raise InputError(
+        f"`resolution` {resolution:g} is in units of the CRS {crs.name!r}, {crs.axis_info[0].unit_name}, and makes "
+        f"pixels of {metres:.3g} m, where the images have {gsd_m:.3g} m: give about "
+        f"{rounded_resolution(gsd_m / _metres_per_unit(wkt)):g}, or a `crs` in metres"
+    )
 
 
 def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:

@@ -40,7 +40,7 @@ def images_layer(session: PointSession) -> Layer:
     """Return the images' footprints at the mean height of the points."""
     images = list(session.images.values())
     heights = [point.height for point in session.points.values()]
-    height = float(np.mean(heights)) if heights else float(np.mean([image.rpc.height_off for image in images]))
+    height = float(np.mean(heights)) if heights else float(np.mean([image.middle_height_m for image in images]))
     columns = {
         "id": np.array([image.id for image in images], dtype=str),
         "path": np.array([image.path for image in images], dtype=str),

@@ -108,8 +108,9 @@ def test_options_reach_the_block(tmp_path: Path):
     [
         (dict(along="1,2,3"), "`along` is 1,2,3: give 2 numbers"),
         (dict(vendor_attitude="a,b,c"), "`vendor_attitude` is a,b,c"),
-        (dict(lat=89.0), "is not a place"),
         (dict(dates=3, strips=2), "`dates` are taken of one place"),
+        (dict(lat=91.0), "is not a place"),
+        (dict(lat=89.99), "so near the pole"),
         (dict(sensor="landsat"), "not one of"),
     ],
 )

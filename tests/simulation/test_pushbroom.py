@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.ground.geodesy import from_ecef, ground_difference_m
 from hrsi.hrsi_engine.simulation import SENSORS, OrientationError, PushbroomCamera, aim
 
 TARGET = np.array([147.3, -42.9, 100.0])
@@ -74,13 +74,16 @@ def test_off_nadir_angles_are_those_at_the_satellite():
     camera = full_camera("pleiades", along_deg=20.0, across_deg=-15.0, heading_deg=190.0)
     position, axes = camera.exterior(np.array([camera.middle[1]]))
     lon, lat, height = pyproj.Transformer.from_crs(4978, 4979, always_xy=True).transform(*position[0])
-    geod = pyproj.Geod(ellps="WGS84")
-    ahead, right = (np.array(geod.fwd(lon, lat, azimuth, 1000.0)[:2]) for azimuth in (190.0, 280.0))
-    at = [np.array(TO_ECEF.transform(*place, height)) - position[0] for place in (ahead, right)]
-    down = np.array(TO_ECEF.transform(lon, lat, height - 1000.0)) - position[0]
+    # the flight's azimuth is that at the scene, carried up to the satellite
+    target = from_ecef(camera.centre[None])[0]
+    there = pyproj.Geod(ellps="WGS84").fwd(*target[:2], 190.0, 1000.0)[:2]
+    heading = np.array(TO_ECEF.transform(*there, target[2])) - camera.centre
+    up = position[0] - np.array(TO_ECEF.transform(lon, lat, height - 1000.0))
+    right = np.cross(heading, up)
+    ahead = np.cross(up, right)
     look = axes[0, :, 2]
-    seen = np.degrees(np.arctan2([look @ at[0] / np.linalg.norm(at[0]), look @ at[1] / np.linalg.norm(at[1])],
-                                 look @ down / 1000.0))  # fmt: skip
+    along, across, down = (look @ axis / np.linalg.norm(axis) for axis in (ahead, right, -up))
+    seen = np.degrees(np.arctan2([along, across], down))
     np.testing.assert_allclose(seen, [20.0, -15.0], atol=0.005)  # a chord of 1 km dips by 1e-4 rad
 
 

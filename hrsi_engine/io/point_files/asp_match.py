@@ -4,6 +4,10 @@ Little-endian: the numbers of interest points of both images (uint64), then thei
 (float32, from the centre of the first pixel), their integer parts (int32), orientation, scale, interest (float32),
 polarity (1 byte), octave, level (uint32), length of the descriptor (uint64), descriptor (float32). The k-th records
 of both images match.
+
+As plain text, ``PREFIX-IMAGE1__IMAGE2.txt``, which external matchers write too: six numbers a match, x, y and
+uncertainty in the first image, then in the second. The uncertainties are scales of the detector or 1, not standard
+deviations, and are not used.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,11 +24,22 @@ from ..budgets import require_size
 from .table import PointReader, PointTable
 
 _COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")
-_NAME = re.compile(r"(.+)__(.+?)(-clean)?\.match$", re.IGNORECASE)
+_NAME = re.compile(r"(.+)__(.+?)(-clean)?\.(match|txt)$", re.IGNORECASE)
+_NUMBERS = 6  # a line of a text file
 
 
 def read(path: str, _layer: str = "") -> PointTable:
     """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
+    return _table(path, _interest_points)
+
+
+def read_text(path: str, _layer: str = "") -> PointTable:
+    """Return two rows a match of a text file; raise `InputError` as `read` does."""
+    return _table(path, _positions)
+
+
+def _table(path: str, positions: Callable[[str, bytes], np.ndarray]) -> PointTable:
+    """Return the matches with the names of the images, which only the file's name says."""
     named = _NAME.match(os.path.basename(path))
     if named is None:
         raise InputError(f"{path}: its name does not say its images: call it PREFIX-IMAGE1__IMAGE2.match")
@@ -33,7 +49,7 @@ def read(path: str, _layer: str = "") -> PointTable:
             content = file.read()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}): check the file") from None
-    xy = _interest_points(path, content)
+    xy = positions(path, content)
     count = len(xy) // 2
     pair = f"{named[1]}__{named[2]}"
     columns = {
@@ -43,6 +59,18 @@ def read(path: str, _layer: str = "") -> PointTable:
         "line": xy[:, 1],
     }
     return PointTable(path, columns, ("x", "y"), lambda row: f"match {row % max(count, 1) + 1}", pairwise=True)
+
+
+def _positions(path: str, content: bytes) -> np.ndarray:
+    """Return x and y ``(2 k, 2)`` of a text file, those in the first image first."""
+    rows = [line.split() for line in content.decode("latin-1").splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    try:
+        numbers = np.array([[float(text) for text in row] for row in rows]).reshape(-1, _NUMBERS)
+    except ValueError:
+        numbers = np.full((1, _NUMBERS), np.nan)
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{path}: a match is six numbers a line, x, y and uncertainty in both images: get it again")
+    return np.concatenate([numbers[:, 0:2], numbers[:, 3:5]])
 
 
 def _interest_points(path: str, content: bytes) -> np.ndarray:
@@ -66,3 +94,16 @@ def _interest_points(path: str, content: bytes) -> np.ndarray:
 
 
 READER = PointReader("Ames Stereo Pipeline matches", lambda _path, name, _head: name.endswith(".match"), read)
+
+
+def _is_text(_path: str, name: str, head: bytes) -> bool:
+    lines = [line for line in head.splitlines() if line.strip() and not line.lstrip().startswith(b"#")]
+    if not (name.endswith(".txt") and _NAME.match(name) and lines):
+        return False
+    try:
+        return len([float(text) for text in lines[0].split()]) == _NUMBERS
+    except ValueError:
+        return False
+
+
+TEXT = PointReader("Ames Stereo Pipeline matches as text", _is_text, read_text)

@@ -20,6 +20,7 @@ from .table import PointReader
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
 POINT_READERS: dict[str, PointReader] = {
     "micmac": micmac.READER,
+    "asp-match-text": asp_match.TEXT,
     "csv": csv_text.READER,
     "qgis-points": qgis_points.READER,
     "asp-gcp": asp_gcp.READER,

@@ -61,8 +61,13 @@ def read_text(path: str) -> str:
         return content.decode("latin-1")
 
 
+def local_name(name: str) -> str:
+    """Return an XML name without its namespace prefix: ``isd:RPB`` is RPB."""
+    return name.rpartition(":")[2]
+
+
 def read_xml(path: str) -> Element:
-    """Return the root element of an XML file.
+    """Return the root element of an XML file; elements and attributes have their local names, in any namespace.
 
     Raises `InputError` where it is not well-formed or declares a document type: entities can blow up or read other
     files, and no RPC file needs them.
@@ -74,8 +79,10 @@ def read_xml(path: str) -> Element:
         raise InputError(f"{path}: holds a DOCTYPE declaration, which RPC files do not need: remove it")
 
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = tree.start
-    parser.EndElementHandler = tree.end
+    parser.StartElementHandler = lambda name, values: tree.start(
+        local_name(name), {local_name(key): value for key, value in values.items()}
+    )
+    parser.EndElementHandler = lambda name: tree.end(local_name(name))
     parser.CharacterDataHandler = tree.data
     try:
         parser.Parse(content, True)

@@ -1,17 +1,22 @@
-"""DIMAP RPC XML of Airbus: V2 (SPOT 6/7, Pleiades; first pixel is (1, 1)) and V3 (Pleiades Neo; (0, 0)).
+"""DIMAP XML of Airbus, the RPC file and the product file ``DIM_*.XML`` that names it.
+
+The first pixel is (1, 1) in V2 (SPOT 6/7, Pleiades) and (0, 0) in V3 (Pleiades Neo).
 
 The version decides about the origin, as in GDAL: the validity domain (FIRST_ROW, FIRST_COL) agrees with it in
 whole scenes, but may also begin at -27 or inside the scene. Only the ground-to-image half is used (``Inverse_Model``
 in V2, ``GroundtoImage_Values`` in V3). The ERR_BIAS of these files is the fit of the RPC in pixels, not the accuracy
-on the ground: it is not taken over.
+on the ground: it is not taken over. The RPC's HEIGHT_OFF may be a fiction (4000 m in Pleiades Neo); the product file
+states the height of the scene's middle.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 
 from ...foundation.errors import InputError
+from . import isd
 from .content import Element, element_text, positive_size, read_xml, siblings
 from .fields import POLYNOMIALS, SCALARS, numbered_values, rpc_from_text, shorten
 from .reading import Origin, RpcReader, RpcReading
@@ -20,17 +25,30 @@ DIMAP_NAMES = {name: name.upper() for name in SCALARS} | {name: f"{name.upper()}
 DIMAP_NAMES |= {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}
 #: Elements with the ground-to-image coefficients and the image's validity domain, V2 then V3.
 _GROUND_TO_IMAGE = ("Inverse_Model", "GroundtoImage_Values")
+#: The root element, in any namespace.
+_DOCUMENT = re.compile(rb"<([\w.-]+:)?Dimap_Document[\s>]")
 _TILE = re.compile(r"_r(\d{1,3})c(\d{1,3})$")
+_BANDS = re.compile(r"_(p|ms|pms|rgb|ned)$")  # of Pleiades Neo, whose RPC file is that of all of them
 _IMAGE_DOMAIN = ("Direct_Model_Validity_Domain", "ImagetoGround_Validity_Domain")
 
 
 def read(path: str) -> RpcReading:
-    """Return the RPC of a DIMAP RPC file and the size of its scene."""
+    """Return the RPC of a DIMAP RPC file, or of the one that a product file names, with the scene's size and height."""
     root = read_xml(path)
-    model = _first(root, _GROUND_TO_IMAGE)
-    validity = next(root.iter("RFM_Validity"), None)
+    if _first(root, _GROUND_TO_IMAGE) is not None:
+        product = product_beside(path)
+        described = None if product is None else read_xml(product)
+    else:
+        path, described = _named_file(path, root), root
+        root = read_xml(path)
+    reading = _read_model(path, root)
+    return RpcReading(reading.rpc, reading.size or _product_size(described), _scene_height(described))
+
+
+def _read_model(path: str, root: Element) -> RpcReading:
+    model, validity = _first(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
     if model is None or validity is None:
-        raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: name the RPC_*.XML file")
+        raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: get the file again")
     coefficients = {element.tag: element.text or "" for element in model}
     values: dict[str, str | list[str] | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
     values |= {name: numbered_values(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
@@ -41,6 +59,51 @@ def read(path: str) -> RpcReading:
     if first is None:
         raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
     return RpcReading(rpc.shift(-first, -first), _size(_domain(root), first))
+
+
+def _named_file(path: str, product: Element) -> str:
+    """Return the RPC file that a product file names; raise `InputError` that says what it is where it names none."""
+    model = next((e for models in product.iter("Geoposition_Models") for e in models.iter("COMPONENT_PATH")), None)
+    if model is None:
+        mission = " ".join(filter(None, (element_text(product, name) for name in ("MISSION", "MISSION_INDEX"))))
+        level = element_text(product, "PROCESSING_LEVEL") or element_text(product, "DATA_PROCESSING_LEVEL")
+        raise InputError(
+            f"{path}: a DIMAP product{f' of {shorten(mission)}' if mission else ''}"
+            f"{f', level {shorten(level)}' if level else ''}, which names no RPC file: this product was delivered "
+            "with orbit and attitudes or map coordinates instead; make an RPC from a grid of them with fit-rpc, or "
+            "order the sensor product with RPC"
+        )
+    named = model.get("href", "").replace("\\", "/")
+    file = siblings(path).get(named.removeprefix("./").lower())
+    if file is None:
+        raise InputError(f"{path}: names the RPC file {shorten(named, 80)!r}, which is not beside it: put it there")
+    return file
+
+
+def product_beside(rpc_file: str) -> str | None:
+    """Return the product file ``DIM_x.XML`` beside ``RPC_x.XML``, None where there is none."""
+    return siblings(rpc_file).get(_product_name(rpc_file))
+
+
+def _product_name(rpc_file: str) -> str:
+    return "dim_" + os.path.basename(rpc_file).lower().removeprefix("rpc_")
+
+
+def _product_size(product: Element | None) -> tuple[int, int] | None:
+    if product is None:
+        return None
+    return positive_size(element_text(product, "NCOLS"), element_text(product, "NROWS"))
+
+
+def _scene_height(product: Element | None) -> float | None:
+    """Return the ellipsoidal height (m) of the scene's middle."""
+    centre = None if product is None else next((e for area in product.iter("Dataset_Extent")
+                                                for e in area.iter("Center")), None)  # fmt: skip
+    try:
+        height = float((None if centre is None else element_text(centre, "H")) or "nan")
+    except ValueError:
+        return None
+    return height if math.isfinite(height) else None
 
 
 def _first(root: Element, names: tuple[str, ...]) -> Element | None:
@@ -61,31 +124,40 @@ def _size(domain: dict[str, str], first: int) -> tuple[int, int] | None:
 
 
 def _recognises(name: str, head: bytes) -> bool:
-    if name.startswith("rpc_") and name.endswith(".xml"):
-        return b"<isd" not in head.lower()
-    return b"<Dimap_Document" in head and b"Rational_Function_Model" in head
+    if _DOCUMENT.search(head[:4000]):
+        return True
+    return name.startswith("rpc_") and name.endswith(".xml") and not isd.ISD.search(head)
+
+
+def _is_product(head: bytes) -> bool:
+    return _DOCUMENT.search(head[:4000]) is not None and not any(name.encode() in head for name in _GROUND_TO_IMAGE)
 
 
 def _beside(stem: str) -> tuple[str, ...]:
-    """Return RPC_x.xml for IMG_x and its tiles IMG_x_R1C1, and the image's own stem."""
-    product = _TILE.sub("", stem.removeprefix("img_"))
-    names = [f"rpc_{product}.xml", f"rpc_{stem.removeprefix('img_')}.xml", f"{stem}_rpc.xml", f"{stem}.xml"]
-    return tuple(dict.fromkeys(names))
+    """Return RPC_x.xml for IMG_x, its tiles IMG_x_R1C1 and groups of bands IMG_x_P_R1C1, and the image's own stem."""
+    image = stem.removeprefix("img_")
+    product = _TILE.sub("", image)
+    names = [f"rpc_{name}.xml" for name in (product, _BANDS.sub("", product), image)]
+    return tuple(dict.fromkeys([*names, f"{stem}_rpc.xml", f"{stem}.xml"]))
 
 
-def tile_origin(image_path: str, side_file: str) -> Origin:
-    """Return the scene's (sample, line) of the first pixel of a tile ``IMG_x_R2C3``; (0, 0) for other names.
+def tile_origin(image_path: str, side_file: str) -> Origin | None:
+    """Return the scene's (sample, line) of the first pixel of a tile ``IMG_x_R2C3``; None for other names.
 
-    The tile size stands in the product's ``DIM_x.XML``. Raises `InputError` where that is missing.
+    The tile size stands in the product's ``DIM_x.XML``. Raises `InputError` where that is missing, but for the first
+    tile, which begins with its scene.
     """
     match = _TILE.search(os.path.splitext(os.path.basename(image_path))[0].lower())
-    row, column = (int(match[1]), int(match[2])) if match else (1, 1)
+    if match is None:
+        return None
+    row, column = int(match[1]), int(match[2])
     if (row, column) == (1, 1):
         return 0.0, 0.0
-    name = "dim_" + os.path.basename(side_file).lower().removeprefix("rpc_")
-    product = siblings(side_file).get(name)
+    product = product_beside(side_file)
     if product is None:
-        raise InputError(f"{image_path}: is a tile, and {name} with the tile size is not beside it: put it there")
+        raise InputError(
+            f"{image_path}: is a tile, and {_product_name(side_file)} with the tile size is not beside it: put it there"
+        )
     size = next(read_xml(product).iter("NTILES_SIZE"), None)
     tile = None if size is None else positive_size(size.get("ncols"), size.get("nrows"))
     if tile is None:
@@ -93,4 +165,4 @@ def tile_origin(image_path: str, side_file: str) -> Origin:
     return float((column - 1) * tile[0]), float((row - 1) * tile[1])
 
 
-READER = RpcReader("DIMAP RPC XML", _beside, _recognises, read, tile_origin)
+READER = RpcReader("DIMAP XML", _beside, _recognises, read, tile_origin, _is_product)

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from osgeo import gdal
 
+from ...block.block import Tile
 from ...foundation.errors import InputError
 from ..budgets import require_raster
 from ..datasets import check_advice, metadata_of, open_dataset
-from . import crop, dimap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
+from . import crop, dimap, enmap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings
 from .fields import numbers_of, rpc_from_gdal
 from .reading import FoundRpc, RpcReader, RpcReading
@@ -30,6 +32,7 @@ RPC_READERS: dict[str, RpcReader] = {
     "rpc-txt": rpc_txt.READER,
     "dimap": dimap.READER,
     "kompsat": rpc_txt.KOMPSAT,
+    "enmap": enmap.READER,
     "geom": geom.READER,
     "rpcm-json": rpcm_json.READER,
 }
@@ -68,7 +71,8 @@ def read_rpc_file(path: str) -> FoundRpc | None:
     if reader is None:
         return None
     reading = reader.read(path)
-    return FoundRpc(reading.rpc, f"{reader.title} {os.path.basename(path)}", size=reading.size)
+    title = f"{reader.title} {os.path.basename(path)}"
+    return FoundRpc(reading.rpc, title, size=reading.size, height_m=reading.height_m)
 
 
 def rpc_reader_of(path: str) -> RpcReader | None:
@@ -82,8 +86,22 @@ def rpc_reader_of(path: str) -> RpcReader | None:
         if ":" in path and open_dataset(path)[0] is not None:
             return None  # a GDAL subdataset or connection string
         raise InputError(f"{path}: no such file: check the path")
+    reader, head = _reader_by_head(path)
+    if reader is not None and reader.is_product(head) and (dataset := open_dataset(path)[0]) and dataset.RasterCount:
+        return None  # the image itself: GDAL puts it together from the product's files
+    return reader
+
+
+def _reader_by_head(path: str) -> tuple[RpcReader | None, bytes]:
+    """Return the reader of a file's format, None where no reader knows it, and the file's first bytes."""
     head, name = read_head(path), os.path.basename(path).lower()
-    return next((reader for reader in RPC_READERS.values() if reader.recognises(name, head)), None)
+    return next((reader for reader in RPC_READERS.values() if reader.recognises(name, head)), None), head
+
+
+def product_reader_of(path: str) -> RpcReader | None:
+    """Return the reader of a file that describes a whole product; None for anything else."""
+    reader, head = _reader_by_head(path)
+    return reader if reader is not None and reader.is_product(head) else None
 
 
 def open_raster(path: str) -> gdal.Dataset:
@@ -107,7 +125,7 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
         )
     found = sources[0][1]()
     ignored = tuple(title for title, _read in sources[1:])
-    return FoundRpc(found.rpc, found.source, ignored, (dataset.RasterXSize, dataset.RasterYSize))
+    return replace(found, ignored=ignored, size=(dataset.RasterXSize, dataset.RasterYSize))
 
 
 def read_rpc_or_none(path: str) -> FoundRpc | None:
@@ -169,7 +187,13 @@ def _sources(path: str, dataset: gdal.Dataset) -> list[Source]:
 
 
 def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
-    """Return the sources of an image that is no GeoTIFF: first the one with the numbers that GDAL reports."""
+    """Return the sources of an image that is no GeoTIFF: first the one with the numbers that GDAL reports.
+
+    A product file that GDAL opens as an image is the first source of its own.
+    """
+    product, _head = _reader_by_head(path) if os.path.isfile(path) or path.startswith("/vsi") else (None, b"")
+    if product is not None:
+        return [_side_source(product, path, path, dataset)]
     files = [(RPC_READERS[key], file) for key, listed in side_files(path).items() for file in listed]
     sources = [_side_source(reader, file, path, dataset) for reader, file in files]
     metadata = metadata_of(dataset, "RPC")
@@ -197,19 +221,21 @@ def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset)
 
 def _place(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
-    reading: RpcReading = reader.read(file)
+    reading: RpcReading = reader.read_for(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
     geotransform, has_crs = dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection())
     try:
         place = crop.crop_place(geotransform, has_crs)
         if place is None:
             crop.require_placed(reading.rpc, geotransform, has_crs, size)
-        if place is None or not place.moves:
-            place = crop.CropPlace.at(*reader.tile_origin(path, file))
+        origin = None if place is not None and place.moves else reader.tile_origin(path, file)
+        place = crop.CropPlace.at(*(origin or (0.0, 0.0))) if place is None or not place.moves else place
+        tile = None if origin is None or reading.size == size else Tile(os.path.abspath(file), origin, reading.size)
         whole = not place.moves or (reading.size == size and not place.mirrored)
         if whole or not crop.is_of_full_scene(reading.rpc, place, size):
-            return FoundRpc(reading.rpc, title)
-        return FoundRpc(crop.crop_rpc(reading.rpc, place, size), f"{title}, moved to the crop {place}")
+            return FoundRpc(reading.rpc, title, tile=tile, height_m=reading.height_m)
+        moved, told = crop.crop_rpc(reading.rpc, place, size), f"{title}, moved to the crop {place}"
+        return FoundRpc(moved, told, tile=tile, height_m=reading.height_m)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
 from .reading import RpcReader, RpcReading
 
+#: The root element, in any namespace.
+ISD = re.compile(rb"<([\w.-]+:)?isd[\s>]", re.IGNORECASE)
 #: In files from here: they may be replaced.
 WRITTEN_BY = "<!-- writtenBy HRSI -->"
 ISD_NAMES = {
@@ -49,7 +53,7 @@ def text_of(rpc: RPC) -> str:
 
 
 def _recognises(name: str, head: bytes) -> bool:
-    return b"<isd" in head.lower()[:2000]
+    return ISD.search(head[:2000]) is not None
 
 
 READER = RpcReader("ISD XML", lambda stem: (f"{stem}.xml",), _recognises, read)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ...block.block import Tile
 from ...camera.rpc import RPC
 
 Origin = tuple[float, float]  # (sample, line)
@@ -14,15 +15,21 @@ Origin = tuple[float, float]  # (sample, line)
 class RpcReading:
     """An RPC as one file gives it, image coordinates from the centre of the first pixel of *its* image.
 
-    ``size`` is that image's (samples, lines) where the file says so with certainty.
+    ``size`` is that image's (samples, lines) where the file says so with certainty, ``height_m`` the ellipsoidal height
+    of its middle where the delivery states one.
     """
 
     rpc: RPC
     size: tuple[int, int] | None = None
+    height_m: float | None = None
 
 
-def _whole_scene(image_path: str, side_file: str) -> Origin:
-    return 0.0, 0.0
+def _no_tile(image_path: str, side_file: str) -> Origin | None:
+    return None
+
+
+def _no_product(head: bytes) -> bool:
+    return False
 
 
 @dataclass(frozen=True)
@@ -33,14 +40,22 @@ class RpcReader:
     beside : file names, in lower case, under which the format stands beside an image of a given stem (lower case)
     recognises : whether a file is of this format, by its name (lower case) and its first bytes
     read : the file's RPC; raises `InputError` only
-    tile_origin : (sample, line) of an image's first pixel in the file's scene, where the product is cut into tiles
+    tile_origin : (sample, line) of an image's first pixel in the file's scene, where the image is a tile of it
+    is_product : by its first bytes, whether a file describes a whole product; GDAL may open that as an image
+    read_beside : the RPC that the file has for an image, where that depends on the image; else as ``read``
     """
 
     title: str
     beside: Callable[[str], tuple[str, ...]]
     recognises: Callable[[str, bytes], bool]
     read: Callable[[str], RpcReading]
-    tile_origin: Callable[[str, str], Origin] = _whole_scene
+    tile_origin: Callable[[str, str], Origin | None] = _no_tile
+    is_product: Callable[[bytes], bool] = _no_product
+    read_beside: Callable[[str, str], RpcReading] | None = None
+
+    def read_for(self, image_path: str, file: str) -> RpcReading:
+        """Return the RPC that a file beside an image has for it."""
+        return self.read(file) if self.read_beside is None else self.read_beside(image_path, file)
 
 
 @dataclass(frozen=True)
@@ -57,12 +72,18 @@ class FoundRpc:
         Other sources that were there and lost.
     size : tuple of int, optional
         Samples and lines, where known.
+    tile : Tile, optional
+        Where the image lies in its scene, when it is a part of one.
+    height_m : float, optional
+        Ellipsoidal height of the scene's middle, where the delivery states it.
     """
 
     rpc: RPC
     source: str
     ignored: tuple[str, ...] = ()
     size: tuple[int, int] | None = None
+    tile: Tile | None = None
+    height_m: float | None = None
 
     @property
     def summary(self) -> str:

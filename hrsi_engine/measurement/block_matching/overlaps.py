@@ -65,7 +65,7 @@ def _ground_range(image: Image, surface: HeightSurface | None, margin_m: float) 
     """Return the heights of a surface below an image; None without any."""
     if surface is None:
         return None
-    ground = image.rpc.localize(image.grid_px(24, 24), image.rpc.height_off).ground
+    ground = image.rpc.localize(image.grid_px(24, 24), image.middle_height_m).ground
     heights = surface_heights(surface, ground[np.isfinite(ground).all(axis=1), :2])
     known = heights[np.isfinite(heights)]
     if not len(known):
@@ -153,7 +153,7 @@ def _place_among_own(image: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 def mean_ground_sample_m(image: Image) -> float:
     """Return the side of a square as large as a pixel on the ground, in the middle of an image."""
-    ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
+    ground = image.rpc.localize(image.centre_px[None], image.middle_height_m).ground
     if not np.isfinite(ground).all():
         return 1.0
     return float(1.0 / max(image.rpc.px_per_m(ground)[0], 1e-6))

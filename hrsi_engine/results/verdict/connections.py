@@ -143,7 +143,7 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
         image = block.images[index]
         middle = np.array([[sums[0][index], sums[1][index]]]) / count[index]
         places = np.concatenate([middle, image.outline_px(1)])
-        ground = image.rpc.localize(places, image.rpc.height_off).ground
+        ground = image.rpc.localize(places, image.middle_height_m).ground
         at = result.cameras.model.equations(image, places)(result.cameras.values[index], ground)
         variance = at.by_values @ result.cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
         sigma = np.sqrt(np.maximum(variance.diagonal(axis1=1, axis2=2).max(axis=1), 0.0))

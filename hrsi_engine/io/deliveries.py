@@ -1,0 +1,106 @@
+"""What a person names as images: files, lists of files, and folders or archives as they were delivered."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+
+from osgeo import gdal
+
+from ..foundation.errors import InputError
+from .datasets import open_dataset
+from .rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
+
+LIST = "@"  #: begins the name of a text file with an image a line
+#: GDAL's way into an archive, by the ending of its name.
+ARCHIVES = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
+IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
+
+
+def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
+    """Return the images that names stand for: folders, archives and lists are replaced by what they hold.
+
+    Raises `InputError` for one that holds no image with an RPC.
+    """
+    found: list[str] = []
+    for name in names:
+        folder = _folder_of(name)
+        if name.startswith(LIST) and not os.path.exists(name):
+            found += named_images(_listed(name.removeprefix(LIST)), log)
+        elif folder is not None:
+            images = _delivered(name, folder)
+            log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
+            found += images
+        else:
+            found.append(name)
+    return tuple(found)
+
+
+def _folder_of(name: str) -> str | None:
+    """Return a folder, or an archive as GDAL's folder; None for another file."""
+    if os.path.isdir(name):
+        return name
+    way = next((way for ending, way in ARCHIVES.items() if name.lower().endswith(ending)), None)
+    return f"{way}{os.path.abspath(name)}" if way is not None and os.path.isfile(name) else None
+
+
+def _listed(path: str) -> list[str]:
+    """Return the lines of a list; names that are not absolute count from the list's own folder."""
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            lines = [line.strip() for line in file]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a list of images ({error}): name a text file") from None
+    names = [line for line in lines if line and not line.startswith("#")]
+    if not names:
+        raise InputError(f"{path}: names no image: write one a line")
+    return [name if "/vsi" in name else os.path.join(os.path.dirname(path), name) for name in names]
+
+
+def _delivered(name: str, folder: str) -> list[str]:
+    """Return the images of a delivery; RPC files alone only where it has no pixels.
+
+    A product file that GDAL opens stands for the tiles that it puts together, one without pixels for the RPC file that
+    it names.
+    """
+    files = [os.path.join(folder, file) for file in sorted(gdal.ReadDirRecursive(folder) or []) if file[-1] != "/"]
+    files = [file for file in files if not os.path.basename(file).startswith(".")]
+    faults: list[str] = []
+    products = [file for file in files if file.lower().endswith((".xml", ".dim")) and product_reader_of(file)]
+    tiled = {part: file for file in products for part in _parts(file)}
+    rasters = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.abspath(file) not in tiled]
+    images = [*_with_rpc([file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
+    if not images:
+        names = [os.path.basename(file).lower() for file in products]
+        named = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
+        alone = [
+            file for file in files if os.path.basename(file).lower() not in named and not file.endswith(".aux.xml")
+        ]
+        images = [*_with_rpc([file for file in alone if _is_rpc_file(file)], faults)]
+    if not images:
+        reason = f" ({faults[0]})" if faults else ""
+        raise InputError(f"{name}: holds no image with an RPC{reason}: name the images, or another folder")
+    return sorted(images)
+
+
+def _parts(product: str) -> list[str]:
+    """Return the files that GDAL reads a product's pixels from."""
+    dataset, _message = open_dataset(product)
+    return [] if dataset is None else [os.path.abspath(part) for part in dataset.GetFileList() or []]
+
+
+def _is_rpc_file(file: str) -> bool:
+    try:
+        return rpc_reader_of(file) is not None
+    except InputError:
+        return False
+
+
+def _with_rpc(files: Sequence[str], faults: list[str]) -> Iterator[str]:
+    """Yield the files with an RPC; note what is wrong with the others."""
+    for file in files:
+        try:
+            if read_rpc_or_none(file) is not None:
+                yield file
+        except InputError as error:
+            faults.append(str(error))
