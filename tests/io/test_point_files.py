@@ -462,7 +462,15 @@ def test_mutated_files_give_points_or_an_input_error(
 
 
 def test_every_reader_is_described() -> None:
-    assert {"csv", "micmac", "ogr", "qgis-points", "image-gcps", "orthority", "asp-gcp", "asp-match"} == set(
-        POINT_READERS
-    )
+    assert {
+        "csv",
+        "micmac",
+        "ogr",
+        "qgis-points",
+        "image-gcps",
+        "orthority",
+        "asp-gcp",
+        "asp-match",
+        "asp-match-text",
+    } == set(POINT_READERS)
     assert all(reader.title for reader in POINT_READERS.values())

@@ -33,7 +33,7 @@ def read(path: str, _layer: str = "") -> PointTable:
     return _table(path, _interest_points)
 
 
-def read_text(path: str, _layer: str = "") -> PointTable:
+def read_positions(path: str, _layer: str = "") -> PointTable:
     """Return two rows a match of a text file; raise `InputError` as `read` does."""
     return _table(path, _positions)
 
@@ -106,4 +106,4 @@ def _is_text(_path: str, name: str, head: bytes) -> bool:
         return False
 
 
-TEXT = PointReader("Ames Stereo Pipeline matches as text", _is_text, read_text)
+TEXT = PointReader("Ames Stereo Pipeline matches as text", _is_text, read_positions)
