@@ -11,7 +11,7 @@ from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
 
-MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.2, 0.5  # share of the tie measurements
+MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.1, 0.5  # share of the tie measurements
 LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
 LINK_TIES = 8  # points of a pair from which their share left out says something
 BROKEN_LINK = 0.5
