@@ -55,8 +55,8 @@ INSTEAD_OF = {
     "edges": ("points", "images"),
     "terrain_points": ("dem", "dem_datum"),
     "dem": ("terrain_points",),
-    "images": ("tie_points",),
-    "work_dir": ("tie_points",),
+    "images": ("tie_points", "tracks"),
+    "work_dir": ("tie_points", "tracks"),
 }
 #: Inputs that are given only where they are looked at.
 SELDOM = {"reference", "edges", "terrain_points", "rpc", "before", "work_dir", "height_datum", "dem_datum"}
