@@ -78,7 +78,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum)
     clock.lap("read")
-    block, warnings = _read_points(options, images, surface, context)
+    block, warnings, search_folders = _read_points(options, images, surface, context)
     clock.lap("tracks")
     # Under every set the same points: tracks of two images or more that are right under one set at least
     tracks = (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
@@ -109,7 +109,8 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         "best": _best(entries["sets"]), "warnings": warnings, "versions": versions(), "settings": settings_of(options),
     }  # fmt: skip
     tell(warnings, context)
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+    target = options.folder
+    with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=search_folders) as folder:
         layers = _layers(sets, observations, kept, predicted, report)
         arrows = {layer.name: layer.fields for layer in layers if layer.name.startswith("residuals_")}
         styles = default_styles({layer.name: layer.fields for layer in layers})
@@ -150,9 +151,10 @@ def _open_sets(
 
 def _read_points(
     options: EvaluateOptions, images: Sequence[Image], surface: HeightSurface | None, context: Context
-) -> tuple[Block, list[str]]:
-    """Return the block of all tracks and known points, and what the user should know."""
+) -> tuple[Block, list[str], tuple[str, ...]]:
+    """Return the block of all tracks and known points, what the user should know, and what to discard at the end."""
     found: list[ImagePoints] = []
+    search_folders: tuple[str, ...] = ()
     warnings: list[str] = []
     if options.tracks == AUTOMATIC_TRACKS:
         from .block_steps.tie_search import find  # needs OpenCV, which a QGIS may lack
@@ -161,7 +163,7 @@ def _read_points(
             images, options.search, surface, options.folder.output_dir, context.stage(0.0, 0.8)
         )  # fmt: skip
         found, warnings = [ties.image_points], list(ties.warnings)
-        finished.remove()
+        search_folders = finished.discarded
     file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
     block, more = read_block(images, options.points, options.dem, file, found)
     warnings += more
@@ -174,7 +176,7 @@ def _read_points(
         near = _near_used(block, used, options.apart_px)
         block = block.with_measurements(~near[block.measurements.point])
         warnings.append(f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out")
-    return block, warnings
+    return block, warnings, search_folders
 
 
 def _near_used(block: Block, used: ImagePoints, apart_px: float) -> np.ndarray:

@@ -38,7 +38,8 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     searching = context.stage(0.0, 0.95)
     found, finished = find(images, options.search, surface, options.folder.output_dir, searching)
     clock.lap("tie_points")
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+    target = options.folder
+    with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=finished.discarded) as folder:
         # The layer of points and that of their measurements, both at approximate ground positions
         rows = found.image_points
         ids, track = np.unique(rows.ids, return_inverse=True)
@@ -66,7 +67,6 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         outputs = {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
         report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
-    finished.remove()
     for warning in found.warnings:
         context.log(f"warning: {warning}")
     advance(context.progress, 1.0, "done")

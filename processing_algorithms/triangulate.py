@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
@@ -18,9 +17,6 @@ from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 from .interface.option_groups import AUTOMATIC_TIES
 
-if TYPE_CHECKING:
-    from .block_steps.tie_search import Finished
-
 
 def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
@@ -30,7 +26,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")
     searching = context.stage(0.0, 0.4)
-    found, warnings, finished = _automatic_ties(images, options, searching)
+    found, warnings, kept = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
     block, more, entries = _read(images, options, found, context.stage(0.4, 0.5))
     how = options.adjustment
@@ -44,24 +40,22 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     rest = context.stage(0.7, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
     warnings += [*more, *chosen.warnings, *offset]
-    report = block_outputs.write_results(
-        "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}, reasons
+    return block_outputs.write_results(
+        "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}, reasons, kept
     )
-    if finished is not None:
-        finished.remove()
-    return report
 
 
 def _automatic_ties(
     images: Sequence[Image], options: TriangulateOptions, context: Context
-) -> tuple[list[ImagePoints], list[str], Finished | None]:
+) -> tuple[list[ImagePoints], list[str], tuple[str, ...]]:
+    """Return tie points, warnings, and the folders to discard when the results are written."""
     if options.tie_points != AUTOMATIC_TIES:
-        return [], [], None
+        return [], [], ()
     from .block_steps.tie_search import find  # needs OpenCV, which a QGIS may lack
 
     surface = dem_surface(options.dem, options.points.height_datum)
     found, finished = find(images, options.search, surface, options.output.folder.output_dir, context)
-    return [found.image_points], list(found.warnings), finished
+    return [found.image_points], list(found.warnings), finished.discarded
 
 
 def _read(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import zipfile
 from pathlib import Path
 
@@ -49,10 +48,6 @@ class FinishedParts:
             raise InputError(f"{self.folder}: cannot be made ({error.strerror}): choose another directory") from error
         with replacing(str(self._path(key))) as temporary:
             np.savez(temporary, **result)
-
-    def remove(self) -> None:
-        """Remove the folder with all that it keeps."""
-        shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, key: str) -> Path:
         if not _KEY.fullmatch(key):

@@ -88,7 +88,11 @@ def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 @contextmanager
 def stage_folder(
-    path: str, inputs: Iterable[str], overwrite: bool = False, transaction: Transaction | None = None
+    path: str,
+    inputs: Iterable[str],
+    overwrite: bool = False,
+    transaction: Transaction | None = None,
+    discarded: Iterable[str] = (),
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into ``path`` together when the block ends without an exception.
 
@@ -98,6 +102,7 @@ def stage_folder(
     inputs : files that the run reads; neither they nor what belongs to them is ever replaced
     overwrite : whether other files that are there may be replaced; a vendor's RPC file is kept as ``.original`` then
     transaction : other changes, which happen together with these: all or none
+    discarded : folders that are removed together with these changes
 
     Raises
     ------
@@ -121,6 +126,8 @@ def stage_folder(
     except OSError as error:
         raise InputError(f"{path} cannot be written ({error.strerror}): choose another `output_dir`") from error
     changes = transaction or Transaction(str(folder))
+    for needless in discarded:
+        changes.discard(needless)
     try:
         yield temporary
         with changes:

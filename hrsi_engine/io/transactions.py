@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from collections.abc import Iterable, Sequence
 from types import TracebackType
 from typing import Any
@@ -43,6 +44,7 @@ class Transaction:
         self.home = os.path.abspath(home)
         self._steps: list[tuple[str, str, str]] = []
         self._made: list[str] = []
+        self._discarded: list[str] = []
         self.is_under_way = False  #: the journal is written, and not all is done: what it names must stay
 
     def __enter__(self) -> Transaction:
@@ -69,6 +71,12 @@ class Transaction:
         """Have `commit` remove a file."""
         self._steps.append(("remove", os.path.abspath(path), ""))
 
+    def discard(self, folder: str) -> None:
+        """Have `commit` remove a folder with all that it holds, where there is one."""
+        if os.path.isdir(folder):
+            self._discarded.append(temporary_name(os.path.abspath(folder)))
+            self.rename(folder, self._discarded[-1])
+
     def commit(self) -> None:
         """Make all changes, in the order in which they were asked for.
 
@@ -81,6 +89,8 @@ class Transaction:
             return
         with holding_signals():
             self._commit()
+        while self._discarded:
+            shutil.rmtree(self._discarded.pop(), ignore_errors=True)
 
     def _commit(self) -> None:
         if not os.path.isdir(self.home):

@@ -90,10 +90,12 @@ def write_results(
     context: Context,
     more: Mapping[str, Any] | None = None,
     reasons: Sequence[Reason] = (),
+    discarded: Sequence[str] = (),
 ) -> Report:
     """Write everything that the options ask for and the verdict allows; return the report.
 
-    ``more`` are entries that the report has besides; ``reasons`` are what was found before the adjustment.
+    ``more`` are entries that the report has besides; ``reasons`` are what was found before the adjustment;
+    ``discarded`` are folders that are not needed any more when all is written.
     """
     images = result.block.images
     left = residuals(result)
@@ -122,7 +124,7 @@ def write_results(
     clock.lap("judge")
     target = output.folder
     changes = Transaction(target.output_dir)
-    with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes) as folder:
+    with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
         _name_outputs(report, output, how, images, names)
         advance(context.progress, 0.5, "writing layers")

@@ -19,7 +19,7 @@ UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while t
 def find(
     images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, output_dir: str, context: Context
 ) -> tuple[TiePoints, Finished]:
-    """Find the tie points of a block as the options say; what is finished is kept until the caller removes it."""
+    """Find the tie points of a block as the options say; what is finished is kept until the caller discards it."""
     finished = Finished(options.work_dir, output_dir)
     kept = len(finished.parts) if finished.parts is not None else 0
     if kept:
@@ -41,7 +41,7 @@ class Finished:
         folder = work_dir or os.path.join(output_dir, UNFINISHED)
         self.parts: FinishedParts | None = None if folder.startswith("/vsi") else FinishedParts(folder)
 
-    def remove(self) -> None:
-        """Remove what was kept for this run only; call it when the results are written."""
-        if self.parts is not None and not self._for_later:
-            self.parts.remove()
+    @property
+    def discarded(self) -> tuple[str, ...]:
+        """The folder that was kept for this run only; it goes when the results are written."""
+        return () if self.parts is None or self._for_later else (str(self.parts.folder),)
