@@ -9,7 +9,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "progress": "Progress advance silent stage",
         "reasons": "Level Reason",
         "robust_scale": "robust_sigma",
-        "scheduling": "WorkPart open_scheduler run_parts",
+        "scheduling": "Certificates WorkPart open_scheduler run_parts",
         "version": "VERSION",
     },
 )

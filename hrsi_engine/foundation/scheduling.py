@@ -8,6 +8,8 @@ whose result is kept is not run again. Results do not depend on who ran which pa
 from __future__ import annotations
 
 import hashlib
+import os
+import socket
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
@@ -148,13 +150,36 @@ class _Call:
 # ---- who runs them -------------------------------------------------------------------------------------------------
 
 
-def open_scheduler(address: str | None = None, threads: int = 0) -> Scheduler:
+@dataclass(frozen=True)
+class Certificates:
+    """PEM files for a scheduler that encrypts; what is None comes from Dask's own configuration.
+
+    Parameters
+    ----------
+    authority : str, optional
+        Certificates of the authority that the scheduler's is signed by.
+    own : str, optional
+        The certificate that this side shows.
+    key : str, optional
+        Its private key, where that is not in the same file.
+    """
+
+    authority: str | None = None
+    own: str | None = None
+    key: str | None = None
+
+
+def open_scheduler(
+    address: str | None = None, threads: int = 0, certificates: Certificates = Certificates()
+) -> Scheduler:
     """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
 
     Parameters
     ----------
     address : str, optional
         Of a Dask scheduler; by default threads of this process.
+    certificates : Certificates
+        For an address that begins with ``tls://`` or ``wss://``.
     threads : int
         Their number; 0 takes as many as there are cores.
 
@@ -169,7 +194,7 @@ def open_scheduler(address: str | None = None, threads: int = 0) -> Scheduler:
         The package for workers is missing, or nobody answers at the address.
     """
     if address:
-        return _run_distributed(address)
+        return _run_distributed(address, certificates)
     return _threads(thread_count(threads))
 
 
@@ -196,18 +221,19 @@ def _threads(count: int) -> Scheduler:
     return run
 
 
-def _run_distributed(address: str) -> Scheduler:
+def _run_distributed(address: str, certificates: Certificates) -> Scheduler:
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
         try:
-            from distributed import Client, as_completed
+            from distributed import as_completed
         except ImportError:
             raise InputError(
                 "a `scheduler` needs the Python package distributed: install it here and on the workers "
                 "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
             ) from None
-        client = _connect(Client, address)
+        client = _connect(address, certificates)
         with client:
-            futures = client.get(graph, list(wanted), sync=False)
+            at_workers = {key: (_OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
+            futures = client.get(at_workers, list(wanted), sync=False)
             try:
                 for future in as_completed(futures, loop=client.loop):
                     done(str(future.key), future.result())
@@ -219,15 +245,53 @@ def _run_distributed(address: str) -> Scheduler:
     return run
 
 
-def _connect(client: Callable[..., Any], address: str) -> Any:
+@dataclass(frozen=True, eq=False)
+class _OnWorker:
+    """A call whose errors name the worker that it ran on."""
+
+    call: _Call
+
+    def __call__(self, *needed: Result) -> Result:
+        try:
+            return self.call(*needed)
+        except InputError as error:
+            from distributed import get_worker
+
+            worker = get_worker()
+            raise InputError(
+                f"{error} (on the Dask worker {worker.name} at {worker.address}, host {socket.gethostname()}: workers "
+                "must see the images under the same paths)"
+            ) from None
+
+
+def _connect(address: str, certificates: Certificates) -> Any:
+    """Return a client of the scheduler at an address; raise `InputError` where it cannot be reached."""
+    from distributed import Client, Security
+
+    for argument, file in (("scheduler_ca", certificates.authority), ("scheduler_certificate", certificates.own),
+                           ("scheduler_key", certificates.key)):  # fmt: skip
+        if file is not None and not os.path.isfile(file):
+            raise InputError(f"`{argument}` {file}: no such file: name a file in PEM format")
+    encrypted = address.startswith(("tls://", "wss://"))
+    advice = "start one with 'dask scheduler', or leave the option out"
     try:
-        return client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+        security = None
+        if encrypted:
+            advice = (
+                "check `scheduler_ca`, `scheduler_certificate` and `scheduler_key`, or distributed.comm.tls in Dask's "
+                "configuration"
+            )
+            given = {
+                "tls_ca_file": certificates.authority,
+                "tls_client_cert": certificates.own,
+                "tls_client_key": certificates.key or certificates.own,
+            }
+            known = {name: file for name, file in given.items() if file is not None}
+            security = Security(require_encryption=True, **known)
+        return Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"`scheduler` {address}: no Dask scheduler answers there ({reason}): start one with 'dask scheduler', "
-            "or leave the option out"
-        ) from None
+        raise InputError(f"`scheduler` {address}: no Dask scheduler answers there ({reason}): {advice}") from None
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------

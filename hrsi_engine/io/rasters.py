@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import re
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -23,6 +24,7 @@ from .rpc_files.reading import FoundRpc
 RPC_SUFFIX = "_rpc"
 OPEN_PER_THREAD = 32  # a block of a thousand images must not hold a thousand files open
 STRIP_PIXELS = 4_000_000  # read at a time when an image is read at a lower resolution
+_LOCAL_LAYER = re.compile(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)")  # GDAL's way into an archive, and the archive
 _open_datasets = threading.local()
 
 
@@ -98,6 +100,16 @@ def path_of(source: ImageSource) -> str:
     return path
 
 
+def path_elsewhere(path: str) -> str:
+    """Return the path by which a process with another working directory finds a file; URLs and subdatasets stay."""
+    if os.path.exists(path):
+        return os.path.abspath(path)
+    layer = _LOCAL_LAYER.match(path)
+    if layer is None or layer[2].startswith("/"):
+        return path
+    return f"{layer[1]}{path_elsewhere(layer[2]) if layer[2].startswith('vsi') else os.path.abspath(layer[2])}"
+
+
 def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     """Open an image as `open_image` does; return also where its RPC came from, for the log."""
     path = os.fspath(path)
@@ -137,7 +149,8 @@ def close_images() -> None:
 class GdalRaster:
     """Pixels of the first band of an image. Threads may read at the same time: each has its own GDAL handle.
 
-    It can be sent to another process (pickled), which opens the file itself.
+    It can be sent to another process (pickled), which opens the file itself: under its absolute path, as other
+    processes have folders of their own.
 
     Of images with several bands the first one is read: it is the panchromatic or a visible band in every product
     known, and a mean of bands would mix bands that do not lie exactly on each other.
@@ -149,6 +162,9 @@ class GdalRaster:
         self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
         if not 1 <= band <= self.dataset.RasterCount:
             raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "path": path_elsewhere(self.path)}
 
     @property
     def dataset(self) -> gdal.Dataset:

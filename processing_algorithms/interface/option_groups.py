@@ -180,6 +180,22 @@ class SearchOptions:
         advanced=True,
         metavar="tcp://HOST:PORT",
     )
+    scheduler_ca: str | None = option(
+        None,
+        "Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this and the next "
+        "two are by default as Dask's configuration (distributed.comm.tls) says",
+        kind=Kind.FILE,
+        advanced=True,
+        metavar="FILE",
+    )
+    scheduler_certificate: str | None = option(
+        None, "Certificate (PEM) to show to a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True,
+        metavar="FILE",
+    )  # fmt: skip
+    scheduler_key: str | None = option(
+        None, "Private key (PEM) of that certificate, where it is not in the same file", kind=Kind.FILE, advanced=True,
+        metavar="FILE",
+    )  # fmt: skip
     work_dir: str | None = option(
         None,
         "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "

@@ -107,6 +107,8 @@ def product_reader_of(path: str) -> RpcReader | None:
 def open_raster(path: str) -> gdal.Dataset:
     """Return an image opened by GDAL; raise `InputError` where it is none."""
     dataset, message = open_dataset(path)
+    if dataset is None and not path.startswith("/vsi") and ":" not in path and not os.path.exists(path):
+        raise InputError(f"{path}: no such file: check the path")
     if dataset is None or dataset.RasterCount < 1:
         reason = f" ({message})" if message else ""
         advice = check_advice(path, "check the file")
