@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..refinement.image_space import ImagePolynomial
 from ..refinement.model import RefinementModel
 from .gauss_newton import GaussNewton, Solution
 from .precision import Precision
@@ -28,14 +27,6 @@ LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an ob
 MOST_CHANGE = 5.0  # of a sigma in one round
 BELIEF = 1.0  # observations that the sensor's believed drift counts for
 OF_BLOCK, OF_TERM = 6.0, 6.0  # … and the block's for a term's, and a term's for an image's
-
-
-def drifting(model: RefinementModel) -> np.ndarray:
-    """Return which parameters change across an image ``(p,)``: those of image-space polynomials but the constants."""
-    if not isinstance(model, ImagePolynomial):
-        return np.zeros(len(model.parameters), dtype=bool)
-    constant = model.powers.sum(axis=1) == 0
-    return ~(model.mixing[:, constant] != 0.0).any(axis=(0, 1))
 
 
 @dataclass(eq=False)
@@ -54,11 +45,15 @@ class DriftPrior:
     sums: tuple[float, float, int] = (0.0, 0.0, 0)
 
     def __post_init__(self) -> None:
-        self.free = drifting(self.model) & np.isfinite(self.given) & np.isfinite(self.believed)
+        self.free = self.model.drifts & np.isfinite(self.given) & np.isfinite(self.believed)
         self.factor = np.where(self.free, 1.0 / (np.sqrt(self.given) * self.believed), 1.0)
 
-    def update(self, loop: GaussNewton, solution: Solution, precise: Precision) -> float:
-        """Correct the factors and hold the loop's drifts with them; return the largest relative change."""
+    def update(self, loop: GaussNewton, solution: Solution, precise: Precision, noise: float = 1.0) -> float:
+        """Correct the factors and hold the loop's drifts with them; return the largest relative change.
+
+        ``noise`` is the variance of unit weight of the observations. Where they fit worse than their sigmas, a drift
+        held against these would follow the noise: weights count among each other.
+        """
         weight = np.where(self.free, loop.prior_weight, 0.0)
         squares = np.where(self.free, (solution.state.values / self.believed) ** 2, 0.0)
         freedom = np.where(self.free, np.clip(1.0 - weight * precise.parameters, 0.0, 1.0), 0.0)
@@ -71,7 +66,7 @@ class DriftPrior:
         own = np.sqrt((OF_TERM * term + squares) / (OF_TERM + freedom))
         change = np.where(self.free, np.clip(own / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE), 1.0)
         self.factor = self.factor * change
-        loop.hold(np.where(self.free, 1.0 / (self.factor * self.believed) ** 2, self.given))
+        loop.hold(np.where(self.free, noise / (self.factor * self.believed) ** 2, self.given))
         return float(np.abs(change - 1.0).max())
 
     def summary(self) -> tuple[VarianceComponent, ...]:

@@ -285,7 +285,7 @@ def _believed_drift(observations: Observations, model: RefinementModel, camera: 
     for index, image in reversed(list(enumerate(observations.images))):
         drift = believed_drift(image)
         number = observations.camera_of_image[index]
-        sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, Priors(1.0, drift)), drift
+        sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, Priors(5.0, drift)), drift
     return sigma
 
 

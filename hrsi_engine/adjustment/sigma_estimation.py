@@ -87,11 +87,14 @@ class SigmaEstimation:
 
     def update(self, loop: GaussNewton, solution: Solution, precise: Precision) -> float:
         """Correct the sigmas; return the largest relative change."""
-        change = 0.0
+        change, noise = 0.0, 1.0
+        self.sums = components(self.groups, self.problem.observations, solution, precise)
         if self.sigmas.free.any():
-            self.sums = components(self.groups, self.problem.observations, solution, precise)
             change = self.sigmas.update(self.sums)
-        return max(change, self.drift.update(loop, solution, precise)) if self.drifts else change
+        else:
+            squares, freedom, _ = self.sums[:-SURVEYS].sum(axis=0)
+            noise = max(1.0, float(squares / max(freedom, LEAST_GROUP_FREEDOM)))
+        return max(change, self.drift.update(loop, solution, precise, noise)) if self.drifts else change
 
     def image_weight(self) -> np.ndarray:
         """Return the weights of the image points ``(n,)``, none left out."""

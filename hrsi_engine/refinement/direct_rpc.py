@@ -65,6 +65,11 @@ class DirectRPC:
     least_points: int = 1
     roots: dict[tuple[str, RPC], np.ndarray] = field(default_factory=dict, repr=False)
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """None that stands apart from the rest, ``(p,)``."""
+        return np.zeros(COEFFICIENTS, dtype=bool)
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return ones: the prior covariance is in the parameters' definition."""
         return np.ones(COEFFICIENTS)

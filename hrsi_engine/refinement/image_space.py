@@ -42,6 +42,12 @@ class ImagePolynomial:
         """GCPs from which the parameters follow."""
         return (len(self.parameters) + 1) // 2
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """Which parameters change the correction across an image, ``(p,)``."""
+        constant = self.powers.sum(axis=1) == 0
+        return np.asarray(~(self.mixing[:, constant] != 0.0).any(axis=(0, 1)))
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return shift, drift (px/px) or, for higher degrees, drift per half image size."""
         degree = self.powers.sum(axis=1)

@@ -218,6 +218,10 @@ class RefinementModel(Protocol):
     def least_points(self) -> int:
         """GCPs on one image from which the parameters follow, priors helping only where the model is made for it."""
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """Which parameters change the correction across an image, ``(p,)`` bool."""
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the standard deviation of each parameter before any observation.
 

@@ -35,6 +35,11 @@ class GroundPolynomial:
         """GCPs from which the parameters follow."""
         return len(self.powers)
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """Which parameters change the correction across an image, ``(p,)``."""
+        return np.tile(self.powers.sum(axis=1) > 0, 2)
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the shift, and the drift's pixels from the middle of the image to its edge."""
         degree = np.tile(self.powers.sum(axis=1), 2)

@@ -45,6 +45,11 @@ class GroundCorrection:
     entries: np.ndarray
     least_points: int
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """Which parameters change the correction across an image, ``(p,)``."""
+        return np.asarray(self.entries[:, 1] != 0)
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres: of the shift, and of the drift from the middle of the image to its edge."""
         metres = 1.0 / px_per_m(image)

@@ -70,6 +70,11 @@ class PseudoSensor:
     least_points: int
     drift_factor: float = 1.0
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """Which parameters change the correction across an image, ``(p,)``: a yaw turns it, also a constant one."""
+        return np.asarray((self.terms[:, 1] != 0) | (self.terms[:, 0] == YAW))
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres and radians; drifts are the change from the middle of the image to its edge."""
         orientation = priors.orientation or _orientation_of(image, priors)

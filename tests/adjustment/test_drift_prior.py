@@ -7,7 +7,6 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.drift_prior import drifting
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
@@ -27,11 +26,12 @@ def check_squares(block, truth, result):
 def test_which_parameters_drift():
     expected = {
         "shift": "", "affine": "sample_s sample_l line_s line_l", "conformal": "scale rotation",
-        "shift-drift": "sample_l line_l", "generic-shift": "",
+        "shift-drift": "sample_l line_l", "generic-shift": "", "direct": "",
+        "generic-12": "xs_s xs_l ys_s ys_l psi_x_s psi_x_l psi_y_s psi_y_l", "object-scale-shift": "east_east north_north up_up",
     }  # fmt: skip
     for name, parameters in expected.items():
         model = MODELS[name]
-        found = [parameter for parameter, yes in zip(model.parameters, drifting(model), strict=True) if yes]
+        found = [parameter for parameter, yes in zip(model.parameters, model.drifts, strict=True) if yes]
         assert found == parameters.split(), name
 
 
