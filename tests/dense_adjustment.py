@@ -10,9 +10,10 @@ from scipy import linalg
 
 from hrsi.hrsi_engine.adjustment.equations import FREE_POINT_SIGMA_M
 from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.block.pointing import LEAST_DRIFT
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, with_drift
-from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, UNFOLLOWED_DRIFT
+from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED
 
 
 class Dense(NamedTuple):
@@ -29,7 +30,7 @@ class Dense(NamedTuple):
         return np.sqrt(factor**2 * self.ground_cofactor + self.moved_m**2)
 
 
-def dense_solution(block, model, controlled=True, drift=UNFOLLOWED_DRIFT):
+def dense_solution(block, model, controlled=True, drift=LEAST_DRIFT):
     """Solve the same problem with one dense design matrix over all unknowns, the cameras' drift among them."""
     priors = CONTROLLED if controlled else UNCONTROLLED
     camera = with_drift(model) if drift and isinstance(model, ImagePolynomial) else model

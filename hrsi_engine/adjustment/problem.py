@@ -16,9 +16,10 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ..block.block import Block, Image, tiles_of_scenes
+from ..block.pointing import believed_pointing
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..refinement.image_space import ImagePolynomial, with_drift
-from ..refinement.model import UNFOLLOWED_DRIFT, Priors, RefinementModel, believed_drift, priors_of
+from ..refinement.model import Priors, RefinementModel, believed_priors, priors_of
 from ..refinement.models import MODELS
 from .dem_heights import DemHeights
 from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
@@ -31,6 +32,7 @@ from .weak_geometry import point_priors
 from .weights import WEIGHTS
 
 Entry = TypeVar("Entry")
+SENSORS_NAMED = 3  # in a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +202,11 @@ def _part_warnings(observations: Observations, parts: Sequence[Part]) -> list[st
     free = [part for part in rest if not part.gcps]
     if free:
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
-        warnings.append(f"no GCP holds {listed}: its position follows from the RPCs' own accuracy (priors)")
+        reasons = dict.fromkeys(believed_pointing(observations.images[i]).reason for part in free for i in part.images)
+        believed = " | ".join([*reasons][:SENSORS_NAMED])
+        warnings.append(
+            f"no GCP holds {listed}: its position follows from the RPCs' own accuracy (priors; believed: {believed})"
+        )
     return warnings
 
 
@@ -245,11 +251,11 @@ def _image_priors(options: AdjustOptions, image: Image, controlled: bool) -> Pri
     )
 
 
-def _unfollowed_drift(options: AdjustOptions, priors: Priors) -> float:
+def _unfollowed_drift(options: AdjustOptions, image: Image, priors: Priors) -> float:
     """Return the sigma (px/px) of the drift that the model leaves; estimated, it starts as any drift does."""
     if options.sigma_drift is not None:
         return options.sigma_drift
-    return priors.drift if options.variance_components else UNFOLLOWED_DRIFT
+    return priors.drift if options.variance_components else believed_priors(image).drift
 
 
 def _prior_weight(
@@ -267,7 +273,10 @@ def _prior_weight(
             image = observations.images[index]
             priors = _image_priors(options, image, part.gcps > 0)
             number = observations.camera_of_image[index]
-            sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, priors), _unfollowed_drift(options, priors)
+            sigma[number, :p], sigma[number, p:] = (
+                model.prior_sigmas(image, priors),
+                _unfollowed_drift(options, image, priors),
+            )
     with np.errstate(divide="ignore"):
         weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}
@@ -283,9 +292,9 @@ def _believed_drift(observations: Observations, model: RefinementModel, camera: 
     p = len(model.parameters)
     sigma = np.empty((observations.cameras, len(camera.parameters)))
     for index, image in reversed(list(enumerate(observations.images))):
-        drift = believed_drift(image)
+        believed = believed_priors(image)
         number = observations.camera_of_image[index]
-        sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, Priors(5.0, drift)), drift
+        sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, believed), believed.drift
     return sigma
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Block, Image
+from ..block.pointing import middle_gsd_m
 from .gauss_newton import Solution
 from .observations import Observations
 from .precision import Precision
@@ -28,13 +29,6 @@ SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
 SURVEYS = len(SURVEY_GROUPS)
 NAMED_GROUPS = 8
 SAME_GSD = 1.25  # ratio of pixel sizes of one sensor, seen more or less obliquely
-
-
-def gsd_m(image: Image) -> float:
-    """Return the size of a pixel on the ground, the mean of both directions (m)."""
-    rpc = image.rpc
-    middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-    return float(1.0 / rpc.px_per_m(middle)[0])
 
 
 def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
@@ -49,7 +43,7 @@ def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tu
         number[[place[name] for name in ids]] = group
     names = ["+".join(ids) for ids in groups]
     rest = np.flatnonzero(number < 0)
-    size = np.array([gsd_m(images[index]) for index in rest.tolist()])
+    size = np.array([middle_gsd_m(images[index]) for index in rest.tolist()])
     order = np.argsort(size)
     another = np.r_[True, size[order][1:] > SAME_GSD * size[order][:-1]][: len(rest)]
     number[rest[order]] = len(groups) - 1 + np.cumsum(another)

@@ -99,6 +99,8 @@ class Image:
         Where it lies in its scene, when it is a part of one.
     stated_height_m : float, optional
         Ellipsoidal height of the scene's middle, where the delivery states one.
+    sensor : str
+        What its metadata call the satellite; empty where they do not say.
     """
 
     id: str
@@ -108,6 +110,7 @@ class Image:
     raster: Raster | None = None
     tile: Tile | None = None
     stated_height_m: float | None = None
+    sensor: str = ""
 
     @property
     def middle_height_m(self) -> float:

@@ -115,10 +115,13 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     path = os.fspath(path)
     alone = read_rpc_file(path)
     if alone is not None:
-        return Image(image_id(path), alone.rpc, alone.size, path, stated_height_m=alone.height_m), alone
+        return Image(
+            image_id(path), alone.rpc, alone.size, path, stated_height_m=alone.height_m, sensor=alone.sensor
+        ), alone
     raster = GdalRaster(path)
     found = rpc_of_dataset(path, raster.dataset)
-    return Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m), found
+    image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, found.sensor)
+    return image, found
 
 
 def file_stamp(path: str) -> tuple[int, ...]:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
+from ..block.pointing import middle_gsd_m
 
 UNKNOWN_SIGMA_PX, UNKNOWN_SIGMA_M = 12.0, 15.0  # of a shift, where the product says nothing
 LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
@@ -59,10 +60,3 @@ def image_accuracy(image: Image, sigma_shift_px: float = 0.0, sigma_drift: float
         gsd, sigma, LARGE_SIGMAS * sigma, max(IMPOSSIBLE_SIGMAS * sigma, IMPOSSIBLE_M),
         gsd * max(MISFIT_PX, drift * float(np.hypot(*image.half_size_px))), max(USUAL_DRIFT, sigma_drift),
     )  # fmt: skip
-
-
-def middle_gsd_m(image: Image) -> float:
-    """Return the side of a pixel on the ground, in the middle of what the image's RPC was made for."""
-    rpc = image.rpc
-    _, by_ground = rpc.project_with_metric_jacobian(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))
-    return float(1.0 / np.sqrt(abs(np.linalg.det(by_ground[0, :, :2]))))

@@ -21,6 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..block.block import Image
+from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
 from ..camera.rpc import RPC
 
 
@@ -148,17 +149,13 @@ LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 #: are held as orbits are known at worst: attitude does the same but for what it changes across the image, and ties bend
 #: that to the images' drift (Hobart with one GCP, generic-shift: height RMSE 5.7 m with 2 km, 1.7 m with 20 m).
 CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=replace(LOOSE_ORIENTATION, position_m=20.0))
-#: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err.
-UNCONTROLLED = Priors(shift_px=5.0, drift=1e-4)
-#: Change across an image, px per px, of what a correction of few parameters does not follow: attitude drift and the
-#: RPC's own fit. Variance components find 2.9e-5 in Hobart's IKONOS and 1.9e-5 in a Pleiades triplet; SPOT 7's ties
-#: have a trend of 2.7e-5 (docs/adjustment.md).
-UNFOLLOWED_DRIFT = 3e-5
-STABLE = 0.1  # drift over an image in shares of its pointing error
+#: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err: what is
+#: believed of the sensors (`block.pointing`), or this where they are unknown.
+UNCONTROLLED = Priors(shift_px=UNKNOWN_PX, drift=1e-4)
 
 
 def priors_of(image: Image, controlled: bool) -> Priors:
-    """Return the priors of an image; without GCPs the RPC's own ERR_BIAS (m) is taken where it is given.
+    """Return the priors of an image; without GCPs what is believed of its sensor, where that is known.
 
     Parameters
     ----------
@@ -174,26 +171,26 @@ def priors_of(image: Image, controlled: bool) -> Priors:
     """
     if controlled:
         return CONTROLLED
-    if not image.rpc.err_bias:
-        return UNCONTROLLED
-    return Priors(_pointing_px(image), UNCONTROLLED.drift)
+    believed = believed_priors(image)
+    return replace(believed, drift=max(believed.drift, UNCONTROLLED.drift))
 
 
-def believed_drift(image: Image) -> float:
-    """Return how much an image's correction is believed to change across it (px/px).
+def believed_priors(image: Image) -> Priors:
+    """Return how large the errors of an image's RPC are believed to be.
 
-    Attitude that is known to so and so much is stable to a tenth of that while an image is taken: the sensors of which
-    both are published lie between 3 and 13 %. Without ERR_BIAS it is what real blocks show.
+    Parameters
+    ----------
+    image : Image
+        The image.
+
+    Returns
+    -------
+    Priors
+        Standard deviations of its shift and of its change across the image.
     """
-    if not image.rpc.err_bias:
-        return UNFOLLOWED_DRIFT
-    return max(STABLE * _pointing_px(image) / float(2.0 * image.camera_half_size_px.max() + 1.0), UNFOLLOWED_DRIFT)
-
-
-def _pointing_px(image: Image) -> float:
-    """Return the RPC's ERR_BIAS in px."""
-    middle = np.array([[image.rpc.long_off, image.rpc.lat_off, image.rpc.height_off]])
-    return float((image.rpc.err_bias or 0.0) * image.rpc.px_per_m(middle)[0])
+    pointing = believed_pointing(image)
+    shift_px = UNKNOWN_PX if pointing.sigma_m is None else pointing.sigma_m / middle_gsd_m(image)
+    return Priors(shift_px, pointing.drift)
 
 
 Linearise = Callable[[np.ndarray, np.ndarray], Equations]

@@ -11,6 +11,7 @@ import numpy as np
 from ..adjustment.precision import errors_90, predicted_accuracy
 from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..block.block import GroundPoints, Role
+from ..block.pointing import believed_pointing
 from ..refinement.model import RefinedRPC
 from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
@@ -140,6 +141,7 @@ def _image_entry(
         "rmse_sample_px": rmse(left.at_known_px[here, 0]),
         "rmse_line_px": rmse(left.at_known_px[here, 1]),
         "rpc_fit_max_px": refined.fit_max_px,
+        "pointing": asdict(believed_pointing(result.block.images[index])),
         "parameters": {name: {"value": float(value), "sigma": float(sigma)} for name, value, sigma in values},
     }
 

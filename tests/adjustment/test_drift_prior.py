@@ -27,7 +27,8 @@ def test_which_parameters_drift():
     expected = {
         "shift": "", "affine": "sample_s sample_l line_s line_l", "conformal": "scale rotation",
         "shift-drift": "sample_l line_l", "generic-shift": "", "direct": "",
-        "generic-12": "xs_s xs_l ys_s ys_l psi_x_s psi_x_l psi_y_s psi_y_l", "object-scale-shift": "east_east north_north up_up",
+        "generic-12": "xs_s xs_l ys_s ys_l psi_x_s psi_x_l psi_y_s psi_y_l",
+        "object-scale-shift": "east_east north_north up_up",
     }  # fmt: skip
     for name, parameters in expected.items():
         model = MODELS[name]

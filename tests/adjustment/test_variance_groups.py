@@ -10,8 +10,9 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, gsd_m, sensors
+from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, sensors
 from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.pointing import middle_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
@@ -111,7 +112,7 @@ def test_like_images_are_one_group_without_a_name():
 
 def test_pixel_sizes_are_the_cameras():
     for image, gsd in zip(two_sensors(0).images, GSD, strict=True):
-        assert gsd_m(image) == pytest.approx(gsd, rel=0.01)
+        assert middle_gsd_m(image) == pytest.approx(gsd, rel=0.01)
 
 
 def test_sensors_of_a_mixed_block():

@@ -42,7 +42,7 @@ def read(path: str) -> RpcReading:
         path, described = _named_file(path, root), root
         root = read_xml(path)
     reading = _read_model(path, root)
-    return RpcReading(reading.rpc, reading.size or _product_size(described), _scene_height(described))
+    return RpcReading(reading.rpc, reading.size or _product_size(described), _scene_height(described), reading.sensor)
 
 
 def _read_model(path: str, root: Element) -> RpcReading:
@@ -58,7 +58,9 @@ def _read_model(path: str, root: Element) -> RpcReading:
     first = {"2": 1, "3": 0}.get(version.strip()[:1])
     if first is None:
         raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
-    return RpcReading(rpc.shift(-first, -first), _size(_domain(root), first))
+    return RpcReading(
+        rpc.shift(-first, -first), _size(_domain(root), first), element_text(root, "METADATA_PROFILE") or ""
+    )
 
 
 def _named_file(path: str, product: Element) -> str:

@@ -72,7 +72,7 @@ def read_rpc_file(path: str) -> FoundRpc | None:
         return None
     reading = reader.read(path)
     title = f"{reader.title} {os.path.basename(path)}"
-    return FoundRpc(reading.rpc, title, size=reading.size, height_m=reading.height_m)
+    return FoundRpc(reading.rpc, title, size=reading.size, height_m=reading.height_m, sensor=reading.sensor)
 
 
 def rpc_reader_of(path: str) -> RpcReader | None:
@@ -127,7 +127,8 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
         )
     found = sources[0][1]()
     ignored = tuple(title for title, _read in sources[1:])
-    return replace(found, ignored=ignored, size=(dataset.RasterXSize, dataset.RasterYSize))
+    sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "")
+    return replace(found, ignored=ignored, size=(dataset.RasterXSize, dataset.RasterYSize), sensor=sensor)
 
 
 def read_rpc_or_none(path: str) -> FoundRpc | None:
@@ -235,9 +236,9 @@ def _place(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Da
         tile = None if origin is None or reading.size == size else Tile(os.path.abspath(file), origin, reading.size)
         whole = not place.moves or (reading.size == size and not place.mirrored)
         if whole or not crop.is_of_full_scene(reading.rpc, place, size):
-            return FoundRpc(reading.rpc, title, tile=tile, height_m=reading.height_m)
+            return FoundRpc(reading.rpc, title, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
         moved, told = crop.crop_rpc(reading.rpc, place, size), f"{title}, moved to the crop {place}"
-        return FoundRpc(moved, told, tile=tile, height_m=reading.height_m)
+        return FoundRpc(moved, told, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

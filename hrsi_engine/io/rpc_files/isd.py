@@ -35,7 +35,7 @@ def read(path: str) -> RpcReading:
     for name in POLYNOMIALS:
         values[name] = (element_text(part, ISD_NAMES[name]) or "").split()
     size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
-    return RpcReading(rpc_from_text(path, values, ISD_NAMES), size)
+    return RpcReading(rpc_from_text(path, values, ISD_NAMES), size, sensor=element_text(root, "SATID") or "")
 
 
 def text_of(rpc: RPC) -> str:

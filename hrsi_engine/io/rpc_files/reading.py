@@ -16,12 +16,13 @@ class RpcReading:
     """An RPC as one file gives it, image coordinates from the centre of the first pixel of *its* image.
 
     ``size`` is that image's (samples, lines) where the file says so with certainty, ``height_m`` the ellipsoidal height
-    of its middle where the delivery states one.
+    of its middle where the delivery states one, ``sensor`` what it calls the satellite.
     """
 
     rpc: RPC
     size: tuple[int, int] | None = None
     height_m: float | None = None
+    sensor: str = ""
 
 
 def _no_tile(image_path: str, side_file: str) -> Origin | None:
@@ -76,6 +77,8 @@ class FoundRpc:
         Where the image lies in its scene, when it is a part of one.
     height_m : float, optional
         Ellipsoidal height of the scene's middle, where the delivery states it.
+    sensor : str
+        What the source calls the satellite; empty where it does not say.
     """
 
     rpc: RPC
@@ -84,6 +87,7 @@ class FoundRpc:
     size: tuple[int, int] | None = None
     tile: Tile | None = None
     height_m: float | None = None
+    sensor: str = ""
 
     @property
     def summary(self) -> str:

@@ -36,7 +36,7 @@ def read(path: str) -> RpcReading:
         name: scalars.get(RPB_NAMES[name].lower()) for name in (*ERRORS, *SCALARS)
     }
     values |= {name: lists.get(RPB_NAMES[name].lower()) for name in POLYNOMIALS}
-    return RpcReading(rpc_from_text(path, values, RPB_NAMES))
+    return RpcReading(rpc_from_text(path, values, RPB_NAMES), sensor=scalars.get("satid", "").strip(' "'))
 
 
 def text_of(rpc: RPC) -> str:

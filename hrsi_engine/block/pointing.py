@@ -1,0 +1,141 @@
+"""How far off a sensor points, and how much that changes while it takes an image: what is known before any point.
+
+**Pointing.** An RPC may say it itself: ERR_BIAS is the standard deviation of each horizontal coordinate. Where it does
+not, the sensor is told from what its files call it, and its published accuracy without ground control counts
+(`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. An unknown sensor points to `UNKNOWN_PX`.
+
+**Change over an image.** ERR_RAND is the standard deviation of what varies within an image: of a linear change, whose
+ends are d apart, it is d / sqrt(12). Where it is not given, the change follows from the pointing error. Published are
+both for two sensors (Smiley 2009, of the strips of each quarter from 2006 to 2008): QuickBird points to 14 to 21 m
+(CE90), and the largest change of the error along a strip was 12 to 24 m; WorldView-1 4.0 to 5.3 m, and 1.8 to 4.8 m.
+How many strips these are is not said. Of some fifty the largest is 2.8 standard deviations of a coordinate, so these
+are 6.4 m of 8.2 m, and 1.2 m of 2.2 m: over a strip the error changes by `STRIP_SHARE` of its size, more or less. Nor
+is the length of the strips; 100 km is what these satellites take in one go. Between an image and a strip the error of
+gyroscopes grows with the root of the time; within a second of flight, `SMOOTH_M`, it is smooth and grows with the time
+itself.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .block import Image
+
+SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
+UNKNOWN_PX = 5.0  # of a sensor that nothing is known of
+STRIP_SHARE, STRIP_M, SMOOTH_M = 0.65, 100e3, 7e3
+#: Change across an image, px per px, that is always allowed for: attitude drift and the RPC's own fit. Variance
+#: components find 2.9e-5 in Hobart's IKONOS and 1.9e-5 in a Pleiades triplet; SPOT 7's ties have a trend of 2.7e-5
+#: (docs/adjustment.md).
+LEAST_DRIFT = 3e-5
+
+
+class PublishedAccuracy(NamedTuple):
+    """What is published of a sensor: CE90 without ground control (m), where, and how its files are told (`re`)."""
+
+    title: str
+    ce90_m: float
+    source: str
+    told_by: str
+
+
+_SMILEY = "B. Smiley: The absolute and relative geolocation accuracies of QB02 and WV01, DigitalGlobe 2009"
+_AGUILAR = "M. Aguilar et al. on GeoEye-1 and WorldView-1/2/3/4: direct geolocation better than 5.0 m CE90"
+_KOMPSAT = "SI Imaging Services, white paper: Geolocation accuracy of KOMPSAT, Q2 2013"
+#: By title. Names in files begin where no letter or digit stands before them.
+PUBLISHED = tuple(
+    PublishedAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})")
+    for title, ce90_m, source, told_by in (
+        ("IKONOS", 15.0, "GeoInformatics 2/2008, p. 53: Geo Ortho Kit, 15 m CE90", r"ikonos|ik0?[12](?!\d)|po_\d{5}"),
+        ("QuickBird", 17.5, f"{_SMILEY}: 14 to 21 m", r"quickbird|qb_?0?2(?!\d)"),
+        ("WorldView-1", 4.7, f"{_SMILEY}: 4.0 to 5.3 m", r"worldview[-_ ]?0?1|wv_?0?1(?!\d)"),
+        ("WorldView-2", 5.0, _AGUILAR, r"worldview[-_ ]?0?2|wv_?0?2(?!\d)"),
+        (
+            "WorldView-3", 3.5, "ISPRS Archives XLI-B1, 429 (2016): predicted below 3.5 m CE90",
+            r"worldview[-_ ]?0?3|wv_?0?3(?!\d)",
+        ),
+        ("WorldView-4", 5.0, _AGUILAR, r"worldview[-_ ]?0?4|wv_?0?4(?!\d)"),
+        ("GeoEye-1", 5.0, _AGUILAR, r"geoeye|ge_?0?1(?!\d)"),
+        (
+            "Pleiades Neo", 12.0, "none found: as Pleiades, its predecessor", r"pneo|pleiades[-_ ]?neo",
+        ),
+        (
+            "Pleiades", 12.0, "ISPRS Archives XXXVI Part 1 (2006), CNES: specified 12 m for 90 % of the images",
+            r"phr_?1[ab]|phr_sensor|phr(?![a-z0-9])|pleiades",
+        ),
+        (
+            "SPOT 6/7", 60.0, "none found: as SPOT 5, their predecessor", r"spot[-_ ]?[67]|s[67]_sensor",
+        ),
+        (
+            "SPOT 5", 60.0, "SPOT5 HRG and HRS first in-flight geometric quality results, CNES 2003: 60 m",
+            r"spot[-_ ]?5",
+        ),
+        ("ZY-3", 15.0, "D. Li, Acta Geodaetica et Cartographica Sinica 41 (2012) 317: better than 15 m", r"zy[-_]?3"),
+        ("KOMPSAT-2", 50.9, _KOMPSAT, r"kompsat[-_ ]?2|k2_\d{8}"),
+        ("KOMPSAT-3", 48.5, _KOMPSAT, r"kompsat[-_ ]?3|k3a?_\d{8}"),
+        ("SkySat", 15.0, "Planet, SkySat mapping and geometric accuracy: 10 to 15 m CE90", r"skysat|ssc?\d+d\d"),
+        (
+            "OrbView-3", 20.0, "K. Jacobsen, Geo-information based on very high resolution: 9.3 m a coordinate",
+            r"orbview|ov_?3(?!\d)",
+        ),
+    )
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Pointing:
+    """What is believed of an image's pointing.
+
+    sigma_m : standard deviation of each horizontal coordinate; None where only `UNKNOWN_PX` can be said
+    drift : standard deviation of its change across the image, px per px
+    reason : what says so, for people
+    """
+
+    sigma_m: float | None
+    drift: float
+    reason: str
+
+
+def find_published(*names: str) -> PublishedAccuracy | None:
+    """Return what is published of the sensor that one of some names tells, the first one first; None: unknown."""
+    for name in names:
+        for entry in PUBLISHED:
+            if name and re.search(entry.told_by, name.lower()):
+                return entry
+    return None
+
+
+def believed_pointing(image: Image) -> Pointing:
+    """Return what is believed of an image: by its RPC, by what is published of its sensor, or in general."""
+    published = find_published(image.sensor, os.path.basename(image.path), image.id)
+    stated, varying = image.rpc.err_bias, image.rpc.err_rand
+    reasons, sigma_m, drift = [published.title if published else "unknown sensor"], None, LEAST_DRIFT
+    if stated:
+        sigma_m = stated
+        reasons.append(f"ERR_BIAS {stated:.3g} m")
+    elif published:
+        sigma_m = published.ce90_m / SIGMAS_OF_CE90
+        reasons.append(f"CE90 {published.ce90_m:g} m ({published.source})")
+    else:
+        reasons.append(f"{UNKNOWN_PX:g} px taken for its pointing")
+    if sigma_m is not None:
+        length_m = float(2.0 * image.camera_half_size_px.max() + 1.0) * middle_gsd_m(image)
+        if varying:
+            drift = np.sqrt(12.0) * varying / length_m
+            reasons.append(f"ERR_RAND {varying:.3g} m")
+        else:
+            smooth_m = max(length_m, SMOOTH_M)
+            drift = STRIP_SHARE * sigma_m * np.sqrt(smooth_m / STRIP_M) / smooth_m
+    drift = max(float(drift), LEAST_DRIFT)
+    return Pointing(sigma_m, drift, f"{', '.join(reasons)}; drift {drift:.1e} px/px")
+
+
+def middle_gsd_m(image: Image) -> float:
+    """Return the size of a pixel on the ground in the middle of what the RPC was made for, the mean of both axes."""
+    rpc = image.rpc
+    return float(1.0 / rpc.px_per_m(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0])
