@@ -31,6 +31,7 @@ FROM_AFAR, AFAR = 4, 100.0  # steps at most, while residuals are so many sigmas
 SLOPES_ONLY = 8  # steps without the model's curvature
 CURVATURE_REACH = 0.1  # differences for it, in sigmas of a parameter
 LEAST_BEND = 1e-2
+HARMLESS = 0.1  # distance from the minimum, in sigmas, of methods that are not iterated
 UNSETTLED = 2.0  # how much more the cost may be with the weights that belong to a minimum
 WEIGHED = 3  # times that the weights are computed, the start's included
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
@@ -301,7 +302,8 @@ def update_once(equations: _Equations) -> tuple[np.ndarray, int, str]:
     sigmas = equations.sigmas
     values = np.zeros(len(sigmas))
     at = equations.at(values)
-    return sigmas * _solve(at.matrix, at.right, values, sigmas), 1, CONVERGED
+    values = sigmas * _solve(at.matrix, at.right, values, sigmas)
+    return values, 1, _passed_once(equations, values)
 
 
 def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, str]:
@@ -315,7 +317,16 @@ def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, str]:
         values = values + sigmas * (gain @ at.right)
         covariance = covariance - gain @ at.matrix @ covariance
         covariance = (covariance + covariance.T) / 2.0
-    return values, len(equations.control), CONVERGED
+    return values, len(equations.control), _passed_once(equations, values)
+
+
+def _passed_once(equations: _Equations, values: np.ndarray) -> str:
+    """Return the status of a method that passes over the points once: converged where that leads to the minimum."""
+    at = equations.at(values)
+    step = _solve(at.matrix, at.right, values, equations.sigmas)
+    freedom = max(2 * len(equations.control) - len(values), 1)
+    away = float(np.sqrt(max(step @ equations.gradient(at), 0.0) / max(1.0, 2.0 * at.cost / freedom)))
+    return CONVERGED if away < HARMLESS else f"passed over the points once, {away:.2g} sigma from the minimum"
 
 
 #: How the models that are not estimated by `iterate` are: by the name of the model.
