@@ -59,7 +59,7 @@ def _read_model(path: str, root: Element) -> RpcReading:
     if first is None:
         raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
     return RpcReading(
-        rpc.shift(-first, -first), _size(_domain(root), first), element_text(root, "METADATA_PROFILE") or ""
+        rpc.shift(-first, -first), _size(_domain(root), first), sensor=element_text(root, "METADATA_PROFILE") or ""
     )
 
 
