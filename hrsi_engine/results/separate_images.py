@@ -36,6 +36,11 @@ class PerImage:
         """Of the most demanding image."""
         return max(model.least_points for model in self.models.values())
 
+    @property
+    def drifts(self) -> np.ndarray:
+        """Not told: every image has its own."""
+        return np.zeros(len(self.parameters), dtype=bool)
+
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return those of the image's model, 0 for what it does not have."""
         own = self.models[image.id].prior_sigmas(image, priors)
