@@ -288,7 +288,8 @@ def iterate(equations: _Equations, values: np.ndarray | None = None, steps: int 
 def iterate_from_linear(equations: _Equations) -> tuple[np.ndarray, int, str]:
     """Begin with what is linear in the coefficients of a rational function, then iterate."""
     model, sigmas = equations.model, equations.sigmas
-    assert isinstance(model, DirectRPC)
+    if not isinstance(model, DirectRPC):
+        raise ValueError(f"{type(model).__name__} is no rational function of which the coefficients are estimated")
     linear = replace(equations, linearise=model.linear_equations(equations.image, equations.control.xy))
     at = best = linear.at(np.zeros(len(sigmas)))
     for _ in range(LINEAR_STEPS):

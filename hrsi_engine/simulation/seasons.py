@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from .acquisitions import YEAR_DAYS, Acquisition, day_of_season
-from .landscape import BLOCK_M, COVERS, PARCELS, PER_BLOCK, Landscape, Objects
+from .landscape import BLOCK_M, PARCELS, PER_BLOCK, Landscape, Objects
 from .texture import BlurredTexture, PeriodicField, Texture
 
 TEXTURE_DAYS = 60.0  # after which soil and plants look altogether different close by
@@ -177,6 +177,3 @@ def park_cars(landscape: Landscape, half_extent_m: float, taken: Acquisition) ->
         np.tile(np.array(CAR_SIZE_M) * landscape.scale, (len(position), 1)), np.arctan2(*direction.T),
         np.repeat(grey[:, None], 5, axis=1).astype(np.float32),
     )  # fmt: skip
-
-
-assert len(OWN_TEXTURE) == len(SNOW_HOLD) == len(COVERS)

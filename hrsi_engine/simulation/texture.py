@@ -194,8 +194,7 @@ class BlurredTexture:
         grey, contrast, canopy = (_blend(table, row, column, x, y, PARCELS - 1) for table in tables)
         fine, broad, crowns, *season = (sample_periodic(*field, e, n) for field in self.fields)
         own, snow = fine, None
-        if season:
-            assert isinstance(landscape, DatedLandscape)
+        if season and isinstance(landscape, DatedLandscape):
             share, hold = (_blend(table, row, column, x, y, PARCELS - 1) for table in landscape.parcel_season)
             own = np.sqrt(1.0 - share**2) * fine + share * season[0]
             if landscape.snow:

@@ -23,8 +23,9 @@ from hrsi.hrsi_engine.simulation import (
     simulate_block,
     sun_position,
 )
-from hrsi.hrsi_engine.simulation.landscape import Objects
+from hrsi.hrsi_engine.simulation.landscape import COVERS, Objects
 from hrsi.hrsi_engine.simulation.lighting import swept_cover
+from hrsi.hrsi_engine.simulation.seasons import OWN_TEXTURE, SNOW_HOLD
 from hrsi.hrsi_engine.simulation.truth_tables import truth_tables
 
 CLEAN = Radiometry(noise_dn=0.0, shot_dn=0.0)
@@ -178,3 +179,8 @@ def test_dates_close_by_look_alike_and_half_a_year_apart_they_do_not():
     near, far = local_correlation(greys[0], greys[1]), local_correlation(greys[0], greys[2])
     print(f"correlation after 8 days {near:.2f}, after 180 days {far:.2f}")
     assert near > 0.8 and far < near - 0.25
+
+
+def test_every_cover_has_a_texture_and_holds_snow():
+    """Their tables stand beside one another, in the order of the covers."""
+    assert len(OWN_TEXTURE) == len(SNOW_HOLD) == len(COVERS)
