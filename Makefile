@@ -24,7 +24,7 @@ demo: demo-hobart demo-images  ## the two tutorials: Hobart with measured points
 demo-hobart: set-up
 	$(BIN)/hrsi triangulate $(foreach n,1 2 3,$(HOBART)/hobart_ikonos_$(n)_RPC.TXT) \
 	  --gcps $(HOBART)/hobart_ground_points.csv --image-points $(HOBART)/hobart_image_points.csv --height-datum ellipsoidal --tie-points none \
-	  --gcp-ids H003,H022,H024,H035,H048,H058,H077,H098,H103,H105 --model shift \
+	  --gcp-ids H003,H022,H024,H035,H048,H058,H077,H098,H103,H105 \
 	  --output-dir $(BUILD)/demo --overwrite
 demo-images: set-up
 	$(BIN)/hrsi simulate --images 3 --along=-12,0,12 --size 1200 --gcps 6 --checks 20 --ties 0 --relief 60 \

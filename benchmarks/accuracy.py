@@ -1,4 +1,4 @@
-"""Accuracy figures: `accuracy.py thesis [--docs]`, `accuracy.py blocks [NAME …] [--docs]`."""
+"""Accuracy figures: `accuracy.py thesis [--docs]`, `blocks [NAME …] [--docs]`, `models [NAME …] [--docs]`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 
-SUBJECTS = {"thesis": "hrsi.benchmarks.thesis_tables", "blocks": "hrsi.benchmarks.block_tables"}
+SUBJECTS = {
+    "thesis": "hrsi.benchmarks.thesis_tables",
+    "blocks": "hrsi.benchmarks.block_tables",
+    "models": "hrsi.benchmarks.model_tables",
+}
 
 
 def main(words: list[str]) -> int:

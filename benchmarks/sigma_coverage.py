@@ -1,8 +1,11 @@
 """Do predicted accuracies hold? Shares of check errors inside the predicted CE90 and LE90, over many simulated blocks.
 
-`sigma_coverage.py [--seeds N] [--first SEED] [--estimated] [--docs] [NAME …]` adjusts every configuration with the
-engine's defaults, with ``--estimated`` with variance components as well. Seeds below `JUDGED` were looked at while the
-code was written; the documented table is of others.
+`sigma_coverage.py [--seeds N] [--first SEED] [--ways WAY …] [--docs] [NAME …]` adjusts every block in each of `WAYS`.
+Seeds below `JUDGED` were looked at while the code was written; the documented tables are of others.
+
+The check points of a block err together: without GCPs all of them by nearly the same, so that the share of one block is
+near 0 or 1, and the mean of N blocks is known to no better than 0.3 / sqrt(N). The standard error over the blocks is
+printed beside each share, and kinds that hang on fewer than two GCPs get `MORE_SEEDS` times as many blocks.
 
 Truth and adjustment share nothing but the vendor's RPC: a physical pushbroom camera, disturbed by errors drawn from its
 sensor's accuracy (and, where a configuration says so, by a drift in the image), measures points with noise; the RPC is
@@ -12,10 +15,12 @@ that of the undisturbed camera.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -24,7 +29,6 @@ from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.refinement.selection import RULES, choose_model
 from hrsi.hrsi_engine.simulation import SENSORS, PushbroomCamera, aim, fit_camera
 from hrsi.hrsi_engine.simulation.vendor import stated_accuracy
 
@@ -35,7 +39,13 @@ NOISE_PX = 0.3
 SURVEY_M = (0.1, 0.1, 0.15)
 CENTRE = (5.45, 43.53, 250.0)
 RELIEF_M = 200.0
-DEFAULTS = AdjustOptions(model="auto", reject_sigma=4.0)
+MORE_SEEDS = 4  # times as many blocks of kinds with fewer than two GCPs
+#: Ways of adjusting, and their titles in the documentation.
+WAYS: dict[str, tuple[str, AdjustOptions]] = {
+    "defaults": ("Defaults", AdjustOptions()),
+    "shift": ("Model shift", AdjustOptions(model="shift")),
+    "estimated": ("With variance components", AdjustOptions(variance_components=True)),
+}
 
 
 @dataclass(frozen=True)
@@ -103,8 +113,8 @@ def cameras(sensor: str, angles_deg: tuple[float, ...], size: int) -> list[tuple
 
 
 def simulate(kind: Configuration, seed: int) -> Block:
-    """Return a block of a kind."""
-    rng = np.random.default_rng([seed, 7])
+    """Return a block of a kind; kinds draw numbers of their own, or an odd seed would be odd in all of them."""
+    rng = np.random.default_rng([seed, crc32(repr(kind).encode())])
     taken = cameras(kind.sensor, kind.angles_deg, kind.size)
     known = kind.gcps + kind.height_only + CHECKS
     total = known + TIES
@@ -175,73 +185,71 @@ def shares(result: Adjustment) -> Shares:
     )  # fmt: skip
 
 
-def run(kind: Configuration, seeds: range, options: AdjustOptions) -> np.ndarray:
-    """Return the `Shares` of many blocks, ``(seeds, 7)``."""
-    return np.array([shares(_adjusted(simulate(kind, seed), options)) for seed in seeds])
-
-
-def _adjusted(block: Block, options: AdjustOptions) -> Adjustment:
-    """Return the adjustment with the model that a rule chooses, where the options name one."""
-    if options.model in RULES:
-        options = replace(options, model=choose_model(block, options.model).model)
-    return adjust(block, options)
+def run(kind: Configuration, seeds: range, ways: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the `Shares` of many blocks by way of adjusting them, ``(seeds, 7)``."""
+    found: dict[str, list[Shares]] = {way: [] for way in ways}
+    for seed in seeds:
+        block = simulate(kind, seed)
+        for way in ways:
+            found[way].append(shares(adjust(block, WAYS[way][1])))
+    return {way: np.array(rows) for way, rows in found.items()}
 
 
 HEADER = (
-    f"{'configuration':50s} {'CE90 %':>7s} {'LE90 %':>7s} {'plan m':>8s} {'pred.':>8s} {'height m':>8s} {'pred.':>8s} "
-    f"{'sigma0':>7s}"
+    f"{'configuration':50s} {'blocks':>6s} {'CE90 %':>11s} {'LE90 %':>11s} {'plan m':>8s} {'pred.':>8s} "
+    f"{'height m':>8s} {'pred.':>8s} {'sigma0':>7s}"
 )
 
 
 def row(name: str, found: np.ndarray) -> str:
-    """Return a row of the table: mean shares, and root mean squares."""
+    """Return a row of the table: mean shares with their standard errors, and root mean squares."""
     rms = np.sqrt(np.mean(found[:, 2:6] ** 2, axis=0))
+    mean = 100.0 * found[:, :2].mean(axis=0)
+    error = 100.0 * found[:, :2].std(axis=0) / np.sqrt(len(found))
+    inside = " ".join(f"{share:6.1f} ±{sigma:3.1f}" for share, sigma in zip(mean, error, strict=True))
     return (
-        f"{name:50s} {100 * found[:, 0].mean():7.1f} {100 * found[:, 1].mean():7.1f} {rms[0]:8.3f} {rms[2]:8.3f} "
-        f"{rms[1]:8.3f} {rms[3]:8.3f} {np.median(found[:, 6]):7.2f}"
+        f"{name:50s} {len(found):6d} {inside} {rms[0]:8.3f} {rms[2]:8.3f} {rms[1]:8.3f} {rms[3]:8.3f} "
+        f"{np.median(found[:, 6]):7.2f}"
     )
 
 
 INTRODUCTION = """# Do predicted accuracies hold?
 
 Printed by `benchmarks/sigma_coverage.py`. Shares of check errors inside the CE90 and LE90 that the adjustment predicts,
-of {seeds} simulated blocks each (seeds from {first} on; those below {judged} were looked at while the code was
-written), with 60 check points and 200 tie points, noise 0.3 px, surveys of 0.1 and 0.15 m where nothing else is said.
-RMSE found and predicted in plan (one coordinate) and height, root mean squares over the blocks, surveys' errors
-included; the median of sigma0.
+in simulated blocks (seeds from {first} on; those below {judged} were looked at while the code was written) with 60
+check points and 200 tie points, noise 0.3 px, surveys of 0.1 and 0.15 m where nothing else is said. With ± the standard
+error over the blocks: the check points of one block err together, most of all without GCPs. RMSE found and predicted in
+plan (one coordinate) and height, root mean squares over the blocks, surveys' errors included; the median of sigma0.
 """
 
 
-def write_docs(table: list[str], words: argparse.Namespace) -> None:
-    """Write the table of one way of adjusting; that of the other stays."""
-    title = "## With variance components" if words.estimated else f"## Model {words.model}, defaults"
-    old = DOCS.read_text(encoding="utf-8") if DOCS.exists() else ""
-    kept = [part for part in old.split("\n## ")[1:] if not f"## {part}".startswith(title)]
-    parts = [INTRODUCTION.format(seeds=words.seeds, first=words.first, judged=JUDGED).rstrip()]
-    parts += sorted([f"## {part.rstrip()}" for part in kept] + ["\n".join([title, "", "```", *table, "```"])])
+def write_docs(tables: dict[str, list[str]], first: int) -> None:
+    """Write the tables."""
+    parts = [INTRODUCTION.format(first=first, judged=JUDGED).rstrip()]
+    parts += ["\n".join([f"## {WAYS[way][0]}", "", "```", *table, "```"]) for way, table in tables.items()]
     DOCS.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables, row by row."""
     parser = argparse.ArgumentParser()
     parser.add_argument("names", nargs="*")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--estimated", action="store_true")
-    parser.add_argument("--model", default=DEFAULTS.model)
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--docs", action="store_true")
     words = parser.parse_args()
-    options = replace(DEFAULTS, model=words.model, variance_components=words.estimated)
-    table = [HEADER]
-    print(HEADER)
+    tables = {way: [HEADER] for way in words.ways}
+    print(f"{'':10s} {HEADER}")
     for name, kind in CONFIGURATIONS.items():
         if words.names and not any(word in name for word in words.names):
             continue
-        table.append(row(name, run(kind, range(words.first, words.first + words.seeds), options)))
-        print(table[-1], flush=True)
+        count = words.seeds * (MORE_SEEDS if kind.gcps < 2 else 1)
+        for way, found in run(kind, range(words.first, words.first + count), words.ways).items():
+            tables[way].append(row(name, found))
+            print(f"{way:10s} {tables[way][-1]}", flush=True)
         if words.docs:
-            write_docs(table, words)
+            write_docs(tables, words.first)
 
 
 if __name__ == "__main__":

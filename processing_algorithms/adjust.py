@@ -5,8 +5,9 @@ from __future__ import annotations
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.foundation.progress import stage
 from .block_steps import inputs as block_inputs
-from .block_steps import model_choice, plausibility
 from .block_steps import outputs as block_outputs
+from .block_steps import plausibility
+from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.adjust import AdjustAlgorithmOptions
 from .files.image_files import open_images
@@ -25,11 +26,9 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        chosen = model_choice.choose_model_of_options(block, options.adjustment)
-        how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
+        how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
-    return block_outputs.write_results(
-        "adjust", options, result, [*warnings, *chosen.warnings], clock, rest, chosen.entries, reasons
-    )
+    warnings, entries = [*warnings, *choice_warnings(result.choice)], choice_entries(how.model, result.choice)
+    return block_outputs.write_results("adjust", options, result, warnings, clock, rest, entries, reasons)

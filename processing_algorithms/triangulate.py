@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
 from ..hrsi_engine.foundation.progress import stage
-from .block_steps import dem_offset, model_choice, plausibility
+from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
+from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.triangulate import TriangulateOptions
 from .files.image_files import open_images
@@ -33,16 +34,14 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
-        chosen = model_choice.choose_model_of_options(block, options.adjustment)
-        how = block_inputs.with_dem(chosen.options, options.dem, options.points.height_datum)
+        how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.5, 0.7))
     clock.lap("adjust")
     rest = context.stage(0.7, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
-    warnings += [*more, *chosen.warnings, *offset]
-    return block_outputs.write_results(
-        "triangulate", options, result, warnings, clock, rest, {**entries, **chosen.entries}, reasons, kept
-    )
+    warnings += [*more, *choice_warnings(result.choice), *offset]
+    entries |= choice_entries(how.model, result.choice)
+    return block_outputs.write_results("triangulate", options, result, warnings, clock, rest, entries, reasons, kept)
 
 
 def _automatic_ties(

@@ -20,10 +20,10 @@ import numpy as np
 
 from ..refinement.model import RefinementModel
 from .gauss_newton import GaussNewton, Solution
-from .precision import Precision
 from .result import VarianceComponent
 
 LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
+SETTLED_SHARE = 0.01  # relative change of a sigma
 MOST_CHANGE = 5.0  # of a sigma in one round
 BELIEF = 1.0  # observations that the sensor's believed drift counts for
 OF_BLOCK, OF_TERM = 6.0, 6.0  # … and the block's for a term's, and a term's for an image's
@@ -48,15 +48,25 @@ class DriftPrior:
         self.free = self.model.drifts & np.isfinite(self.given) & np.isfinite(self.believed)
         self.factor = np.where(self.free, 1.0 / (np.sqrt(self.given) * self.believed), 1.0)
 
-    def update(self, loop: GaussNewton, solution: Solution, precise: Precision, noise: float = 1.0) -> float:
+    def start(self, loop: GaussNewton) -> None:
+        """Hold the loop's drifts as the sensors are believed to drift.
+
+        From looser priors the estimate may end where the drifts follow the noise, and leave none to be seen.
+        """
+        self.factor = np.ones_like(self.factor)
+        loop.hold(np.where(self.free, 1.0 / self.believed**2, self.given))
+
+    def update(self, loop: GaussNewton, solution: Solution, variances: np.ndarray, unit_variance: float) -> float:
         """Correct the factors and hold the loop's drifts with them; return the largest relative change.
 
-        ``noise`` is the variance of unit weight of the observations. Where they fit worse than their sigmas, a drift
-        held against these would follow the noise: weights count among each other.
+        One below `SETTLED_SHARE` is not worth another solution: all stays as it is.
+
+        ``variances (cameras, p)`` are the parameters' cofactors. Where all observations are worse than they were said
+        to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would follow the noise.
         """
         weight = np.where(self.free, loop.prior_weight, 0.0)
         squares = np.where(self.free, (solution.state.values / self.believed) ** 2, 0.0)
-        freedom = np.where(self.free, np.clip(1.0 - weight * precise.parameters, 0.0, 1.0), 0.0)
+        freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
         self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
         if not self.sums[1] > 0.0:
             return 0.0
@@ -65,9 +75,11 @@ class DriftPrior:
         self.of_block = float(np.sqrt(block))
         own = np.sqrt((OF_TERM * term + squares) / (OF_TERM + freedom))
         change = np.where(self.free, np.clip(own / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE), 1.0)
-        self.factor = self.factor * change
-        loop.hold(np.where(self.free, noise / (self.factor * self.believed) ** 2, self.given))
-        return float(np.abs(change - 1.0).max())
+        largest = float(np.abs(change - 1.0).max())
+        if largest >= SETTLED_SHARE:
+            self.factor = self.factor * change
+            loop.hold(np.where(self.free, unit_variance / (self.factor * self.believed) ** 2, self.given))
+        return largest
 
     def summary(self) -> tuple[VarianceComponent, ...]:
         """Return the group, if the model has any drift."""

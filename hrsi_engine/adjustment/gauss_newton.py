@@ -88,6 +88,13 @@ class GaussNewton:
 
         The history grows over all runs, one row for every step.
         """
+        return self._descend(self._at(state, weighting, np.ones(len(weighting.image))), robust, tolerance, progress)
+
+    def run_on(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
+        """Iterate from a solution with its own weights: what has changed are the priors (`hold`)."""
+        return self._descend(replace(last, cost=self.cost(last)), robust, tolerance, progress)
+
+    def _descend(self, begin: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
         robustly = WEIGHTS[robust]
         tolerance = max(tolerance, ROBUST_TOLERANCE) if robustly is not least_squares else tolerance
         first = len(self.history)
@@ -100,7 +107,7 @@ class GaussNewton:
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
         reweighting = robustly is not least_squares or self.heights is not None
         ended = descend(
-            self._at(state, weighting, np.ones(len(weighting.image))),
+            begin,
             step,
             lambda at: max(1.0, 2.0 * at.cost / self._freedom(at.weighting)),
             self.max_iterations,

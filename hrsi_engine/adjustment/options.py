@@ -33,8 +33,8 @@ class AdjustOptions:
     """
 
     model: str = option(
-        "shift",
-        "Correction of each image's RPC; auto and generic choose by the GCPs",
+        "auto",
+        "Correction of each image's RPC; auto and generic choose it by GCPs and tie points",
         choices=MODEL_NAMES,
     )
     robust: str = option("none", "Weight function against blunders", choices=WEIGHT_NAMES)

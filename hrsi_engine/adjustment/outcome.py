@@ -62,8 +62,8 @@ class _Sums:
 def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solution, precise: Precision) -> Adjustment:
     """Return the result of an adjustment."""
     observations, block = problem.observations, problem.block
-    shares = _prior_share(loop, precise)
-    sums = _sums(problem, loop, solution, shares)
+    shares = _prior_share(loop, precise.parameters)
+    sums = _sums(problem, loop, solution, precise)
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = shares[:, own]
     cameras = deliver(problem, loop, solution)
@@ -126,6 +126,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         tests=found.tests,
         estimated_sigma_px=_measurement_sigmas(block, rows, found),
         survey_factors=found.survey_factors,
+        choice=problem.choice,
     )
 
 
@@ -166,20 +167,33 @@ def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = n
     return result
 
 
-def _prior_share(loop: GaussNewton, precise: Precision) -> np.ndarray:
+def _prior_share(loop: GaussNewton, variances: np.ndarray) -> np.ndarray:
     """Return how much of each parameter comes from its prior ``(cameras, p)``; all of it where it is fixed."""
     fixed = np.isinf(loop.prior_weight)
-    return np.where(fixed, 1.0, np.where(fixed, 0.0, loop.prior_weight) * precise.parameters)
+    return np.where(fixed, 1.0, np.where(fixed, 0.0, loop.prior_weight) * variances)
 
 
-def _sums(problem: Problem, loop: GaussNewton, solution: Solution, prior_share: np.ndarray) -> _Sums:
-    """Count what was not left out. Priors count as far as the unknowns follow from them."""
+def _observed(problem: Problem, solution: Solution) -> tuple[int, int]:
+    """Return the numbers of observations that were not left out and of the unknowns of their points."""
     weighting, contributes = solution.weighting, solution.weighting.contributes
     rows = int(((weighting.image > 0.0) & contributes[problem.observations.point]).sum())
-    observed = 2 * rows + int(weighting.points.observed[contributes].sum())
-    positions = 3 * int(contributes.sum())
-    unknowns = positions + len(prior_share) * len(problem.model.parameters)
-    redundancy = observed - positions - float(np.sum(1.0 - np.nan_to_num(prior_share)))
+    return 2 * rows + int(weighting.points.observed[contributes].sum()), 3 * int(contributes.sum())
+
+
+def redundancy_of(problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray) -> float:
+    """Return the redundancy of a solution; priors count as far as the parameters follow from them.
+
+    ``variances (cameras, p)`` are the parameters' cofactors.
+    """
+    observed, positions = _observed(problem, solution)
+    return observed - positions - float(np.sum(1.0 - np.nan_to_num(_prior_share(loop, variances))))
+
+
+def _sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> _Sums:
+    """Count what was not left out."""
+    observed, positions = _observed(problem, solution)
+    unknowns = positions + len(precise.parameters) * len(problem.model.parameters)
+    redundancy = redundancy_of(problem, loop, solution, precise.parameters)
     sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
     return _Sums(observed, unknowns, redundancy, sigma0)
 

@@ -47,18 +47,22 @@ class Precision:
         return self.cameras[loop.pattern.diagonal]
 
 
-def precision(equations: NormalEquations, loop: GaussNewton, solution: Solution) -> Precision:
-    """Return all cofactors at a solution."""
+def camera_cofactors(loop: GaussNewton, solution: Solution) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the variances ``(cameras, p)`` of the parameters and all cofactors of the cameras (see `Precision`)."""
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     cameras = loop.system.cofactors()
+    if cameras is None:
+        return np.full(loop.prior_weight.shape, np.nan), None
+    return cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2), cameras
+
+
+def precision(equations: NormalEquations, loop: GaussNewton, solution: Solution) -> Precision:
+    """Return all cofactors at a solution."""
+    own, cameras = camera_cofactors(loop, solution)
     n, m = len(solution.factor), len(solution.normals.inverse)
     if cameras is None:
-        shape = loop.prior_weight.shape
-        return Precision(
-            np.full(shape, np.nan), np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None
-        )  # fmt: skip
+        return Precision(own, np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None)
     spread: Cofactors = equations.cofactors(solution.state, solution.weight, solution.normals, cameras)
-    own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
     residuals = np.negative(spread.computed, out=spread.computed)
     weight = solution.weight
     with np.errstate(divide="ignore"):

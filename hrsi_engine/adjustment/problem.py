@@ -21,6 +21,7 @@ from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..refinement.image_space import ImagePolynomial, with_drift
 from ..refinement.model import Priors, RefinementModel, believed_priors, priors_of
 from ..refinement.models import MODELS
+from ..refinement.selection import RULES, Choice, choose_model
 from .dem_heights import DemHeights
 from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
@@ -50,7 +51,9 @@ class Problem:
 
     model : the refinement that is asked for, and delivered
     camera : what is estimated: the model, and the drift that it does not follow behind it
+    guessed : (p,) parameters that are drifts of which nothing tells how large they are but what is usual
     believed_drift : (cameras, p) standard deviations of the drifts that the sensors are believed to have
+    choice : why the model is what it is, where a rule chose it
     """
 
     block: Block
@@ -61,11 +64,13 @@ class Problem:
     pattern: Pattern
     equations: NormalEquations
     prior_weight: np.ndarray
+    guessed: np.ndarray
     believed_drift: np.ndarray
     parts: tuple[Part, ...]
     start: State
     weighting: Weighting
     warnings: tuple[str, ...]
+    choice: Choice | None = None
 
     def loop(self) -> GaussNewton:
         """Return a Gauss-Newton loop over the problem."""
@@ -110,6 +115,11 @@ def find_determined(observations: Observations, image_weight: np.ndarray, survey
 
 def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
     """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
+    choice = None
+    if options.model in RULES:
+        held = options.test_sigmas or options.variance_components or options.sigma_drift is not None
+        choice = choose_model(block, options.model, held)
+        options = replace(options, model=choice.model)
     model = choose_entry(MODELS, options.model, "model")
     choose_entry(WEIGHTS, options.robust, "robust weight function")
     choose_entry(GROUPINGS, options.variance_groups, "grouping of image points")
@@ -129,7 +139,10 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     equations = NormalEquations(
         observations, camera, pattern, options.threads, fixed.cameras if camera is model and not lost else None
     )
-    prior_weight = _prior_weight(observations, model, camera, parts, options)
+    guessed = np.arange(len(camera.parameters)) >= len(model.parameters)
+    if choice is not None and choice.drift_unknown:
+        guessed |= camera.drifts
+    prior_weight = _prior_weight(observations, model, guessed, parts, options)
     _require_solvable(observations, model, prior_weight)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     priors, weak = point_priors(observations, ground, options.dem, options.sigma_dem_m)
@@ -138,9 +151,9 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
         observations, image_weight, observations.survey_weight
     )
     return Problem(
-        block, observations, model, camera, options, pattern, equations, prior_weight,
+        block, observations, model, camera, options, pattern, equations, prior_weight, guessed,
         _believed_drift(observations, model, camera), parts, State(start, ground),
-        Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)),
+        Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)), choice,
     )  # fmt: skip
 
 
@@ -251,8 +264,8 @@ def _image_priors(options: AdjustOptions, image: Image, controlled: bool) -> Pri
     )
 
 
-def _unfollowed_drift(options: AdjustOptions, image: Image, priors: Priors) -> float:
-    """Return the sigma (px/px) of the drift that the model leaves; estimated, it starts as any drift does."""
+def _guessed_drift(options: AdjustOptions, image: Image, priors: Priors) -> float:
+    """Return the usual sigma (px/px) of a drift; estimated in any case, it starts as any drift does."""
     if options.sigma_drift is not None:
         return options.sigma_drift
     return priors.drift if options.variance_components else believed_priors(image).drift
@@ -261,22 +274,20 @@ def _unfollowed_drift(options: AdjustOptions, image: Image, priors: Priors) -> f
 def _prior_weight(
     observations: Observations,
     model: RefinementModel,
-    camera: RefinementModel,
+    guessed: np.ndarray,
     parts: Sequence[Part],
     options: AdjustOptions,
 ) -> np.ndarray:
     """Return the weights ``(cameras, p)`` of the parameters' priors, infinite for fixed images."""
-    p, unfollowed = len(model.parameters), len(camera.parameters) - len(model.parameters)
-    sigma = np.empty((observations.cameras, p + unfollowed))
+    p = len(model.parameters)
+    sigma = np.empty((observations.cameras, len(guessed)))
     for part in parts:
         for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
             image = observations.images[index]
             priors = _image_priors(options, image, part.gcps > 0)
             number = observations.camera_of_image[index]
-            sigma[number, :p], sigma[number, p:] = (
-                model.prior_sigmas(image, priors),
-                _unfollowed_drift(options, image, priors),
-            )
+            sigma[number, :p] = model.prior_sigmas(image, priors)
+            sigma[number, guessed] = _guessed_drift(options, image, priors)
     with np.errstate(divide="ignore"):
         weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}

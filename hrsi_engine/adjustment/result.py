@@ -10,6 +10,7 @@ import numpy as np
 from ..block.block import Block
 from ..block.points import Role
 from ..refinement.model import RefinementModel
+from ..refinement.selection import Choice
 
 STATED_ALIKE = 0.01  # variances that differ by less were stated as the same
 
@@ -199,7 +200,10 @@ class Adjustment:
     estimated_sigma_px : (measurements,) ndarray or None
         Standard deviations of the measurements as adjusted; None: as they were given.
     survey_factors : tuple of float
-        Of the surveys' standard deviations as adjusted: horizontal, height, correlated ones.
+        Of the surveys' standard deviations as predicted for other points: horizontal, height, correlated ones;
+        estimated ones with the uncertainty of their estimate.
+    choice : Choice or None
+        Why the model is what it is, where a rule chose it.
     """
 
     block: Block
@@ -234,6 +238,7 @@ class Adjustment:
     tests: tuple[ModelTest, ...] = ()
     estimated_sigma_px: np.ndarray | None = None
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    choice: Choice | None = None
 
     @property
     def sigma_px(self) -> np.ndarray:

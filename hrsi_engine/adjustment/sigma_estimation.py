@@ -9,24 +9,35 @@ where nothing drifts the estimate costs nothing. What was tested, found and done
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import special
 
-from ..refinement.selection import DRIFTS_ESTIMATED
 from .drift_prior import DriftPrior
+from .equations.camera_system import Factored
 from .gauss_newton import GaussNewton, Solution
-from .outcome import Found
-from .precision import Precision
+from .outcome import Found, redundancy_of
+from .precision import Precision, camera_cofactors, precision
 from .problem import Problem
 from .result import ModelTest
-from .variance_components import LEAST_GROUP_FREEDOM, SURVEYS, Groups, Sigmas, components, summary, wrong_sigmas
+from .variance_components import (
+    LEAST_GROUP_FREEDOM,
+    SURVEY_GROUPS,
+    SURVEYS,
+    Groups,
+    Sigmas,
+    components,
+    summary,
+    wrong_sigmas,
+)
 
 ROUNDS = 25
-SETTLED_SHARE = 0.01  # relative change of a sigma
 SIGNIFICANCE_OF_SIGMA = 0.01  # where it fails by chance, what is estimated is nearly what was given
 MATERIAL = 1.25  # a sigma that is wrong by less does no harm
+HIDDEN_BY_DRIFT = 25  # GCPs, whose errors the drift of a few images can follow
+STATED = 4.0  # observations that the sigmas as given count for, where all are tested at once
 MOST_PLAUSIBLE = 2.0  # image points that fit worse have other faults than their sigma, which sigma0 must go on telling
 
 
@@ -46,27 +57,41 @@ class SigmaEstimation:
         self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift)
         self.sums = np.zeros((count, 3))
         self.drifts = False
+        self._last: tuple[Solution, np.ndarray, Precision] | None = None
 
-    def begin(self, solution: Solution, precise: Precision) -> bool:
+    def begin(self, loop: GaussNewton, solution: Solution) -> bool:
         """Return whether anything is to be estimated at a solution: drifts, or what `test` finds wrong."""
         options = self.problem.options
-        if precise.cameras is None or not (options.test_sigmas or options.variance_components):
+        if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, Factored):
             return False
-        small = options.test_sigmas and self.problem.observations.count <= DRIFTS_ESTIMATED
-        self.drifts = bool(
-            options.sigma_drift is None and self.drift.free.any() and (options.variance_components or small)
-        )
+        self.drifts = bool(options.sigma_drift is None and self.drift.free.any())
         if options.variance_components:
             self.sigmas.free[:] = True
-        elif not self.drifts:
-            self.test(solution, precise)
-        self.tried = self.drifts or bool(self.sigmas.free.any())
+        if self.drifts:
+            self.drift.start(loop)
+        self.tried = self.drifts or options.variance_components or self.test(loop, solution)
         return self.tried
 
-    def test(self, solution: Solution, precise: Precision) -> bool:
-        """Test the sigmas of observations at a solution; return whether they are to be estimated from now on."""
+    def precision_at(self, loop: GaussNewton, solution: Solution) -> Precision:
+        """Return all cofactors at a solution; those that were computed last are kept."""
+        if self._last is None or self._last[0] is not solution or self._last[1] is not loop.prior_weight:
+            self._last = solution, loop.prior_weight, precision(self.problem.equations, loop, solution)
+        return self._last[2]
+
+    def test_few_surveys(self, loop: GaussNewton, solution: Solution) -> None:
+        """Test the surveys' sigmas before the drift is estimated, which would follow a few GCPs' errors and hide them.
+
+        What is found then, poor surveys or a large drift, tells the estimate of both.
+        """
+        gcps = int((solution.weighting.contributes & self.problem.observations.surveyed).sum())
+        if gcps <= HIDDEN_BY_DRIFT:
+            self.test(loop, solution, SURVEY_GROUPS)
+
+    def test(self, loop: GaussNewton, solution: Solution, groups: Sequence[str] = ()) -> bool:
+        """Test the sigmas of some groups, or all; return whether sigmas are to be estimated from now on."""
         if self.sigmas.free.any():
             return False
+        precise = self.precision_at(loop, solution)
         self.sums = components(self.groups, self.problem.observations, solution, precise)
         self.tests = [
             self._test(name, float(squares), float(freedom))
@@ -75,7 +100,7 @@ class SigmaEstimation:
         ]
         images = len(self.groups.names) - SURVEYS
         spoilt = any(test.ratio > MOST_PLAUSIBLE for test in self.tests if test.group in self.groups.names[:images])
-        failed = any(test.failed for test in self.tests) and not spoilt
+        failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
         return failed
 
@@ -85,16 +110,19 @@ class SigmaEstimation:
         failed = 2.0 * min(larger, smaller) < SIGNIFICANCE_OF_SIGMA and not 1.0 / MATERIAL < ratio < MATERIAL
         return ModelTest(name, ratio, freedom, bool(failed))
 
-    def update(self, loop: GaussNewton, solution: Solution, precise: Precision) -> float:
+    def update(self, loop: GaussNewton, solution: Solution) -> float:
         """Correct the sigmas; return the largest relative change."""
-        change, noise = 0.0, 1.0
-        self.sums = components(self.groups, self.problem.observations, solution, precise)
+        change, unit_variance = 0.0, 1.0
         if self.sigmas.free.any():
+            precise = self.precision_at(loop, solution)
+            variances = precise.parameters
+            self.sums = components(self.groups, self.problem.observations, solution, precise)
             change = self.sigmas.update(self.sums)
         else:
-            squares, freedom, _ = self.sums[:-SURVEYS].sum(axis=0)
-            noise = max(1.0, float(squares / max(freedom, LEAST_GROUP_FREEDOM)))
-        return max(change, self.drift.update(loop, solution, precise, noise)) if self.drifts else change
+            variances, _ = camera_cofactors(loop, solution)
+            freedom = max(redundancy_of(self.problem, loop, solution, variances), 0.0)
+            unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
+        return max(change, self.drift.update(loop, solution, variances, unit_variance)) if self.drifts else change
 
     def image_weight(self) -> np.ndarray:
         """Return the weights of the image points ``(n,)``, none left out."""
@@ -108,7 +136,7 @@ class SigmaEstimation:
     def report(self, found: Found) -> None:
         """Add what was tested and estimated to what the adjustment found."""
         found.tests = tuple(self.tests)
-        horizontal, height, correlated = (float(factor) for factor in self.sigmas.factor[-SURVEYS:])
+        horizontal, height, correlated = self.sigmas.predictive_survey_factors(self.sums).tolist()
         found.survey_factors = horizontal, height, correlated
         found.sigma_px = self.problem.observations.sigma_px * self.sigmas.factor[self.groups.of_image_point]
         if not self.tried:

@@ -9,13 +9,14 @@ from ..foundation.errors import SolveError
 from ..foundation.progress import Progress, advance, silent, stage
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
+from .drift_prior import SETTLED_SHARE
 from .gauss_newton import Solution
 from .options import AdjustOptions
 from .outcome import outcome
 from .precision import Precision, precision
 from .problem import Problem, prepare
 from .result import Adjustment
-from .sigma_estimation import ROUNDS, SETTLED_SHARE, SigmaEstimation
+from .sigma_estimation import ROUNDS, SigmaEstimation
 
 
 def adjust(
@@ -28,11 +29,11 @@ def adjust(
     block : Block
         The block.
     options : AdjustOptions, optional
-        How to adjust.
+        How to adjust; a rule instead of a model (`refinement.RULES`) chooses the model first.
     progress : Progress
         Callback; False cancels.
     start : (images, p) ndarray, optional
-        Values to begin with, those of an earlier adjustment with the same model, say.
+        Values to begin with, those of an earlier adjustment with the same model, say; not with a rule.
 
     Returns
     -------
@@ -91,17 +92,20 @@ class Adjuster(Snooping):
 
     def with_fitting_sigmas(self, solution: Solution, progress: Progress) -> tuple[Solution, Precision]:
         """Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show."""
-        sigmas, problem = self.sigmas, self.problem
-        precise = precision(problem.equations, self.loop, solution)
-        if not sigmas.begin(solution, precise):
-            return solution, precise
-        for number in range(ROUNDS):
+        sigmas = self.sigmas
+        how = self.problem.options.robust, self.problem.options.tolerance, silent
+        if sigmas.begin(self.loop, solution) and sigmas.drifts:
+            solution = self.loop.run_on(solution, *how)
+            sigmas.test_few_surveys(self.loop, solution)
+        for number in range(ROUNDS if sigmas.tried else 0):
             advance(progress, number / ROUNDS, "sigmas from the residuals")
-            change = sigmas.update(self.loop, solution, precise)
-            self.image_weight = sigmas.image_weight()
-            self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
-            solution = self.solve(solution, silent)
-            precise = precision(problem.equations, self.loop, solution)
-            if change < SETTLED_SHARE and not sigmas.test(solution, precise):
+            change = sigmas.update(self.loop, solution)
+            if sigmas.sigmas.free.any():
+                self.image_weight = sigmas.image_weight()
+                self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
+                solution = self.solve(solution, silent)
+            elif change >= SETTLED_SHARE:
+                solution = self.loop.run_on(solution, *how)
+            if change < SETTLED_SHARE and not sigmas.test(self.loop, solution):
                 break
-        return solution, precise
+        return solution, sigmas.precision_at(self.loop, solution)

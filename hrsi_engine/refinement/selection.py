@@ -5,8 +5,10 @@ the others. The simplest candidate counts whose mean squared prediction error is
 one's: a paired t-test of the points' errors, one-sided at `PARSIMONY` (in the spirit of the "one standard error" rule;
 Breiman et al. 1984, CART, section 3.4.3).
 More parameters follow the control points closer and predict others worse; this sees it without check points. A
-candidate is judged where an image has twice the GCPs that it needs. Where nothing that can be judged predicts within
-`DISAGREEMENT` sigmas, the generic method takes over from 3 GCPs: its priors are those of a satellite.
+candidate is judged where an image has twice the GCPs that it needs, the generic method only where the others do not
+predict within `AS_STATED` sigmas. Where nothing that can be judged predicts within
+`DISAGREEMENT` sigmas, the generic method takes over from 3 GCPs, its priors being those of a satellite, if it then
+predicts them better: GCPs that are worse than they were said to be agree with no model.
 
 **The thesis's rule** for the generic method (section 4.3) goes by the number of GCPs: constants below 3, linear from 3,
 everything from 50. From 4 GCPs it is an upper limit here: constants serve where they predict as well.
@@ -42,6 +44,7 @@ PARSIMONY = 0.05  # significance that a more complex model's better prediction m
 SIGNIFICANCE = 1e-3  # of the worst of all GCPs
 LEAST_REDUNDANCY_LEFT = 4.0  # left after a GCP is taken out, for a model to judge it
 LEAST_DEVIATION = 4.0  # in sigmas of the GCP; smaller ones do no harm
+AS_STATED = 2.0  # root mean square prediction error in sigmas (2D: 1.4 where all is well) that demands no other model
 DISAGREEMENT = 5.0  # in sigmas, beyond which too few GCPs are said to disagree
 WITHOUT_CONTROL = "shift"
 DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
@@ -49,7 +52,6 @@ DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothi
 #: it is each of them where that is right, and none has to be chosen.
 FOLLOWED, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
 LEAST_ON_IMAGE = 6  # points, for an image's drift to show
-DRIFTS_ESTIMATED = 50_000  # measurements of a block up to which the adjustment always estimates the drift
 FEW, MANY = 3, 50  # GCPs; the thesis's rule (section 4.3)
 
 
@@ -67,6 +69,7 @@ class Choice:
     """A model and why.
 
     scores : root mean square prediction error of each candidate (px, 2D), None where it could not be judged
+    drift_unknown : the GCPs show no drift; how much there is the adjustment finds, beginning with what is usual
     """
 
     model: str
@@ -74,15 +77,19 @@ class Choice:
     scores: Mapping[str, float | None] = field(default_factory=dict)
     suspects: tuple[SuspectGcp, ...] = ()
     warnings: tuple[str, ...] = ()
+    drift_unknown: bool = False
 
 
 Controls = Sequence[tuple[Image, Control]]
 
 
 def controls_of(block: Block) -> list[tuple[Image, Control]]:
-    """Return the images of a block that have GCPs, with these."""
-    found = [(image, control_on(block, index, Role.GCP)) for index, image in enumerate(block.images)]
-    return [(image, control) for image, control in found if len(control)]
+    """Return the images of a block that have GCPs, with these; GCPs of height or of position only say too little."""
+    rows, points = block.measurements, block.points
+    located = ((points.role == Role.GCP) & np.isfinite(points.sigma_m).all(axis=1))[rows.point]
+    with_gcps = np.unique(rows.image[located])
+    few = block.with_measurements(located)  # of millions that are ties
+    return [(block.images[index], control_on(few, index, Role.GCP)) for index in with_gcps.tolist()]
 
 
 def control_on(block: Block, image: int, role: Role) -> Control:
@@ -93,7 +100,7 @@ def control_on(block: Block, image: int, role: Role) -> Control:
     return Control(points.ids[point], points.ground[point], rows.xy[here], rows.sigma_px[here], points.sigma_m[point])
 
 
-def choose_model(block: Block, rule: str = "auto") -> Choice:
+def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> Choice:
     """Return the model for a block; a shift where no GCP tells more.
 
     Parameters
@@ -102,6 +109,8 @@ def choose_model(block: Block, rule: str = "auto") -> Choice:
         The block; its GCPs judge.
     rule : str
         One of `RULES`.
+    drift_held : bool
+        Whether the adjustment estimates or knows how much the images drift, and holds them so.
 
     Returns
     -------
@@ -109,14 +118,14 @@ def choose_model(block: Block, rule: str = "auto") -> Choice:
         The model, and what spoke for it.
     """
     choice = RULES[rule](controls_of(block))
-    if rule == "auto" and choice.model in FOLLOWED and _drift_shows(block):
+    if drift_held and rule == "auto" and choice.model in FOLLOWED and _drift_shows(block):
         reason = f"how much the images drift is estimated with the block, and followed so far; {choice.reason}"
-        return replace(choice, model=DRIFTING, reason=reason)
+        return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
     return choice
 
 
 def _drift_shows(block: Block) -> bool:
-    """Return whether a block has points enough for its images' drift, and not so many that its size is not asked."""
+    """Return whether a block has points enough for its images' drift."""
     rows = block.measurements
     rays, known = block.rays_per_point(), block.points.role == Role.GCP
     holds = ((rays >= 2) & (block.points.role == Role.TIE)) | (known & (rays >= 1))
@@ -124,7 +133,7 @@ def _drift_shows(block: Block) -> bool:
     per_image = np.bincount(rows.image[used], minlength=len(block.images))
     observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
     unknown = 3 * int(holds.sum()) + len(BLOCK_MODELS[DRIFTING].parameters) * len(block.images)
-    return bool((per_image >= LEAST_ON_IMAGE).all() and observed >= unknown and len(rows) <= DRIFTS_ESTIMATED)
+    return bool((per_image >= LEAST_ON_IMAGE).all() and observed >= unknown)
 
 
 def choose_by_number(controls: Controls) -> Choice:
@@ -149,7 +158,10 @@ def choose_by_prediction(controls: Controls) -> Choice:
         return Choice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
     suspects, warnings, clean = _judge(controls)
     count = min(len(control) for _, control in clean)
-    found = {name: _predict(name, clean, BLOCK_MODELS[name].least_points) for name in CANDIDATE_MODELS}
+    found: dict[str, Prediction] = {}
+    for name in CANDIDATE_MODELS:
+        enough = name == DISTORTED and any(one.sigmas < AS_STATED for one in found.values())
+        found[name] = Prediction(None) if enough else _predict(name, clean, BLOCK_MODELS[name].least_points)
     errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
         reason = f"{_gcps(count)} on an image: too few to tell more than a shift"
@@ -157,14 +169,14 @@ def choose_by_prediction(controls: Controls) -> Choice:
     model, reason = _simplest(errors)
     refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
-    # The root mean square prediction error of a model in sigmas
-    estimates = [estimate(BLOCK_MODELS[model], image, control) for image, control in clean]
-    sigmas = float(np.sqrt(np.mean(np.concatenate([_in_sigmas(one) for one in estimates]) ** 2)))
+    sigmas = found[model].sigmas
     # Only what could not be judged for want of GCPs may be taken unjudged, not what has no minimum.
     unjudged = errors[DISTORTED] is None and not found[DISTORTED].refused
     if unjudged and count >= FEW and sigmas > DISAGREEMENT:
-        reason = f"{_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
-        model = DISTORTED
+        distorted, simple = _left_out(DISTORTED, clean).squared, errors[model]
+        if distorted is not None and simple is not None and distorted.sum() < simple.sum():
+            reason = f"{_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
+            model = DISTORTED
     return Choice(model, reason, _scores(errors), suspects, warnings)
 
 
@@ -192,27 +204,37 @@ RULES: dict[str, Callable[[Controls], Choice]] = {"auto": choose_by_prediction, 
 
 
 class Prediction(NamedTuple):
-    """Squared prediction errors (px²) of all GCPs; None where a model was not judged, or ``refused`` for a reason."""
+    """How a model predicts all GCPs: squared errors (px²), None where it was not judged, or ``refused`` for a reason.
+
+    ``sigmas`` is the root mean square error (2D) in standard deviations.
+    """
 
     squared: np.ndarray | None
     refused: str = ""
+    sigmas: float = np.inf
 
 
 def _predict(name: str, controls: Controls, spare: int) -> Prediction:
     """Return how a model predicts each GCP; it is not judged with fewer than ``spare`` GCPs more than it needs."""
-    model = BLOCK_MODELS[name]
-    errors = []
+    least = BLOCK_MODELS[name].least_points + max(spare, 1)
+    if any(len(control) < least for _, control in controls):
+        return Prediction(None)
+    return _left_out(name, controls)
+
+
+def _left_out(name: str, controls: Controls) -> Prediction:
+    """Return how a model predicts each GCP from the others, and its priors where these are too few."""
+    errors, in_sigmas = [], []
     for image, control in controls:
-        if len(control) < model.least_points + max(spare, 1):
-            return Prediction(None)
         try:
-            found = estimate(model, image, control)
+            found = estimate(BLOCK_MODELS[name], image, control)
         except SolveError:
             return Prediction(None, f"has no solution on {image.id}")
         if not found.converged:
             return Prediction(None, f"{found.status} on {image.id}")
         errors.append(np.sum(found.left_out_px**2, axis=1))
-    return Prediction(np.concatenate(errors))
+        in_sigmas.append(_in_sigmas(found))
+    return Prediction(np.concatenate(errors), "", float(np.sqrt(np.mean(np.concatenate(in_sigmas) ** 2))))
 
 
 def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
@@ -243,7 +265,12 @@ def _gcps(count: int) -> str:
 
 def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
     """Return the GCPs of an image that every model with enough redundancy takes for blunders, worst first."""
-    verdicts = [found for name in JUDGES if (found := _outliers(name, image, control)) is not None]
+    verdicts = []
+    for name in JUDGES:
+        found = _outliers(name, image, control)
+        if found == {}:  # this one finds nothing strange: no need to ask the others, which take longer
+            return []
+        verdicts += [found] if found else []
     if not verdicts:
         return []
     common = set(verdicts[0]).intersection(*verdicts[1:])

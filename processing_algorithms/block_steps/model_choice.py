@@ -1,38 +1,27 @@
-"""The models ``auto`` and ``generic``: the model that a block's GCPs support, and what the report says of it."""
+"""What the report says of a model that a rule, ``auto`` or ``generic``, has chosen."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.block.block import Block
-from ...hrsi_engine.refinement.selection import RULES, Choice, choose_model
+from ...hrsi_engine.refinement.selection import Choice
 
 
-class Chosen(NamedTuple):
-    """Options with the model's own name, entries for the report, and warnings."""
-
-    options: AdjustOptions
-    entries: dict[str, Any]
-    warnings: list[str]
+def choice_entries(rule: str, choice: Choice | None) -> dict[str, Any]:
+    """Return the report's entries about a choice; none where the model was named."""
+    return {} if choice is None else {"model_choice": choice_entry(rule, choice)}
 
 
-def choose_model_of_options(block: Block, options: AdjustOptions) -> Chosen:
-    """Return the options with a rule replaced by the model that it chooses."""
-    if options.model not in RULES:
-        return Chosen(options, {}, [])
-    choice = choose_model(block, options.model)
+def choice_warnings(choice: Choice | None) -> list[str]:
+    """Return what is to be said of a choice: doubts about the GCPs, and those that had no say in it."""
+    if choice is None:
+        return []
     suspects = [
         f"{suspect.image}: GCP {suspect.id} disagrees with the others by {suspect.deviation_px:.1f} px; the model was "
         "chosen without it"
         for suspect in choice.suspects
     ]
-    return Chosen(
-        replace(options, model=choice.model),
-        {"model_choice": choice_entry(options.model, choice)},
-        [*choice.warnings, *suspects],
-    )
+    return [*choice.warnings, *suspects]
 
 
 def choice_entry(rule: str, choice: Choice) -> dict[str, Any]:

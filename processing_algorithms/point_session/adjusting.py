@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Adjustment
@@ -17,7 +16,7 @@ from ...hrsi_engine.results.figures import block_report
 from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, find_reasons
-from ..block_steps.model_choice import choose_model_of_options
+from ..block_steps.model_choice import choice_warnings
 from ..block_steps.plausibility import explained_by
 from .adjusted import Adjusted
 from .session import PointSession
@@ -37,16 +36,13 @@ def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjus
     """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
     reasons = check_block(block)
     with explained_by(reasons):
-        chosen = choose_model_of_options(block, AdjustOptions(model=model))
-        result = adjust(block, chosen.options, stage(progress, 0.1, 0.9))
-    suspects = chosen.entries.get("model_choice", {}).get("suspects", [])
-    return shown(result, residuals(result), suspects, tuple(chosen.warnings), reasons)
+        result = adjust(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9))
+    return shown(result, residuals(result), tuple(choice_warnings(result.choice)), reasons)
 
 
 def shown(
     result: Adjustment,
     left: Residuals,
-    suspects: list[dict[str, Any]],
     warnings: tuple[str, ...] = (),
     reasons: Sequence[Reason] = (),
 ) -> Adjusted:
@@ -61,7 +57,7 @@ def shown(
         residual_px=_image_residuals(result, left),
         residual_m=_ground_residuals(result, left),
         image_suspicions=_suspicious_measurements(result, left),
-        point_suspicions=_suspicious_points(result, suspects),
+        point_suspicions=_suspicious_points(result),
         verdict=verdict,
         check=figures["check"],
         warnings=(*warnings, *result.warnings),
@@ -95,13 +91,11 @@ def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[
     }
 
 
-def _suspicious_points(result: Adjustment, suspects: list[dict[str, Any]]) -> dict[str, str]:
+def _suspicious_points(result: Adjustment) -> dict[str, str]:
     """Return the GCPs that disagree with the others, by data snooping and by the choice of the model."""
     found = {name: finding.message for finding in result.findings for name in finding.concerned}
-    for suspect in suspects:
-        found.setdefault(
-            str(suspect["id"]), f"{suspect['image']}: {suspect['deviation_px']:.1f} px from where the others put it"
-        )
+    for suspect in result.choice.suspects if result.choice else ():
+        found.setdefault(suspect.id, f"{suspect.image}: {suspect.deviation_px:.1f} px from where the others put it")
     return found
 
 

@@ -118,6 +118,8 @@ def test_what_has_no_minimum_is_not_taken_unjudged(image, monkeypatch):
         return replace(found, converged=False, status="stopped at the iteration limit") if bad else found
 
     monkeypatch.setattr(selection, "estimate", estimate_badly)
+    # stated so good that what an affine correction leaves demands a better model
+    control = replace(control, sigma_px=0.1 * control.sigma_px, sigma_m=0.1 * control.sigma_m)
     choice = choose_by_prediction([(image, control)])
     assert choice.model == "affine" and choice.scores["generic-affine"] is None
     assert "generic-affine stopped at the iteration limit" in choice.reason

@@ -144,16 +144,16 @@ class Snooping:
         return solution
 
     def _may_drift(self) -> bool:
-        """Return whether the cameras have a drift that the model does not follow, its size a guess of ours."""
+        """Return whether the cameras have a drift whose size is a guess of ours so far."""
         problem = self.problem
         guessed = problem.options.sigma_drift is None and np.array_equal(self.loop.prior_weight, problem.prior_weight)
-        return guessed and len(problem.camera.parameters) > len(problem.model.parameters)
+        return guessed and bool(problem.guessed.any())
 
     def _drifting(self, solution: Solution, points: np.ndarray) -> Discrepancies:
         """Return what the control says where the cameras may drift more: no GCP is accused of what a drift explains."""
-        loop, own = self.problem.loop(), len(self.problem.model.parameters)
+        loop = self.problem.loop()
         prior_weight = self.loop.prior_weight.copy()
-        prior_weight[:, own:] /= STRONG_DRIFT**2
+        prior_weight[:, self.problem.guessed] /= STRONG_DRIFT**2
         loop.hold(prior_weight)
         free = loop.run(solution.state, solution.weighting, self.problem.options.robust, TESTING_TOLERANCE, silent)
         return discrepancies(self.problem, loop, free, points)
