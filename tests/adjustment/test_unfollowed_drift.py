@@ -97,7 +97,7 @@ def test_the_models_own_parameters_mean_what_they_did(name):
 def test_the_delivered_residuals_have_no_common_part():
     """The shift is where the image was measured, not at its centre: all points in one corner of each image."""
     block, _, _ = blocks.block(gcps=0, checks=0, ties=300, drift=1e-4, noise_px=0.05, bias_px=2.0)
-    result = adjust(block, AdjustOptions(test_sigmas=False, sigma_drift=1e-4))
+    result = adjust(block, AdjustOptions(test_sigmas=False, model="shift", sigma_drift=1e-4))
     for number in range(len(block.images)):
         mean = result.residual_px[block.measurements.image == number].mean(axis=0)
         assert np.abs(mean).max() < 0.01
@@ -119,7 +119,7 @@ def test_a_fixed_image_with_one_measurement_or_none_stays(model):
 def test_measurements_are_judged_without_the_drift():
     """Normalised residuals are standard normal; over the delivered residuals the drift of 0.2 px would show."""
     block, _, _ = blocks.block(gcps=6, checks=0, ties=400, drift=1e-4, noise_px=0.05)
-    result = adjust(block, AdjustOptions(test_sigmas=False, sigma_drift=1e-4))
+    result = adjust(block, AdjustOptions(test_sigmas=False, model="shift", sigma_drift=1e-4))
     for values in normalised_residuals(result).values():
         assert np.std(values) == pytest.approx(1.0, abs=0.1)  # 1200 residuals: 2 %, and the drift's own estimate
     assert np.nanstd(result.residual_px) > 1.2 * np.nanstd(result.judged_residual_px)
