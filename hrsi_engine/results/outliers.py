@@ -46,14 +46,14 @@ def measurement_flags(result: Adjustment, left: Residuals) -> np.ndarray:
     role = result.block.points.role[result.block.measurements.point]
     unused = ~np.isfinite(result.residual_px).all(axis=1)
     outlier = is_outlier(measurement_statistic(left))
-    return np.select(
-        [unused & (role == Role.TIE), outlier, unused], ["rejected", "outlier", "unused"], "ok"
-    )  # fmt: skip
+    which = np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0)
+    return np.array(["ok", "rejected", "outlier", "unused"], dtype=object)[which]
 
 
 def ground_flags(left: Residuals) -> np.ndarray:
     """Return ``ok`` or ``outlier`` for the ground residual of each point."""
-    return np.where(is_outlier(statistic(left.ground_m, left.ground_sigma_m)), "outlier", "ok")
+    outlier = is_outlier(statistic(left.ground_m, left.ground_sigma_m))
+    return np.array(["ok", "outlier"], dtype=object)[outlier.astype(np.int64)]
 
 
 def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """An adjusted block as tables for a GIS: footprints, points, measurements and residuals, each with a position.
 
 Every table is its positions and a dict of columns of equal length, in the names of `docs/outputs`; residuals are in
-pixels and metres, positions in longitude, latitude and height.
+pixels and metres, positions in longitude, latitude and height. Words that many rows share are objects, each there once:
+as arrays of text those of a million measurements take hundreds of megabytes.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def ground_points_table(result: Adjustment) -> Table:
     sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
     columns = {
         "id": points.ids,
-        "role": ROLE_LABELS[points.role],
+        "role": ROLE_LABELS.astype(object)[points.role],
         "height": place[:, 2],
         "sigma_east_m": result.ground_sigma_m[:, 0],
         "sigma_north_m": result.ground_sigma_m[:, 1],
@@ -118,9 +119,9 @@ def thinning_warnings(result: Adjustment) -> list[str]:
 
 def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, np.ndarray]:
     return {
-        "id": block.points.ids[point],
-        "role": ROLE_LABELS[block.points.role[point]],
-        "image": np.array([image.id for image in block.images])[image],
+        "id": block.points.ids.astype(object)[point],
+        "role": ROLE_LABELS.astype(object)[block.points.role[point]],
+        "image": np.array([image.id for image in block.images], dtype=object)[image],
     }
 
 
@@ -132,7 +133,7 @@ def _ground_rows(result: Adjustment, left: Residuals) -> Table:
         "id": points.ids[here],
         "role": ROLE_LABELS[points.role[here]],
         "image": np.full(len(here), ""),
-        "level": np.full(len(here), "ground"),
+        "level": np.full(len(here), "ground", dtype=object),
         "residual_sample_px": nothing,
         "residual_line_px": nothing,
         "residual_east_m": left.ground_m[here, 0],
@@ -161,7 +162,7 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     nothing = np.full(len(here), np.nan)
     columns = {
         **_identity(result.block, rows.point[here], rows.image[here]),
-        "level": np.full(len(here), "image"),
+        "level": np.full(len(here), "image", dtype=object),
         "residual_sample_px": residual[here, 0],
         "residual_line_px": residual[here, 1],
         "residual_east_m": nothing,
