@@ -4,7 +4,20 @@ A sigma is wrong where the squares of its observations' residuals are not what i
 then explains them is estimated with everything else at once, by variance components: the sigmas of image points by
 kind and sensor, those of the surveys, and how much the images drift. So a drift is not taken for a poor survey, nor
 poor GCPs for a drift. Drifts of small blocks are always estimated: their size is the least known of all sigmas, and
-where nothing drifts the estimate costs nothing. What was tested, found and done is in `SigmaEstimation.tests`.
+where nothing drifts the estimate costs nothing.
+
+Sigmas of surveys need a dozen rounds: each feeds back on how well the block knows the GCPs. Where no drift is estimated
+beside them, or GCPs are many, these rounds need no solution: with u and S of the surveys (`blunders.discrepancies`), in
+units of their sigmas, variances that are r times as large make of them
+
+    (I + S (R - I))^-1 u    and    (I + S (R - I))^-1 S        R = diag(r)
+
+With them a step of Fisher's scoring leads to the restricted maximum likelihood (Harville 1977), where the squares of a
+group are what its redundancy lets expect::
+
+    r_i + sum_j F_ij^-1 (u_j' u_j - tr S_jj)        F_ij = sum of the squares of S_ij
+
+What was tested, found and done is in `SigmaEstimation.tests`.
 """
 
 from __future__ import annotations
@@ -15,7 +28,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import special
 
-from .drift_prior import DriftPrior
+from .blunders.discrepancies import IMAGE, discrepancies
+from .drift_prior import SETTLED_SHARE, DriftPrior
 from .equations.camera_system import Factored
 from .gauss_newton import GaussNewton, Solution
 from .outcome import Found, redundancy_of
@@ -26,10 +40,12 @@ from .variance_components import (
     LEAST_GROUP_FREEDOM,
     SURVEY_GROUPS,
     SURVEYS,
+    UNINFORMED,
     Groups,
     Sigmas,
     components,
     summary,
+    survey_groups,
     wrong_sigmas,
 )
 
@@ -38,6 +54,7 @@ SIGNIFICANCE_OF_SIGMA = 0.01  # where it fails by chance, what is estimated is n
 MATERIAL = 1.25  # a sigma that is wrong by less does no harm
 HIDDEN_BY_DRIFT = 25  # GCPs, whose errors the drift of a few images can follow
 STATED = 4.0  # observations that the sigmas as given count for, where all are tested at once
+LEAST_SHARE = 0.04  # of a survey's variance, that a step leaves of it
 MOST_PLAUSIBLE = 2.0  # image points that fit worse have other faults than their sigma, which sigma0 must go on telling
 
 
@@ -117,12 +134,41 @@ class SigmaEstimation:
             precise = self.precision_at(loop, solution)
             variances = precise.parameters
             self.sums = components(self.groups, self.problem.observations, solution, precise)
-            change = self.sigmas.update(self.sums)
+            before = self.sigmas.factor
+            self.sigmas.update(self.sums)
+            self._settle_surveys(loop, solution, before)
+            change = float(np.abs(self.sigmas.factor / before - 1.0).max())
         else:
             variances, _ = camera_cofactors(loop, solution)
             freedom = max(redundancy_of(self.problem, loop, solution, variances), 0.0)
             unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
         return max(change, self.drift.update(loop, solution, variances, unit_variance)) if self.drifts else change
+
+    def _settle_surveys(self, loop: GaussNewton, solution: Solution, before: np.ndarray) -> None:
+        """Repeat the update of the surveys' sigmas until it settles; ``before`` are the factors of the solution."""
+        observations, weighting = self.problem.observations, solution.weighting
+        points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
+        if len(points) < (HIDDEN_BY_DRIFT if self.drifts else 2) or observations.correlated[points].any():
+            return
+        control = discrepancies(self.problem, loop, solution, points)
+        surveys = np.flatnonzero(control.kind != IMAGE)
+        group = survey_groups(observations)[points][control.point[surveys], control.axis[surveys]]
+        u, s = control.u[surveys], control.s[np.ix_(surveys, surveys)]
+        sums = self.sums.copy()
+        sums[:-SURVEYS, 0] = sums[:-SURVEYS, 1]  # those of the image points wait for the next solution
+        for _ in range(ROUNDS):
+            variance = ((self.sigmas.factor / before)[-SURVEYS:] ** 2)[group]
+            left = np.linalg.solve(np.eye(len(u)) + s * (variance - 1.0), np.column_stack([u, s]))
+            own = left[:, 1:].diagonal()
+            kind = np.where(variance * own < 1.0 - UNINFORMED, group, SURVEYS)[:, None] == np.arange(SURVEYS)
+            squares, freedom = left[:, 0] ** 2 @ kind, own @ kind
+            curvature = kind.T @ left[:, 1:] ** 2 @ kind
+            ratio = (self.sigmas.factor / before)[-SURVEYS:] ** 2
+            step = np.linalg.pinv(curvature, hermitian=True) @ (squares - freedom)
+            sums[-SURVEYS:, 1] = ratio * freedom
+            sums[-SURVEYS:, 0] = np.maximum(ratio + step, LEAST_SHARE * ratio) * freedom
+            if self.sigmas.update(sums) < SETTLED_SHARE * SETTLED_SHARE:
+                break
 
     def image_weight(self) -> np.ndarray:
         """Return the weights of the image points ``(n,)``, none left out."""

@@ -194,3 +194,20 @@ def test_check_points_of_another_survey_keep_their_sigmas():
     np.testing.assert_allclose(factor[gcp], np.tile(np.array(result.survey_factors)[[0, 0, 1]], (len(gcp), 1)))
     np.testing.assert_allclose(factor[check[:6]], factor[gcp[:6]])
     np.testing.assert_allclose(factor[check[6:]], 1.0)
+
+
+def test_sigmas_of_surveys_settle_where_their_residuals_are_what_they_let_expect():
+    """Stated five and four times too small; adjusted anew with what was found, every ratio is one."""
+    block, _, _ = blocks.block(gcps=40, checks=0, ties=100, noise_m=0.6, drift=1e-6, seed=1)
+    block = replace(block, points=replace(block.points, sigma_m=block.points.sigma_m * [0.2, 0.25]))
+    known_drift = AdjustOptions(sigma_drift=1e-5, reject_sigma=0.0)
+    found = {part.group: part.factor for part in adjust(block, known_drift).variance_components}
+    assert found["GCP east, north"] == pytest.approx(5.0, rel=0.15)  # 72 observations tell it to 8 %
+    restated = replace(
+        block,
+        points=replace(block.points, sigma_m=block.points.sigma_m * [found["GCP east, north"], found["GCP height"]]),
+        measurements=replace(block.measurements, sigma_px=block.measurements.sigma_px * found["image points"]),
+    )
+    again = adjust(restated, known_drift)
+    assert len(again.tests) == 3 and not again.variance_components
+    assert [test.ratio for test in again.tests] == pytest.approx([1.0] * 3, abs=0.01)
