@@ -78,6 +78,7 @@ class TinyFields:
     text: str = option("none", "Text")
     gcp_ids: tuple[str, ...] | None = option(None, "Control points")
     strips: tuple[tuple[str, ...], ...] = option((), "Images of one strip")
+    sets: tuple[str, ...] = option((), "Folders with names", kind=Kind.FOLDERS, metavar="NAME=DIR")
     scale: tuple[float, float] = option((0.8, 1.25), "Ratio of the pixels")
     model: str = option("auto", "Model", choices=("auto", "shift", "affine"))
     max_iterations: int = option(10, "Iterations", minimum=1, maximum=99, advanced=True)
