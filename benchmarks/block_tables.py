@@ -68,7 +68,7 @@ DRAWN = {
 }  # fmt: skip
 NOISE = Noise(image_px=0.2, gcp_xy_m=0.1, gcp_h_m=0.15)
 #: What is compared with printed results leaves nothing out, as those did.
-PLAIN = AdjustOptions(reject_sigma=0.0)
+PLAIN = AdjustOptions(model="shift", reject_sigma=0.0)
 TIES = replace(PLAIN, check_as_ties=True)
 ESTIMATED = replace(TIES, variance_components=True)
 
@@ -90,13 +90,13 @@ def hobart_by_kind() -> Section:
     """Return Hobart with 10 GCPs, by what the check points' measurements may do and by model."""
     five_cm = Defaults(0.5, 0.05, 0.05)
     runs: list[tuple[str, Defaults | None, AdjustOptions]] = [
-        ("shift, check points intersected only (default)", None, PLAIN),
+        ("shift, check points intersected only", None, PLAIN),
         ("the same, GCP sigmas of 5 cm", five_cm, PLAIN),
         ("shift, their measurements as ties", None, TIES),
         ("shift, as ties, variance components", None, ESTIMATED),
         ("shift, as ties, by kind and image", None, replace(ESTIMATED, variance_groups="kind-image")),
     ]
-    for model in ("shift-drift", "conformal", "affine"):
+    for model in ("shift-drift", "conformal", "affine", "auto"):
         runs += [
             (f"{model}, as ties", None, replace(TIES, model=model)),
             (f"{model}, as ties, variance components", None, replace(ESTIMATED, model=model)),
@@ -254,6 +254,7 @@ def zy3_models() -> Section:
         ("shift-drift", replace(PLAIN, model="shift-drift")),
         ("shift-drift, as ties, variance components", replace(ESTIMATED, model="shift-drift")),
         ("affine", replace(PLAIN, model="affine")),
+        ("auto, the default", AdjustOptions()),
         ("affine, as ties, variance components", replace(ESTIMATED, model="affine")),
     ):
         rows.append([text, metres(check_rmse(adjust(zy3(), options)))])
@@ -262,7 +263,7 @@ def zy3_models() -> Section:
 
 def zy3_blunders() -> Section:
     """Return ZY-3 with each GCP wrong in turn, beside the block in which it was never measured there."""
-    tested = AdjustOptions()
+    tested = AdjustOptions(model="shift")
     clean = check_rmse(adjust(zy3(), tested))
     rows = []
     for name in ZY3_CONTROL:
@@ -311,7 +312,7 @@ def tie_blocks() -> Section:
     ):
         block = make()
         before = tie_rmse(adjust(block, replace(PLAIN, model="none")), rays)
-        for model in ("shift", "affine"):
+        for model in ("shift", "affine", "auto"):
             began = time.perf_counter()
             result = adjust(block, AdjustOptions(model=model))
             seconds = time.perf_counter() - began

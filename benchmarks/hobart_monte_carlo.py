@@ -44,6 +44,6 @@ def height_changes(drift: float, runs: int = RUNS) -> tuple[np.ndarray, float]:
     for seed in range(runs):
         block = simulated(true, drift, seed)
         for column, as_ties in enumerate((False, True)):
-            result = adjust(block, AdjustOptions(check_as_ties=as_ties, reject_sigma=0.0))
+            result = adjust(block, AdjustOptions(model="shift", check_as_ties=as_ties, reject_sigma=0.0))
             rmse[seed, column] = check_rmse(result, "center")[2]
     return rmse[:, 1] - rmse[:, 0], float(rmse[:, 0].std())

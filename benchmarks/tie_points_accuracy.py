@@ -223,7 +223,7 @@ def sift_rmse(images: Sequence[Image], refined: Sequence[RPC]) -> str:
     tracks = sift_tracks(images)
     held = [replace(image, rpc=rpc) for image, rpc in zip(images, refined, strict=True)]
     ours = _tie_rmse(held, tracks, AdjustOptions(fixed_images=tuple(image.id for image in images), reject_sigma=0.0))
-    own = _tie_rmse(images, tracks, AdjustOptions(reject_sigma=0.0))
+    own = _tie_rmse(images, tracks, AdjustOptions(model="shift", reject_sigma=0.0))
     return f"all {ours[0]:.3f} ({own[0]:.3f}), on {len(images)} images {ours[1]:.3f} ({own[1]:.3f})"
 
 

@@ -117,7 +117,7 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
     choice = None
     if options.model in RULES:
-        held = options.test_sigmas or options.variance_components or options.sigma_drift is not None
+        held = options.test_sigmas or options.variance_components or bool(options.sigma_drift)
         choice = choose_model(block, options.model, held)
         options = replace(options, model=choice.model)
     model = choose_entry(MODELS, options.model, "model")
