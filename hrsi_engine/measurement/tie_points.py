@@ -118,7 +118,7 @@ def find_tie_points(
     search = _Search(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper)
     pairs = search.estimated_pairs(stage(progress, 0.0, 0.3))
     matches = search.matches(pairs, stage(progress, 0.3, 0.97))
-    good = joining.without_contradictions(joining.without_outliers(matches, images), images)
+    good = joining.without_contradictions(joining.without_outliers(matches, images, search.options.dense), images)
     room = {k: points_of_a_cell(search.options, image) for k, image in enumerate(images)}
     points, ground = joining.to_image_points(good, images, search.options.cells, room)
     summaries = _summaries(pairs, good, images)

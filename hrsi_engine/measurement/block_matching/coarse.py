@@ -4,6 +4,10 @@ Features of the two overviews are matched within bands along the epipolar lines;
 be off, and grows where nothing is found. What agrees with one offset across the lines gives that offset, and by
 its place along the lines the heights of the ground: *apparent* heights, which take up what the RPCs are off along the
 lines. A DEM gives their shape, where there is one.
+
+Where too few features agree the second image may be a negative of the first, or of another band, in which some of what
+is light is dark: its features are then compared as those of its negative, and both ways together. The descriptors of a
+negative follow from those of the image, so that this costs no second look at the pixels.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.scheduling import Result
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import epipolar_miss, transfer
-from ..tile_matching.features import root_sift
+from ..tile_matching.features import descriptors_of_negative, root_sift
 from ..tile_matching.rpc_consistency import rpc_consistent
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .overlaps import GroundRange
@@ -29,6 +33,8 @@ from .windows import ImageWindow, predicted_window, read_tile
 
 BAND_RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
 ROWS = 512  # compared at a time
+ENOUGH_AGREEING = 60  # matches that agree, from which on no other contrast is tried
+CLEARLY_MORE = 1.5  # times as many as of the image as it is must agree in another contrast
 FEWEST_AGREEING = 10  # matches that agree, to believe them
 BAND_GROWTH = (1.0, 4.0, 16.0)  # of the band
 HEIGHT_NODES = 24  # of the height grid along the longer side of an image
@@ -85,16 +91,31 @@ def reduce_range(rpc: RPC, step: int) -> RPC:
 
 
 def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
-    """Return ``first_xy``, ``second_xy (n, 2)`` of the matches that agree, in full-resolution pixels.
+    """Return ``first_xy``, ``second_xy (n, 2)`` (full-resolution px) of the matches that agree, and ``contrasts``.
 
     Where the overviews have too little in common, windows of a finer resolution are compared.
     """
-    found = _agreeing(job, first, second)
+    found = _agreeing_in_any_contrast(job, first, second)
     if len(found["first_xy"]) < FEWEST_AGREEING and max(job.steps) > 1:
         finer = replace(job, steps=(max(1, job.steps[0] // FINER), max(1, job.steps[1] // FINER)))
-        probed = _agreeing(finer, *_probes(finer))
+        probed = _agreeing_in_any_contrast(finer, *_probes(finer))
         found = max(found, probed, key=lambda matches: len(matches["first_xy"]))
     return found
+
+
+def _agreeing_in_any_contrast(job: CoarseJob, first: Result, second: Result) -> Result:
+    """Return the matches that agree, of the second image as it is; where they are few, of its negative or of both."""
+    found = _agreeing(job, first, second) | {"contrasts": np.array([1])}
+    if len(found["first_xy"]) >= ENOUGH_AGREEING:
+        return found
+    negative = second | {"descriptors": descriptors_of_negative(second["descriptors"])}
+    both = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
+    others = [
+        _agreeing(job, first, features) | {"contrasts": np.array(contrasts)}
+        for features, contrasts in ((negative, [-1]), (both, [1, -1]))
+    ]
+    shares = (1.0, 1.0 / CLEARLY_MORE, 1.0 / CLEARLY_MORE)
+    return max(zip((found, *others), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[0]
 
 
 def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
@@ -227,7 +248,7 @@ def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
     noise_px = OVERVIEW_FLOOR_PX * max(job.steps)
     stretch = float(np.median(miss.stretch))
     if stretch * (job.heights.high_m - job.heights.low_m) < SAME_VIEW_PX:
-        return _same_view(job, first_xy, second_xy, noise_px)
+        return _same_view(job, first_xy, second_xy, noise_px, tuple(found["contrasts"].tolist()))
     across = float(np.median(miss.across_px))
     # The mean direction across the epipolar lines, with the sign of `epipolar_miss`
     slope = transfer(first, second, first_xy, middle + 1.0) - transfer(first, second, first_xy, middle - 1.0)
@@ -239,14 +260,18 @@ def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
     sigma = max(sigma, 0.5 * noise_px / stretch)
     reach = COARSE_SAFETY * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
+    contrasts = tuple(found["contrasts"].tolist())
     geometry = TilePairGeometry(
         first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
         (across * normal[0], across * normal[1]), (noise_px, COARSE_SAFETY * across_sigma + noise_px), grid, sigma,
+        contrasts,
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))
 
 
-def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, noise_px: float) -> PairEstimate:
+def _same_view(
+    job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, noise_px: float, contrasts: tuple[int, ...]
+) -> PairEstimate:
     """Return the estimate of a pair without parallax: an offset in both directions, and any height."""
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
     away = second_xy - transfer(job.first.rpc, job.second.rpc, first_xy, middle)
@@ -254,7 +279,9 @@ def _same_view(job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, nois
     sigma = MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset)))
     margin = COARSE_SAFETY * sigma + noise_px
     return PairEstimate(
-        TilePairGeometry(job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin)),
+        TilePairGeometry(
+            job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin), contrasts=contrasts
+        ),
         len(first_xy),
     )
 

@@ -17,6 +17,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from ...block.block import Image
@@ -25,6 +27,7 @@ from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.scheduling import Result
 from ..tile_matching.epipolar import MIN_STRETCH, epipolar_miss
+from ..tile_matching.rpc_consistency import PARALLAX_JUMP_PX
 from ..tracks import spread_over_image
 
 #: What cameras do from point to point, whatever a match's own sigma: vibration and the RPC's fit. With it the residuals
@@ -34,6 +37,11 @@ SIGMAS = 4.0
 DEVIATION_FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
 JOINING_ROUNDS = 10
 FEWEST_OF_A_PAIR = 8  # matches that a pair needs, to be judged and used
+#: A match is vague with a sigma above this many times the pair's median, and above this (px). Simulated pairs with
+#: cliffs, clouds, water and other bands have nearly all their false matches among these, and one good match of 200.
+VAGUE, VAGUE_PX = 3.0, 0.15
+ISLAND_NEIGHBOURS, ISLAND_SLOPE = 8, 0.5  # matches to step to, and pixels of parallax for each pixel of the way
+ISLAND_SHARE = 0.05  # of a pair's matches, below which a part of them without such steps to the others is an island
 REPEATED_PX = 3.0  # tracks of two references this close are the same place
 
 
@@ -79,16 +87,38 @@ def collect_matches(results: Sequence[tuple[int, Result]]) -> BlockMatches:
 # ---- tests ---------------------------------------------------------------------------------------------------------
 
 
-def without_outliers(matches: BlockMatches, images: Sequence[Image]) -> BlockMatches:
-    """Drop the matches that leave the smooth offset which a pair's RPCs have across the epipolar lines."""
+def without_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool = False) -> BlockMatches:
+    """Drop the matches that leave the smooth offset which a pair's RPCs have across the epipolar lines.
+
+    And those far less precise than the pair's others: their windows hold two surfaces, as at a cliff, or what moved.
+    And small islands of another height than all around, which a pattern that repeats itself makes; towers are such
+    islands too, and stay with ``islands``.
+    """
     keep = np.zeros(len(matches), dtype=bool)
     for rows in pair_rows(matches).values():
         first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
         middle = float(np.median(matches.height_m[rows]))
         miss = epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
-        tolerance = np.maximum(DEVIATION_FLOOR_PX, SIGMAS * matches.sigma_px[rows])
-        keep[rows] = _on_trend(matches.first_xy[rows], miss.across_px, tolerance)
+        sigma = matches.sigma_px[rows]
+        tolerance = np.maximum(DEVIATION_FLOOR_PX, SIGMAS * sigma)
+        precise = sigma <= max(VAGUE_PX, VAGUE * float(np.median(sigma)))
+        keep[rows] = precise & _on_trend(matches.first_xy[rows], miss.across_px, tolerance)
+        if not islands:
+            rows, along = rows[keep[rows]], miss.along_px[keep[rows]]
+            keep[rows] = _on_mainland(matches.first_xy[rows], along)
     return matches.select(keep)
+
+
+def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
+    """Return which matches are connected with many others by steps that terrain and houses explain."""
+    if len(xy) <= ISLAND_NEIGHBOURS:
+        return np.ones(len(xy), dtype=bool)
+    distance, near = cKDTree(xy).query(xy, k=ISLAND_NEIGHBOURS + 1)
+    step = np.abs(parallax[near] - parallax[:, None])
+    one, which = np.nonzero(step <= np.maximum(PARALLAX_JUMP_PX, ISLAND_SLOPE * distance))
+    links = sparse.coo_matrix((np.ones(len(one), bool), (one, near[one, which])), shape=(len(xy), len(xy)))
+    _, island = csgraph.connected_components(links, directed=False)
+    return np.asarray(np.bincount(island)[island] >= ISLAND_SHARE * len(xy))
 
 
 def pair_rows(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:

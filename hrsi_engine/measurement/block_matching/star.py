@@ -118,11 +118,20 @@ def _match_window(
     tiles = [(partner, other) for partner, other in shown if other is not None]
     found = []
     for partner, other in tiles:
-        matches = match_tile(tile, other, partner.geometry, job.options)
+        ways = [match_tile(tile, other.times(c), partner.geometry, job.options) for c in partner.geometry.contrasts]
+        matches = ways[0] if len(ways) == 1 else _best_of_ways(ways)
         found.append(matches.select(own.contains(matches.first_xy)))
     if len(tiles) > 1:
         found = [_complete(index, tile, tiles, found, job.options) for index in range(len(tiles))]
     return [Rows(partner.number, matches) for (partner, _), matches in zip(tiles, found, strict=True) if len(matches)]
+
+
+def _best_of_ways(ways: Sequence[TileMatches]) -> TileMatches:
+    """Return the matches of a window in one contrast or another; of a point in both, the better one."""
+    joined = join_tile_matches(ways)
+    best = np.argsort(-joined.quality, kind="stable")
+    _, first = np.unique(_keys(joined.first_xy[best]), return_index=True)
+    return joined.select(np.sort(best[first]))
 
 
 def _complete(
@@ -143,6 +152,7 @@ def _complete(
     if not new.any():
         return own
     partner, other = tiles[index]
+    other = other.times(partner.geometry.contrasts[0])
     geometry = replace(partner.geometry, bias_px=tuple(own.bias_px.tolist())) if len(own) else partner.geometry
     added = transfer_points(tile, other, geometry, xy[new], height[first][new], options)
     return join_tile_matches([own, added]) if len(added) else own

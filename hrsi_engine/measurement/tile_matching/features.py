@@ -22,3 +22,12 @@ def root_sift(descriptors: np.ndarray) -> np.ndarray:
     """Return square roots of L1-normalised descriptors: their dot product is Hellinger's (Arandjelovic 2012)."""
     total = descriptors.sum(axis=1, keepdims=True, dtype=np.float32)
     return np.sqrt(descriptors / np.maximum(total, 1e-7)).astype(np.float32)
+
+
+def descriptors_of_negative(descriptors: np.ndarray) -> np.ndarray:
+    """Return the SIFT descriptors ``(n, 128)`` that the same points have in the image's negative.
+
+    All gradients are turned by 180 degrees, and with them the point's own direction, in which they count: the 4 x 4
+    parts of a descriptor are those at the opposite places, with the same 8 directions in each.
+    """
+    return descriptors.reshape(-1, 4, 4, 8)[:, ::-1, ::-1].reshape(-1, 128)

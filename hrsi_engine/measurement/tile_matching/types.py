@@ -5,7 +5,7 @@ Positions are always (sample, line) of the full-resolution image, (0, 0) the cen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from scipy import ndimage
@@ -29,6 +29,10 @@ class ImageTile:
     origin_px: tuple[float, float] = (0.0, 0.0)
     step: float = 1.0
     noise: float | None = None
+
+    def times(self, contrast: int) -> ImageTile:
+        """Return the tile, or (-1) its negative."""
+        return self if contrast == 1 else replace(self, pixels=contrast * self.pixels.astype(np.float32))
 
     def to_tile(self, xy: np.ndarray) -> np.ndarray:
         """Return tile columns and rows ``(n, 2)`` of full-resolution positions."""
@@ -66,6 +70,8 @@ class TilePairGeometry:
     what the heights between ``lowest_m`` and ``highest_m`` explain
     heights : approximate heights over the first image, or None: then the middle of lowest and highest
     height_sigma_m : how well ``heights`` are known; None: anything between lowest and highest
+    contrasts : what grey values of the second image are multiplied by to look like the first's: -1 where what is light
+    in the first is dark in the second, both where some is and some is not, as in another band
     """
 
     first: RPC
@@ -76,6 +82,7 @@ class TilePairGeometry:
     margin_px: tuple[float, float] = (64.0, 64.0)
     heights: HeightGrid | None = None
     height_sigma_m: float | None = None
+    contrasts: tuple[int, ...] = (1,)
 
     def heights_at(self, xy: np.ndarray) -> np.ndarray:
         """Return approximate heights ``(n,)`` at positions of the first image."""
