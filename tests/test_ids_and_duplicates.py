@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from simulated_blocks import images as simulated_images
 
 from hrsi.hrsi_engine.block.block import Block, Image, assemble
-from hrsi.hrsi_engine.block.points import GroundPoints, ImagePoints
+from hrsi.hrsi_engine.block.points import GroundPoints, ImagePoints, lie_apart
 from hrsi.hrsi_engine.block.similar_ids import plain_spellings, resembling
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.json_values import json_text
 from hrsi.hrsi_engine.ground.geodesy import distances_m
+from hrsi.hrsi_engine.io.point_files import read_points
 
 ANY_RPC = simulated_images(1)[0].rpc
 
@@ -96,6 +97,23 @@ def test_two_positions_are_one_point_by_metres(lon: float, lat: float, azimuth_d
         merged((lon, lat, 50.0), (*far, 50.0))
     with pytest.raises(InputError, match="different positions"):
         merged((lon, lat, 50.0), (lon, lat, 50.3))
+
+
+def test_heights_that_are_not_known_do_not_differ():
+    known, unknown = np.array([[179.9999999, 10.0, 50.0]]), np.array([[-180.0000001, 10.0, np.nan]])
+    assert not lie_apart(known, unknown).any()
+    assert lie_apart(known, unknown + [0.0, 1e-5, 0.0]).all()
+
+
+def test_positions_in_a_table_of_measurements_are_told_by_metres(tmp_path: Path):
+    """The same point with each of its measurements, on both sides of the date line and a metre beside."""
+    table = "id,image,sample,line,lon,lat,height\nA,i,1,2,{lon},44,1\nA,j,1,2,-179.9999999,44,1\n"
+    path = tmp_path / "points.csv"
+    path.write_text(table.format(lon=179.9999999))
+    assert len(read_points(str(path), height_datum="ellipsoidal").ground) == 1
+    path.write_text(table.format(lon=179.99998))
+    with pytest.raises(InputError, match="with another position"):
+        read_points(str(path), height_datum="ellipsoidal")
 
 
 @given(

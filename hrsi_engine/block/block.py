@@ -14,12 +14,9 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
-from ..ground.geodesy import distances_m
 from .default_sigmas import Defaults
-from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, unique_ids
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, lie_apart, unique_ids
 from .similar_ids import resembling
-
-SAME_POSITION_M = 0.1  # between positions of one point in two files
 
 
 class Raster(Protocol):
@@ -378,7 +375,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         _all_covariances(tables),
     )
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
-    apart = distances_m(merged.ground, merged.ground[first[inverse]]) > SAME_POSITION_M
+    apart = lie_apart(merged.ground, merged.ground[first[inverse]])
     if apart.any():
         raise InputError(
             f"ground point {list_ids(np.unique(merged.ids[apart]))} is given with different positions in "

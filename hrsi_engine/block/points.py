@@ -8,7 +8,10 @@ from enum import IntEnum
 
 import numpy as np
 
+from ..ground.geodesy import distances_m
 from .columns import Columns
+
+SAME_POSITION_M = 0.1  # between two positions of one point
 
 
 class Role(IntEnum):
@@ -239,6 +242,24 @@ class Measurements(Columns):
 
     def __len__(self) -> int:
         return len(self.point)
+
+
+def lie_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Tell where two positions of one id are two places on the ground, wherever on Earth.
+
+    Parameters
+    ----------
+    ground, reference : (n, 3) ndarray
+        Lon, lat in degrees in any turn, height in metres; heights that are not known do not differ.
+
+    Returns
+    -------
+    (n,) ndarray
+        Bool.
+    """
+    known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
+    first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
+    return distances_m(first, second) > SAME_POSITION_M
 
 
 def unique_ids(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

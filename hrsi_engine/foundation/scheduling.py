@@ -178,10 +178,10 @@ def open_scheduler(
     ----------
     address : str, optional
         Of a Dask scheduler; by default threads of this process.
-    certificates : Certificates
-        For an address that begins with ``tls://`` or ``wss://``.
     threads : int
         Their number; 0 takes as many as there are cores.
+    certificates : Certificates
+        For an address that begins with ``tls://`` or ``wss://``.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...block.block import UNSET, GroundPoints, ImagePoints, Role, unique_ids
+from ...block.points import UNSET, GroundPoints, ImagePoints, Role, lie_apart, unique_ids
 from ...foundation.errors import InputError
 from ..budgets import MOST_SAMPLES_PX, require_heights
 from ..rasters import image_id
@@ -23,7 +23,6 @@ from .table import PointTable
 #: Of HRSI's own layers: how well the adjusted heights are known, as ``sigma_h`` tells of surveyed ones.
 ADJUSTED_SIGMA = "sigma_height_m"
 _CHUNK_ROWS = 100_000
-_SAME_POSITION = (1e-6, 1e-6, 0.1)  # degrees and metres: 0.1 m in all
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ def _require_same_position(
     table: PointTable, ground: np.ndarray, rows: np.ndarray, first: np.ndarray, measures: bool
 ) -> None:
     """Raise `InputError` for an id that occurs twice, or in a table of measurements with two positions."""
-    wrong = np.any(np.abs(ground[rows] - ground[first]) > _SAME_POSITION, axis=1) if measures else rows != first
+    wrong = lie_apart(ground[rows], ground[first]) if measures else rows != first
     if wrong.any():
         at = np.flatnonzero(wrong)[0]
         what = "with another position" if measures else "a second time"
