@@ -45,10 +45,8 @@ def resident_mb() -> float:
 def run_again_and_again(name: str, scene: Path, folder: Path, runs: int) -> None:
     """Run an algorithm so often; leave the memory after each run, MB, and the files open at the end."""
     options = sound_options(REGISTRY[name], scene)
-    report = options.pop("no_report", False)
-    options |= {"report": False} if report else {}
-    if "window_1" in options:
-        options["images"] = options["images"][:2]
+    if options.pop("no_report", False):
+        options["report"] = False
     memory = []
     for number in range(runs):
         output = folder / str(number)

@@ -48,7 +48,8 @@ BESIDES: dict[str, dict[str, Any]] = {
     "refine-rpc": {"no_report": True},
     "tie-points": {"cells": 2},
     "register": {"model": "rpc-affine"},
-    "match": {"window_1": "20,20,100,100", "window_2": "20,20,100,100"},
+    "gcps-from-reference": {"reference_points": 24, "reference_search": 64.0},
+    "match": {"window_1": "0,0,120,120", "window_2": "0,0,120,120"},
 }
 #: Inputs that stand for one another.
 INSTEAD_OF = {

@@ -15,7 +15,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -296,10 +296,10 @@ class Target:
                 kill.wrong.append(f"{name} has a third camera {when}")
 
 
-def load_everything(scene: Path, folder: Path) -> None:
-    """Run every writer once in this process, so that its children have all loaded and compiled; without threads."""
+def load_everything(chosen: Sequence[Writer], scene: Path, folder: Path) -> None:
+    """Run each algorithm once in this process, so that its children have all loaded and compiled; without threads."""
     cv2.setNumThreads(1)
-    for writer in writers():
+    for writer in {writer.algorithm: writer for writer in chosen}.values():
         place = folder / str(writer).replace(" ", "_")
         shutil.copytree(scene, place / "in")
         with open(os.devnull, "w") as nowhere:

@@ -1,0 +1,95 @@
+"""Runs that are ended at any moment: ``kills.py [--kills 540] [--seed 1] [--docs] [WRITER …]``.
+
+Everything that writes (`tests/killed_runs.py`: every algorithm and every choice of ``write``) is ended by KILL, TERM
+and INT in turn, the moments drawn with a seed, most of them in the writing; then everything is looked at, the next run
+is started, and everything is looked at once more. ``--docs`` writes the table into docs/robustness.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+from every_algorithm import make_scene  # noqa: E402  # lies with the tests
+from killed_runs import SIGNALS, Kill, Target, load_everything, writers  # noqa: E402
+
+from hrsi.benchmarks.robustness_page import write_section  # noqa: E402
+from hrsi.benchmarks.thesis_tables import render  # noqa: E402
+
+#: What counts as which fault, by how it is told.
+FAULTS = {
+    "inputs damaged": ("input damaged", "third camera"),
+    "half-written": ("half-written", "half a result", "another result", "hidden"),
+    "left over": ("left over", "the next run"),
+    "changed without a report": ("images changed without", "report without"),
+    "tracebacks, exit codes": ("traceback", "exit code"),
+}
+HEAD = ["writer", "kills", "nothing there", "whole result", "finished parts", *FAULTS]
+
+
+def counted(kills: Sequence[Kill]) -> list[str]:
+    """Return the cells of a row: how often what was found."""
+    states = Counter(kill.state for kill in kills)
+    faults = [sum(any(text.startswith(words) for text in kill.wrong) for kill in kills) for words in FAULTS.values()]
+    return [str(cell) for cell in (len(kills), states["nothing"], states["whole"], states["part"], *faults)]
+
+
+def main(words: Sequence[str]) -> int:
+    """Print the table; return 1 where anything is wrong."""
+    parser = argparse.ArgumentParser(prog="kills.py", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="WRITER", help="only writers whose name holds one of these words")
+    parser.add_argument("--kills", type=int, default=540, help="at least so many in all")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--docs", action="store_true")
+    options = parser.parse_args(list(words))
+    chosen = [one for one in writers() if not options.names or any(name in str(one) for name in options.names)]
+    rounds = -(-options.kills // (len(SIGNALS) * len(chosen)))
+    rng, rows, every = random.Random(options.seed), [], []
+    place = Path(tempfile.mkdtemp(prefix="hrsi-kills-"))
+    try:
+        make_scene(place / "scene")
+        load_everything(chosen, place / "scene", place / "loaded")
+        for writer in chosen:
+            target = Target(writer, place / "scene", place / str(writer).replace(" ", "_"))
+            kills = [target.kill(number, rng) for _ in range(rounds) for number in SIGNALS]
+            shutil.rmtree(target.folder)
+            rows.append([str(writer), *counted(kills)])
+            every += kills
+            print(" | ".join(rows[-1]), flush=True)
+            for kill in kills:
+                if kill.wrong:
+                    print(f"    {kill.number.name} {kill.code} {kill.state}: {'; '.join(kill.wrong)}", flush=True)
+    finally:
+        shutil.rmtree(place)
+    rows.append(["all", *counted(every)])
+    codes = Counter(f"{kill.number.name} {kill.code}" for kill in every)
+    wrong = sum(bool(kill.wrong) for kill in every)
+    said = (
+        f"{len(every)} runs ended, {wrong} with any fault. Exit codes (0: done before the signal came): "
+        + ", ".join(f"{name} {count} times" for name, count in sorted(codes.items())) + "."
+    )  # fmt: skip
+    table = render(HEAD, rows)
+    print(f"\n{table}\n\n{said}")
+    if options.docs:
+        write_section("Runs that are ended", f"benchmarks/kills.py --kills {options.kills}", EXPLANATION, table, said)
+    return 1 if wrong else 0
+
+
+EXPLANATION = """Each run is ended at a random moment: half of them from outside at a random time, four fifths of these
+after the first change of a file, half exactly before a random one of its changes of files. *Nothing there*, *whole
+result* and *finished parts* (orthoimages, which appear one by one) tell what was found when the next run, or anything
+that looks into the folder, had finished or removed what was under way. *Half-written* counts files that do not read
+as whole, results of which a part is missing, and next runs that come to other results than an undisturbed one; *left
+over* what lies about after the next run."""
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,37 @@
+"""Runs that are ended at any moment leave nothing half-written; benchmarks/kills.py does it to all that writes."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from killed_runs import writers
+
+from hrsi.processing_algorithms import REGISTRY
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_every_algorithm_is_among_the_writers() -> None:
+    named = {writer.algorithm for writer in writers()}
+    assert named == set(REGISTRY)
+    assert {writer.how for writer in writers() if writer.algorithm == "adjust"} >= {
+        "copy",
+        "in-place",
+        "vrt",
+        "sidecar",
+    }
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks")
+def test_ended_at_any_moment() -> None:
+    """A process of its own, because it forks: what writes in place, one that appears at once, one of separate files."""
+    command = [sys.executable, str(ROOT / "benchmarks" / "kills.py"), "--kills", "27", "--seed"]
+    seed = str(random.Random(5).randrange(1000))
+    names = ["adjust in-place", "fit-rpc", "orthorectify"]
+    done = subprocess.run([*command, seed, *names], capture_output=True, text=True, timeout=500, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "27 runs ended, 0 with any fault" in done.stdout
