@@ -28,6 +28,7 @@ from hrsi.hrsi_engine.foundation.interruption import quit_on_signals
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.io.transactions import finish_interrupted
 from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -101,11 +102,15 @@ def is_change(event: str, args: tuple[Any, ...]) -> bool:
 
 def run_forked(words: list[str], folder: Path, at_change: int = 0, number: signal.Signals | None = None) -> int:
     """Start a command line in a child; return its process. It ends itself before a change of files where asked to."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS[1:])  # until the child is ready for them
     child = os.fork()
     if child:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS[1:])
         return child
     code = 99
     try:
+        quit_on_signals()  # as the program `hrsi` does before and after its work
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS[1:])
         for descriptor, name in ((1, "stdout"), (2, "stderr")):
             os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), descriptor)
         sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
@@ -120,7 +125,6 @@ def run_forked(words: list[str], folder: Path, at_change: int = 0, number: signa
                     os.kill(os.getpid(), number)
 
         sys.addaudithook(watch)
-        quit_on_signals()  # as the program `hrsi` does before and after its work
         code = main(words)
         quit_on_signals()
         whole = time.monotonic() - began
@@ -171,7 +175,7 @@ def contents(folder: Path) -> dict[str, str]:
     found = {}
     for file in sorted(folder.rglob("*")) if folder.exists() else []:
         parts = file.relative_to(folder).parts
-        if file.is_file() and not any(part.startswith(".") for part in parts) and "unfinished" not in parts[0]:
+        if file.is_file() and not any(part.startswith(".") for part in parts) and parts[0] != UNFINISHED:
             try:
                 found["/".join(parts)] = content_of(file)
             except Exception as error:
@@ -180,8 +184,9 @@ def contents(folder: Path) -> dict[str, str]:
 
 
 def hidden_in(*folders: Path) -> list[str]:
-    """Return hidden files and folders."""
-    return [str(path.relative_to(folder)) for folder in folders if folder.exists() for path in folder.rglob(".*")]
+    """Return hidden files and folders, but for those in what a search keeps for the next run."""
+    found = [path.relative_to(folder) for folder in folders if folder.exists() for path in folder.rglob(".*")]
+    return [str(path) for path in found if path.parts[0] != UNFINISHED]
 
 
 def cameras(scene: Path) -> list[Any]:
@@ -271,7 +276,7 @@ class Target:
         if code != 0 and not (code == 2 and whole):
             kill.wrong.append(f"the next run ends with {code}: {said[-300:]}")
         left = hidden_in(self.scene, self.output)
-        left += [path.name for path in self.output.glob("unfinished*")] if self.output.exists() else []
+        left += [UNFINISHED] if (self.output / UNFINISHED).exists() else []
         kill.wrong += [f"left over: {', '.join(left[:3])}"] if left else []
         again = contents(self.output)
         if again != measured.made:

@@ -11,6 +11,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.scheduling import WorkPart, digest, open_scheduler, run_parts
+from hrsi.hrsi_engine.io import leftovers
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
 
 
@@ -115,3 +116,10 @@ def test_digest_tells_values_apart():
     assert len(set(digests)) == len(digests)
     assert digest(*base) == digest(1, "a", np.arange(3.0), Job(1), {"x": (1, 2)}, None)
     assert digest("ab", "c") != digest("a", "bc")
+
+
+def test_what_a_killed_run_was_writing_goes(tmp_path):
+    dead = tmp_path / f".a.{leftovers._machine()}-{2**22 + 1}-1-0123abcd.tmp.npz"
+    dead.touch()
+    assert len(FinishedParts(str(tmp_path))) == 0
+    assert not dead.exists()

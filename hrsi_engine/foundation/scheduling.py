@@ -10,19 +10,21 @@ from __future__ import annotations
 import hashlib
 import os
 import socket
+from asyncio import CancelledError as AsyncCancelledError
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, SolveError
 from .progress import Progress, advance, silent
 from .threads import thread_count
 
 Result = dict[str, np.ndarray]
 CONNECT_S = 10  # that a scheduler has time to answer
+CLOSE_S = 2  # that it has to take leave
 
 
 @dataclass(frozen=True)
@@ -224,23 +226,29 @@ def _threads(count: int) -> Scheduler:
 def _run_distributed(address: str, certificates: Certificates) -> Scheduler:
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
         try:
-            from distributed import as_completed
+            from distributed import KilledWorker, as_completed
         except ImportError:
             raise InputError(
                 "a `scheduler` needs the Python package distributed: install it here and on the workers "
                 "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
             ) from None
         client = _connect(address, certificates)
-        with client:
+        try:
             at_workers = {key: (_OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
             futures = client.get(at_workers, list(wanted), sync=False)
-            try:
-                for future in as_completed(futures, loop=client.loop):
-                    done(str(future.key), future.result())
-                    future.release()
-            except BaseException:
-                client.cancel(futures)
+            for future in as_completed(futures, loop=client.loop):
+                done(str(future.key), future.result())
+                future.release()
+        except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
+            if client.status == "running" and not isinstance(error, KilledWorker):
                 raise
+            reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
+            raise SolveError(
+                f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes on "
+                "with the rest, with this scheduler, another one or none"
+            ) from None
+        finally:
+            client.close(timeout=CLOSE_S)  # cancels what nobody waits for any more
 
     return run
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..foundation.errors import InputError
 from .budgets import require_size
+from .leftovers import sweep
 from .replacing import replacing
 
 _KEY = re.compile(r"[A-Za-z0-9_.-]+")
@@ -21,6 +22,7 @@ class FinishedParts:
 
     def __init__(self, folder: str) -> None:
         self.folder = Path(folder)
+        sweep(folder)
 
     def __len__(self) -> int:
         try:
