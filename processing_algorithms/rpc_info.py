@@ -9,7 +9,6 @@ import numpy as np
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry, all_pairs, sanity_warnings
-from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.io.rpc_files import read_rpc
@@ -24,7 +23,7 @@ from .interface.declare import Context, Report
 def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
     check_folder(options.folder)
-    images = _open_images(options.images, context)
+    images = open_images(options.images, context.log)
     surface, warnings = _surface(options, images)
     tell(warnings, context)
     views = [ViewDirection(image, surface) for image in images]
@@ -48,16 +47,6 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     }
     write_folder(options.folder, report, LAYERS_FILE, _layers(report, views), context)
     return report
-
-
-def _open_images(paths: Sequence[str], context: Context) -> list[Image]:
-    images = open_images(paths, context.log)
-    seen: dict[str, str] = {}
-    for image in images:
-        if image.id in seen:
-            raise InputError(f"{seen[image.id]} and {image.path} have the same id {image.id!r}: rename one")
-        seen[image.id] = image.path
-    return images
 
 
 def _surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:

@@ -8,9 +8,11 @@ holds) with the right exit code, inputs keep every byte, and the output folder h
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import io
 import os
+import resource
 import shutil
 import tempfile
 import zipfile
@@ -36,6 +38,7 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
+from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
 from hrsi.processing_algorithms.interface.declare import Algorithm
 
@@ -387,7 +390,7 @@ def judge(case: Case, scene: Path, folder: Path, told_of_sound: set[str]) -> Out
     else:
         told = told_lines(err, out, inputs, scene) - told_of_sound
         outcome = Outcome(TOLD if told or code == 3 else SILENT, "; ".join(sorted(told)))
-        if case.kind in NO_FILE and (case.algorithm.name, case.key, case.kind) not in HARMLESS:
+        if case.kind in NO_FILE and not is_harmless(case):
             outcome.wrong.append("not refused")
         elif case.kind not in GOOD and outcome.what == SILENT and not is_harmless(case):
             outcome.wrong.append("not told")
@@ -410,15 +413,28 @@ def told_lines(err: str, out: str, *folders: Path) -> set[str]:
 
 
 TELLING = ("warning", "doubtful:", "unusable:", "no match", "ambiguous", "nan")
+#: Faults that do no harm, by algorithm (any: empty), input and kind, and why.
 HARMLESS: dict[tuple[str, str, str], str] = {
-    ("tie-points", "work_dir", "missing"): "is made", ("triangulate", "work_dir", "missing"): "is made",
-    ("tie-points", "work_dir", "empty"): "is filled", ("triangulate", "work_dir", "empty"): "is filled",
-}  # fmt: skip
+    ("", "work_dir", "missing"): "is made",
+    ("", "work_dir", "empty"): "is filled",
+    ("", "work_dir", "truncated"): "damaged parts are found anew",
+    ("write-rpc", "images", ""): "writes the camera that it is given",
+    ("write-rpc", "rpc", ""): "writes the camera that it is given",
+}
+PIXEL_FAULTS = ("truncated", "nodata everywhere")
 
 
 def is_harmless(case: Case) -> bool:
     """Return whether a fault does not concern what an algorithm does, so that nothing need be told of it."""
-    return (case.algorithm.name, case.key, case.kind) in HARMLESS
+    if case.role == IMAGES and case.kind in PIXEL_FAULTS and not reads_pixels(case.algorithm):
+        return True
+    names = [(name, case.key, kind) for name in ("", case.algorithm.name) for kind in ("", case.kind)]
+    return any(name in HARMLESS for name in names)
+
+
+def reads_pixels(algorithm: Algorithm) -> bool:
+    """Return whether an algorithm looks at the grey values of its images."""
+    return bool(algorithm.packages) or algorithm.name == "orthorectify"
 
 
 def sound_telling(algorithm: Algorithm, key: str, scene: Path, folder: Path) -> set[str]:
@@ -428,3 +444,91 @@ def sound_telling(algorithm: Algorithm, key: str, scene: Path, folder: Path) -> 
     if code != 0:
         raise AssertionError(f"{algorithm.name} does not run on sound inputs ({code}): {err[-500:]}")
     return told_lines(err, out, folder, scene)
+
+
+# ---- where results go ------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def without_privileges() -> Iterator[None]:
+    """Have permissions of files count for root, too: without the capability to override them (Linux)."""
+    if os.geteuid() != 0:
+        yield
+        return
+    library, header = ctypes.CDLL(None, use_errno=True), (ctypes.c_uint32 * 2)(0x20080522, 0)
+    data = (ctypes.c_uint32 * 6)()
+    if library.capget(header, data):
+        raise OSError(ctypes.get_errno(), "capget")
+    effective = data[0]
+    data[0] = effective & ~0b110  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
+    library.capset(header, data)
+    try:
+        yield
+    finally:
+        data[0] = effective
+        library.capset(header, data)
+
+
+@contextlib.contextmanager
+def read_only(folder: Path) -> Iterator[None]:
+    """Let nothing be written into a folder."""
+    folder.chmod(0o555)
+    try:
+        with without_privileges():
+            yield
+    finally:
+        folder.chmod(0o755)
+
+
+@contextlib.contextmanager
+def disk_of(bytes_left: int) -> Iterator[None]:
+    """Let no file grow beyond some bytes, as on a disk that is full then."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+#: Output folders by kind: the folder below that of the case, what holds meanwhile, whether the run is to succeed.
+OUTPUTS: dict[str, tuple[str, Callable[[Path], contextlib.AbstractContextManager[None]], bool]] = {
+    "output: read-only folder": ("out", read_only, False),
+    "output: in a read-only folder": ("out/below", lambda output: read_only(output.parent), False),
+    "output: is a file": ("file", lambda output: contextlib.nullcontext(), False),
+    "output: below a file": ("file/below", lambda output: contextlib.nullcontext(), False),
+    "output: too long name": ("n" * 300, lambda output: contextlib.nullcontext(), False),
+    "output: full disk at once": ("out", lambda output: disk_of(0), False),
+    "output: full disk at 1 kB": ("out", lambda output: disk_of(1000), False),
+    "output: full disk at 30 kB": ("out", lambda output: disk_of(30_000), False),
+    "output: Unicode": ("Ölüdeniz 測量 ✓", lambda output: contextlib.nullcontext(), True),
+    "output: spaces": (" a  b ", lambda output: contextlib.nullcontext(), True),
+    "output: long path": ("/".join(["d" * 200] * 6), lambda output: contextlib.nullcontext(), True),
+}
+
+
+def judge_output(algorithm: Algorithm, kind: str, scene: Path, folder: Path, how: str = "") -> Outcome:
+    """Run an algorithm on sound inputs into a bad output folder; say how it ended, and whether that is right."""
+    name, meanwhile, good = OUTPUTS[kind]
+    output = folder / name
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "file").write_text("mine")
+    if name.startswith("out"):
+        (folder / "out").mkdir()
+    options = sound_options(algorithm, scene) | {"output_dir": str(output)} | ({"write": how} if how else {})
+    before, mine = digests(scene), (folder / "file").read_text()
+    with meanwhile(output):
+        code, _, err = run_words(words_of(algorithm, options))
+    if good:
+        outcome = Outcome(SILENT, "", [] if code == 0 else [f"refused: {err[-300:]}"])
+        outcome.wrong += [f"left behind: {hidden}" for hidden in output.rglob(".*")]
+    elif code == 0:  # what a tiny disk holds, it holds whole
+        outcome = Outcome(SILENT, "", [] if "full disk" in kind and kind[-1] == "B" else ["not refused"])
+    else:
+        outcome = Outcome(
+            REFUSED, "\n".join(error_lines(err)), faults_of_error(code, err, {str(output), "--output-dir"})
+        )
+        left = left_behind(folder / "out", (UNFINISHED,)) if name.startswith("out") else []
+        outcome.wrong += [f"left behind: {', '.join(left[:4])}"] if left else []
+    outcome.wrong += ["inputs changed"] if digests(scene) != before or (folder / "file").read_text() != mine else []
+    return outcome

@@ -8,11 +8,13 @@ whose result is kept is not run again. Results do not depend on who ran which pa
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import socket
 from asyncio import CancelledError as AsyncCancelledError
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Protocol
 
@@ -233,24 +235,39 @@ def _run_distributed(address: str, certificates: Certificates) -> Scheduler:
                 "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
             ) from None
         client = _connect(address, certificates)
-        try:
-            at_workers = {key: (_OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
-            futures = client.get(at_workers, list(wanted), sync=False)
-            for future in as_completed(futures, loop=client.loop):
-                done(str(future.key), future.result())
-                future.release()
-        except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
-            if client.status == "running" and not isinstance(error, KilledWorker):
-                raise
-            reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
-            raise SolveError(
-                f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes on "
-                "with the rest, with this scheduler, another one or none"
-            ) from None
-        finally:
-            client.close(timeout=CLOSE_S)  # cancels what nobody waits for any more
+        with _quiet_loggers():
+            try:
+                at_workers = {key: (_OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
+                futures = client.get(at_workers, list(wanted), sync=False)
+                for future in as_completed(futures, loop=client.loop):
+                    done(str(future.key), future.result())
+                    future.release()
+            except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
+                if client.status == "running" and not isinstance(error, KilledWorker):
+                    raise
+                reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
+                raise SolveError(
+                    f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes "
+                    "on with the rest, with this scheduler, another one or none"
+                ) from None
+            finally:
+                client.close(timeout=CLOSE_S)  # cancels what nobody waits for any more
 
     return run
+
+
+@contextmanager
+def _quiet_loggers() -> Iterator[None]:
+    """Keep Dask from telling with tracebacks of its own what becomes one line here."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters import open_image_and_source
 from ...hrsi_engine.io.transactions import finish_interrupted
 from ..interface.declare import Log
@@ -23,9 +24,12 @@ def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Ima
     """
     for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
         log(notice)
-    images = []
+    images, named = [], dict[str, str]()
     for path in paths:
         image, found = open_image_and_source(path)
+        if image.id in named:
+            raise InputError(f"{named[image.id]} and {path} have the same id {image.id!r}: rename one")
+        named[image.id] = path
         if found.ignored or (always and len(paths) <= MOST_LINES):
             log(f"{image.id}: {found.summary}")
         images.append(image)

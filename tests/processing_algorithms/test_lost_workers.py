@@ -114,10 +114,8 @@ def test_the_scheduler_is_killed(images: list[str], undisturbed: np.ndarray, sta
     search = start_search(start, images, output, address)
     wait_until(lambda: kept(output) > 0, search)
     scheduler.send_signal(signal.SIGKILL)
-    began = time.monotonic()
     said, _ = search.communicate(timeout=WAIT_S)
-    print(f"told {time.monotonic() - began:.1f} s after it was killed: {said[-300:]}")
-    assert faults_of_error(search.returncode, said[said.index("ERROR:") :], {address}) == []
+    assert faults_of_error(search.returncode, said, {address}) == []
     assert "was lost" in said or "no Dask scheduler answers" in said  # at work, or between two rounds
     finished = kept(output)
     assert finished > 0

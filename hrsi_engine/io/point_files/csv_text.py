@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import codecs
 import csv
+import io
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import islice
+from typing import BinaryIO, TextIO
 
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import LONGEST_LINE, require_texts
+from ..budgets import LONGEST_LINE, MOST_BYTES, require_size, require_texts
+from ..rpc_files.content import read_head
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
 from .table import PointReader, PointTable
 
@@ -74,9 +77,21 @@ def _joined(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(parts)
 
 
+def _open_bytes(path: str) -> BinaryIO:
+    """Return an opened file; one of GDAL's virtual file systems comes as a whole."""
+    if not path.startswith("/vsi"):
+        return open(path, "rb")
+    require_size(path, "points")
+    return io.BytesIO(read_head(path, MOST_BYTES["points"]))
+
+
+def _open_text(path: str, encoding: str) -> TextIO:
+    return io.TextIOWrapper(_open_bytes(path), encoding=encoding, newline="")
+
+
 def _separator(path: str, encoding: str) -> str:
     """Return the separator that occurs most in the header line."""
-    with open(path, encoding=encoding, newline="") as file:
+    with _open_text(path, encoding) as file:
         header = next((line for line in file if _is_header(line)), "")
     return max(SEPARATORS, key=header.count)
 
@@ -89,7 +104,7 @@ def _is_header(line: str) -> bool:
 def _rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> Iterator[list[str]]:
     """Yield the header and every row that is not empty; on request note the line where each one ends."""
     separator = _separator(path, encoding)
-    with open(path, encoding=encoding, newline="") as file:
+    with _open_text(path, encoding) as file:
         before = next((number for number, line in enumerate(file) if _is_header(line)), 0)
         file.seek(0)
         reader = csv.reader(islice(file, before, None), delimiter=separator, skipinitialspace=True)
@@ -133,7 +148,7 @@ def _encoding(path: str) -> str:
     The whole file passes here once: raises `InputError` for one without line breaks, which would come as one line.
     """
     encoding, decoder, unbroken = "utf-8", codecs.getincrementaldecoder("utf-8")(), 0
-    with open(path, "rb") as file:
+    with _open_bytes(path) as file:
         head = file.read(4)
         file.seek(0)
         marked = next((name for mark, name in _BOMS if head.startswith(mark)), None)
