@@ -80,8 +80,9 @@ screenshots: set-up-test  ## the pictures of docs/pictures, made in QGIS on a vi
 	$(BIN)/python docs/make_screenshots.py
 
 .PHONY: fuzz
-fuzz: set-up-test  ## the property-based tests with many more examples; takes long
+fuzz: set-up-test  ## the property-based tests with many more examples, and the readers guided by coverage; takes long
 	$(PYTEST) -p no:pytest_qgis --ignore=tests/qgis --hypothesis-profile=fuzz -m fuzz tests
+	$(BIN)/python tests/fuzz_readers.py --seconds 300
 
 .PHONY: benchmarks
 benchmarks: set-up-test  ## accuracy and speed figures

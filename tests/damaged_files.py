@@ -33,6 +33,7 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.ground.geodesy import geoid_heights
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
 from hrsi.hrsi_engine.io.rasters import GdalRaster, open_image
@@ -166,7 +167,7 @@ DAMAGES: dict[str, Damage] = {
 }
 
 
-_MAIN = {".shx": (".shp",), ".dbf": (".shp",), ".prj": (".shp", ".asc"), ".xsd": (".gml",), ".xml": ("",)}
+_MAIN = {".shx": (".shp",), ".dbf": (".shp",), ".prj": (".shp", ".asc"), ".xsd": (".gml",), ".aux.xml": ("",)}
 
 # ---- what is read, and how -----------------------------------------------------------------------------------------
 
@@ -184,8 +185,12 @@ class SoundFile:
 
     @property
     def main(self) -> str:
-        stem, suffix = os.path.splitext(self.name)
-        return next((stem + of for of in _MAIN.get(suffix, ()) if (self.folder / (stem + of)).exists()), self.name)
+        for suffix, owners in _MAIN.items():
+            stem = self.name.removesuffix(suffix)
+            for owner in owners if stem != self.name else ():
+                if (self.folder / (stem + owner)).exists():
+                    return stem + owner
+        return self.name
 
     @property
     def content(self) -> bytes:
@@ -404,9 +409,10 @@ def _make_point_files(folder: Path) -> None:
     record = struct.Struct("<ffiifffBIIQ")
     match = b"".join(record.pack(s, v, int(s), int(v), 0.0, 1.0, 1.0, 1, 0, 0, 2) + b"\0" * 8 for *_, s, v in rows)
     (folder / "run-image_1__image_2.match").write_bytes(struct.pack("<QQ", 60, 60) + match + match)
-    for driver, name in (("ESRI Shapefile", "points.shp"), ("GeoJSON", "layer.geojson"), ("KML", "points.kml"),
-                         ("GML", "points.gml"), ("GPX", "points.gpx"), ("FlatGeobuf", "points.fgb"),
-                         ("XLSX", "points.xlsx"), ("ODS", "points.ods"), ("SQLite", "points.sqlite")):  # fmt: skip
+    drivers = {"ESRI Shapefile": "points.shp", "GeoJSON": "layer.geojson", "KML": "points.kml", "GML": "points.gml",
+               "GPX": "points.gpx", "FlatGeobuf": "points.fgb", "XLSX": "points.xlsx", "ODS": "points.ods",
+               "SQLite": "points.sqlite", "GPKG": "points.gpkg"}  # fmt: skip
+    for driver, name in drivers.items():
         _vector(folder / name, driver, rows)
     write_image(folder / "image_1.tif", None, size=(40, 30))
     image = gdal.Open(str(folder / "image_1.tif"), gdal.GA_Update)
@@ -428,11 +434,22 @@ def _vector(path: Path, driver: str, rows: Sequence[tuple]) -> None:
             layer.CreateField(ogr.FieldDefn(name, kind))
         for row in rows:
             feature = ogr.Feature(layer.GetLayerDefn())
+            if driver == "GPX":
+                feature.SetField("name", row[0])
             for name, value in zip(("id", "image", "lon", "lat", "height", "sample", "line"), row, strict=True):
                 feature.SetField(name, value)
             feature.SetGeometry(ogr.CreateGeometryFromWkt(f"POINT Z ({row[2]} {row[3]} {row[4]})"))
             layer.CreateFeature(feature)
         del layer, dataset
+
+
+def _make_layers(folder: Path) -> None:
+    """Many points with ids: one long text among them is what OGR's columns have no room for."""
+    rng, rows = np.random.default_rng(4), 20_000
+    position = np.column_stack([PLACE + rng.uniform(-0.01, 0.01, (rows, 2)), rng.uniform(200.0, 400.0, rows)])
+    fields = {"id": np.char.add("P", np.arange(rows).astype(str)), "image": np.full(rows, "image_1")}
+    fields |= {"sample": rng.uniform(0.0, 300.0, rows), "line": rng.uniform(0.0, 300.0, rows)}
+    write_geopackage(str(folder / "points.gpkg"), [Layer("ground_points", "PointZ", 4326, position, fields)])
 
 
 def _make_caches(folder: Path) -> None:
@@ -457,6 +474,7 @@ _MAKERS: dict[str, Callable[[Path], None]] = {
     "DEM": _make_dems,
     "geoid": _make_geoids,
     "points": _make_point_files,
+    "layers": _make_layers,
     "cache": _make_caches,
     "journal": _make_journals,
 }

@@ -50,6 +50,7 @@ RPC_RANGES = {
     "height_off": (-1e5, 1e5), "line_scale": (-1e8, 1e8), "samp_scale": (-1e8, 1e8), "lat_scale": (-180.0, 180.0),
     "long_scale": (-360.0, 360.0), "height_scale": (-1e5, 1e5),
 }  # fmt: skip
+MOST_COEFFICIENT = 1e9  # crops with a scene's scales have some 1e3
 MOST_SAMPLES_PX = 1e8  # sample or line of a point
 CELL_M = (1e-3, 1e6)  # sides of a DEM's or orthoimage's cells
 

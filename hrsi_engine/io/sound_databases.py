@@ -73,9 +73,10 @@ def _looked_through(path: str) -> Iterator[sqlite3.Connection]:
     end = time.thread_time() + most
     try:
         with contextlib.closing(_connect(path)) as database:
+            database.text_factory = lambda text: text.decode(errors="replace")  # names in a damaged one may be anything
             database.set_progress_handler(lambda: time.thread_time() > end, _STEPS)
             yield database
-    except (sqlite3.Error, OSError) as error:
+    except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
         said = f"no answer after {most:.0f} s" if "interrupt" in str(error) else str(error)
         raise InputError(f"{path}: is a damaged database ({said}): get it again, or try sqlite3's .recover") from None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import resource
 import sqlite3
+import struct
 import subprocess
 import sys
 import time
@@ -303,14 +304,28 @@ def test_a_geoid_of_kilometres(tmp_path: Path) -> None:
         geoid_heights(np.array([[7.003, 44.998]]), str(path))
 
 
+def test_a_geoid_grid_that_claims_other_cells(tmp_path: Path) -> None:
+    """PROJ would make room for 2 billion cells: 4 GB and 8 s."""
+    path = tmp_path / "geoid.gtx"
+    path.write_bytes(struct.pack(">4d2i", 44.0, 6.0, 0.1, 0.1, 65_536, 30_000) + b"\0" * 4000)
+    with pytest.raises(InputError, match=r"geoid.gtx is no geoid grid: its head tells of other cells"):
+        geoid_heights(np.array([[6.1, 44.1]]), str(path))
+
+
+def with_line(folder: Path, text: str, name: str, value: str) -> Path:
+    path = folder / "b_RPC.TXT"
+    path.write_text("\n".join(f"{name}: {value}" if line.startswith(f"{name}:") else line for line in text.split("\n")))
+    return path
+
+
 def test_rpc_terms_that_cannot_be(tmp_path: Path) -> None:
     write_rpc_text(str(tmp_path / "a_RPC.TXT"), sample_rpc())
     text = (tmp_path / "a_RPC.TXT").read_text()
+    with pytest.raises(InputError, match=r"b_RPC.TXT: SAMP_NUM_COEFF holds -3.1e\+231, no RPC does"):
+        open_image(str(with_line(tmp_path, text, "SAMP_NUM_COEFF_7", "-3.1e231")))
     for name in ("LAT_OFF", "LONG_OFF", "HEIGHT_OFF", "LINE_OFF", "SAMP_SCALE", "HEIGHT_SCALE"):
-        damaged = "\n".join(f"{name}: 7e+11" if line.startswith(name) else line for line in text.splitlines())
-        (tmp_path / "b_RPC.TXT").write_text(damaged)
         with pytest.raises(InputError, match=rf"b_RPC.TXT: {name} is 7e\+11, beyond"):
-            open_image(str(tmp_path / "b_RPC.TXT"))
+            open_image(str(with_line(tmp_path, text, name, "7e+11")))
 
 
 # ---- what HRSI itself keeps ----------------------------------------------------------------------------------------

@@ -11,15 +11,16 @@ from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.budgets import RPC_RANGES
+from hrsi.hrsi_engine.io.budgets import MOST_COEFFICIENT, RPC_RANGES
 from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
 
 WITHIN = [st.floats(*RPC_RANGES[name]) for name in SCALARS]
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
-NONZERO = FINITE.filter(bool)
-COEFFICIENTS = st.lists(FINITE, min_size=20, max_size=20)
-DENOMINATOR = st.tuples(NONZERO, st.lists(FINITE, min_size=19, max_size=19)).map(lambda parts: [parts[0], *parts[1]])
+COEFFICIENT = st.floats(-MOST_COEFFICIENT, MOST_COEFFICIENT)
+COEFFICIENTS = st.lists(COEFFICIENT, min_size=20, max_size=20)
+DENOMINATOR = st.tuples(st.floats(1e-3, 1e3), st.lists(COEFFICIENT, min_size=19, max_size=19)).map(
+    lambda parts: [parts[0], *parts[1]]
+)
 ACCURACY = st.none() | st.floats(min_value=0.0, allow_nan=False, allow_infinity=False)
 ANY_RPC = st.builds(
     RPC, *WITHIN[:5], *[scale.filter(bool) for scale in WITHIN[5:]], COEFFICIENTS, DENOMINATOR, COEFFICIENTS,

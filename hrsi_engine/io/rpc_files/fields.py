@@ -15,7 +15,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..budgets import RPC_RANGES
+from ..budgets import MOST_COEFFICIENT, RPC_RANGES
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (
@@ -112,8 +112,16 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
         values = getattr(rpc, field)
         if not np.isfinite(values).all():
             raise InputError(f"{where}: {names[field]} holds a number that is not finite: get the file again")
+        if np.abs(values).max() > MOST_COEFFICIENT:
+            raise InputError(
+                f"{where}: {names[field]} holds {values[np.abs(values).argmax()]:g}, no RPC does: get the file again"
+            )
         if field.endswith("_den") and not values.any():
             raise InputError(f"{where}: all coefficients of {names[field]} are 0: get the file again")
+    centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+    with np.errstate(all="ignore"):
+        if not np.isfinite(rpc.project(centre)).all():
+            raise InputError(f"{where}: gives the middle of its area no place in the image: get the file again")
     return rpc
 
 
