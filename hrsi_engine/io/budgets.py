@@ -50,6 +50,10 @@ RPC_RANGES = {
     "height_off": (-1e5, 1e5), "line_scale": (-1e8, 1e8), "samp_scale": (-1e8, 1e8), "lat_scale": (-180.0, 180.0),
     "long_scale": (-360.0, 360.0), "height_scale": (-1e5, 1e5),
 }  # fmt: skip
+LEAST_SCALES = {
+    "line_scale": 1e-3, "samp_scale": 1e-3, "lat_scale": 1e-9, "long_scale": 1e-9, "height_scale": 1e-3,
+}  # fmt: skip
+MOST_DENOMINATOR = 1e3  # times the constant term, which is 1 in the files of all vendors: beyond, it would pass zero
 MOST_COEFFICIENT = 1e9  # crops with a scene's scales have some 1e3
 MOST_SAMPLES_PX = 1e8  # sample or line of a point
 CELL_M = (1e-3, 1e6)  # sides of a DEM's or orthoimage's cells

@@ -238,6 +238,8 @@ def common_lift(control: SurveyedRows, shift_m: np.ndarray) -> tuple[float, floa
     normal = (matrix.T * weight) @ matrix
     normal[0, 0] += weight.mean()
     normal[1, 1] += weight.mean()
+    if not np.isfinite(normal).all():  # rays without a slope: far outside an RPC's area
+        return 0.0, np.inf
     inverse = np.linalg.pinv(normal)
     solved = inverse @ (matrix.T * weight) @ np.array(right)
     return float(solved[2]), float(np.sqrt(max(inverse[2, 2], 0.0)))

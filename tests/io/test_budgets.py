@@ -30,6 +30,7 @@ from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory
 from hrsi.hrsi_engine.io.sound_databases import require_sound, widths
 
 GIB = 2**30
@@ -323,9 +324,24 @@ def test_rpc_terms_that_cannot_be(tmp_path: Path) -> None:
     text = (tmp_path / "a_RPC.TXT").read_text()
     with pytest.raises(InputError, match=r"b_RPC.TXT: SAMP_NUM_COEFF holds -3.1e\+231, no RPC does"):
         open_image(str(with_line(tmp_path, text, "SAMP_NUM_COEFF_7", "-3.1e231")))
+    with pytest.raises(InputError, match=r"b_RPC.TXT: HEIGHT_SCALE is 1e-06, no RPC has that"):
+        open_image(str(with_line(tmp_path, text, "HEIGHT_SCALE", "1e-6")))
+    with pytest.raises(
+        InputError, match=r"b_RPC.TXT: SAMP_DEN_COEFF begins with 1e-09, which the others exceed by far"
+    ):
+        open_image(str(with_line(tmp_path, text, "SAMP_DEN_COEFF_1", "1e-9")))
     for name in ("LAT_OFF", "LONG_OFF", "HEIGHT_OFF", "LINE_OFF", "SAMP_SCALE", "HEIGHT_SCALE"):
-        with pytest.raises(InputError, match=rf"b_RPC.TXT: {name} is 7e\+11, beyond"):
+        with pytest.raises(InputError, match=rf"b_RPC.TXT: {name} is 7e\+11, no RPC has that"):
             open_image(str(with_line(tmp_path, text, name, "7e+11")))
+
+
+@pytest.mark.parametrize("offset", [2**64 - 1, 2**63, 2**40])
+def test_a_directory_that_lies_nowhere(tmp_path: Path, offset: int) -> None:
+    """BigTIFF: the first of them found by coverage-guided fuzzing."""
+    path = tmp_path / "a.tif"
+    path.write_bytes(struct.pack("<2sHHHQ", b"II", 43, 8, 0, offset))
+    with pytest.raises(InputError, match=r"a.tif: the TIFF directory is cut short or damaged"):
+        read_directory(str(path))
 
 
 # ---- what HRSI itself keeps ----------------------------------------------------------------------------------------

@@ -11,19 +11,22 @@ from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.budgets import MOST_COEFFICIENT, RPC_RANGES
+from hrsi.hrsi_engine.io.budgets import LEAST_SCALES, MOST_COEFFICIENT, RPC_RANGES
 from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
 
-WITHIN = [st.floats(*RPC_RANGES[name]) for name in SCALARS]
+WITHIN = [
+    st.floats(*RPC_RANGES[name]).filter(lambda value, name=name: abs(value) >= LEAST_SCALES.get(name, 0.0))
+    for name in SCALARS
+]
 COEFFICIENT = st.floats(-MOST_COEFFICIENT, MOST_COEFFICIENT)
 COEFFICIENTS = st.lists(COEFFICIENT, min_size=20, max_size=20)
-DENOMINATOR = st.tuples(st.floats(1e-3, 1e3), st.lists(COEFFICIENT, min_size=19, max_size=19)).map(
+DENOMINATOR = st.tuples(st.floats(1e-3, 1e3), st.lists(st.floats(-1.0, 1.0), min_size=19, max_size=19)).map(
     lambda parts: [parts[0], *parts[1]]
 )
 ACCURACY = st.none() | st.floats(min_value=0.0, allow_nan=False, allow_infinity=False)
 ANY_RPC = st.builds(
-    RPC, *WITHIN[:5], *[scale.filter(bool) for scale in WITHIN[5:]], COEFFICIENTS, DENOMINATOR, COEFFICIENTS,
+    RPC, *WITHIN[:5], *WITHIN[5:], COEFFICIENTS, DENOMINATOR, COEFFICIENTS,
     DENOMINATOR, ACCURACY, ACCURACY,
 )  # fmt: skip
 NAMES = {"rpb": "x.rpb", "isd": "x.xml", "rpc-txt": "x_rpc.txt", "dimap": "rpc_x.xml", "kompsat": "x.rpc",

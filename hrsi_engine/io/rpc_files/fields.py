@@ -15,7 +15,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..budgets import MOST_COEFFICIENT, RPC_RANGES
+from ..budgets import LEAST_SCALES, MOST_COEFFICIENT, MOST_DENOMINATOR, RPC_RANGES
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (
@@ -106,8 +106,8 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, get the file again")
     for field, (low, high) in RPC_RANGES.items():
         value = getattr(rpc, field)
-        if not low <= value <= high:
-            raise InputError(f"{where}: {names[field]} is {value:g}, beyond {low:g} to {high:g}: get the file again")
+        if not (low <= value <= high and abs(value) >= LEAST_SCALES.get(field, 0.0)):
+            raise InputError(f"{where}: {names[field]} is {value:g}, no RPC has that: get the file again")
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
         if not np.isfinite(values).all():
@@ -118,6 +118,9 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             )
         if field.endswith("_den") and not values.any():
             raise InputError(f"{where}: all coefficients of {names[field]} are 0: get the file again")
+        if field.endswith("_den") and np.abs(values).max() > MOST_DENOMINATOR * abs(values[0]):
+            raise InputError(f"{where}: {names[field]} begins with {values[0]:g}, which the others exceed by far: "
+                             "get the file again")  # fmt: skip
     centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
     with np.errstate(all="ignore"):
         if not np.isfinite(rpc.project(centre)).all():

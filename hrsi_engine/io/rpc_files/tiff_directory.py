@@ -92,7 +92,7 @@ def read_directory(path: str) -> Directory | None:
     try:
         with open(path, "rb") as file:
             return _read(path, file)
-    except (struct.error, OSError, OverflowError):
+    except (struct.error, OSError, OverflowError, ValueError):  # the last: an offset of 2^63 or more
         raise InputError(f"{path}: the TIFF directory is cut short or damaged: get the file again") from None
 
 
