@@ -30,9 +30,9 @@ from osgeo import gdal, ogr, osr
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError
-from hrsi.hrsi_engine.ground.geodesy import geoid_heights
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.geoid_grids import read_geoid_heights
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
@@ -221,7 +221,7 @@ def _read_dem(path: Path) -> None:
 
 
 def _read_geoid(path: Path) -> None:
-    geoid_heights(np.array([[*PLACE, 0.0], [PLACE[0] + 0.002, PLACE[1], 0.0]]), str(path))
+    read_geoid_heights(np.array([[*PLACE, 0.0], [PLACE[0] + 0.002, PLACE[1], 0.0]]), str(path))
 
 
 def _read_points(path: Path) -> None:

@@ -14,7 +14,6 @@ Vertical datums are converted by PROJ; a missing geoid grid is an error, never z
 from __future__ import annotations
 
 import os
-import struct
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +30,6 @@ WGS84, WGS84_3D = 4326, 4979
 
 ONE_PLACE_DEG = 90.0  # longitudes that lie nearer together across the 180 degree meridian are those of one place
 MOST_UNDULATION_M = 200.0  # the geoid's are within 110 m; a local height datum may lie some metres off it
-GTX_HEAD = struct.Struct(">4d2i")
 #: Geoid grids by the name used on the command line: PROJ's file name, then older names of the same model.
 GEOID_GRIDS = {
     "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
@@ -343,8 +341,6 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
         raise InputError(
             f"height datum {datum!r} is neither egm96 nor egm2008 nor the file of a geoid grid: check its name"
         )
-    if names is None and not _has_its_cells(datum):
-        raise InputError(f"{datum} is no geoid grid: its head tells of other cells than the file holds; get it again")
     transformers = [found for name in names or (os.path.abspath(datum),) if (found := _grid_shift(name)) is not None]
     if not transformers:
         reason = f"{datum} is no geoid grid" if names is None else f"the geoid grid {names[0]} is not installed"
@@ -361,22 +357,6 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
     if abs(largest) > MOST_UNDULATION_M:
         raise InputError(f"the geoid grid {datum} holds {largest:g} m, which no geoid has: get the file again")
     return np.asarray(undulation)
-
-
-def _has_its_cells(grid: str) -> bool:
-    """Tell whether a ``.gtx`` grid holds as many cells as its head says: PROJ makes room for them before it looks.
-
-    Big-endian: latitude and longitude of the first cell, their steps (float64), rows, columns (int32), cells (float32).
-    Other formats say themselves where they are damaged.
-    """
-    if not grid.lower().endswith(".gtx"):
-        return True
-    with open(grid, "rb") as file:
-        head = file.read(GTX_HEAD.size)
-    if len(head) < GTX_HEAD.size:
-        return False
-    *_, rows, columns = GTX_HEAD.unpack(head)
-    return rows > 1 and columns > 1 and os.path.getsize(grid) >= GTX_HEAD.size + 4 * rows * columns
 
 
 def _grid_shift(grid: str) -> pyproj.Transformer | None:

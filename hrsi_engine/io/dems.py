@@ -9,10 +9,11 @@ import pyproj
 from osgeo import gdal
 
 from ..foundation.errors import InputError
-from ..ground.geodesy import geoid_heights, has_vertical_datum, undulations_of_crs
+from ..ground.geodesy import has_vertical_datum, undulations_of_crs
 from ..surface.dem import GridSurface
 from .budgets import require_heights, require_raster
-from .datasets import check_advice, gdal_messages, open_dataset, quietly
+from .datasets import check_advice, gdal_messages, open_dataset
+from .geoid_grids import read_geoid_heights
 from .georeference import Georeference
 
 #: Metres per unit of height, by the names that drivers give (lower case).
@@ -59,7 +60,7 @@ def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations |
     if height_datum == "ellipsoidal":
         return None
     if height_datum != "layer":
-        return lambda ground: quietly(geoid_heights, ground, height_datum)
+        return lambda ground: read_geoid_heights(ground, height_datum)
     if not has_vertical_datum(crs.to_wkt()):
         raise InputError(
             f"{path}: does not say what its heights refer to: name egm96, egm2008, ellipsoidal or the file of a geoid "

@@ -25,6 +25,7 @@ from hrsi.hrsi_engine.io import budgets
 from hrsi.hrsi_engine.io.datasets import quiet
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.geoid_grids import read_geoid_heights
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -309,8 +310,8 @@ def test_a_geoid_grid_that_claims_other_cells(tmp_path: Path) -> None:
     """PROJ would make room for 2 billion cells: 4 GB and 8 s."""
     path = tmp_path / "geoid.gtx"
     path.write_bytes(struct.pack(">4d2i", 44.0, 6.0, 0.1, 0.1, 65_536, 30_000) + b"\0" * 4000)
-    with pytest.raises(InputError, match=r"geoid.gtx is no geoid grid: its head tells of other cells"):
-        geoid_heights(np.array([[6.1, 44.1]]), str(path))
+    with pytest.raises(InputError, match=r"geoid.gtx: is no geoid grid: its head tells of 65536 x 30000 cells"):
+        read_geoid_heights(np.array([[6.1, 44.1]]), str(path))
 
 
 def with_line(folder: Path, text: str, name: str, value: str) -> Path:

@@ -13,8 +13,8 @@ import pyproj
 from osgeo import osr
 
 from ...foundation.errors import InputError
-from ...ground.geodesy import geoid_heights, has_vertical_datum, to_wgs84, wrap_degrees
-from ..datasets import quietly
+from ...ground.geodesy import has_vertical_datum, to_wgs84, wrap_degrees
+from ..geoid_grids import read_geoid_heights
 from .table import PointTable
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
@@ -172,7 +172,7 @@ def _to_ellipsoidal(
         ]
     ground = _transform(table, xyz, _horizontal(crs))
     if height_datum != "ellipsoidal":
-        ground[:, 2] += quietly(geoid_heights, ground, height_datum)
+        ground[:, 2] += read_geoid_heights(ground, height_datum)
     return ground, []
 
 
