@@ -37,6 +37,7 @@ from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.measurement.block_matching import overlaps
+from hrsi.hrsi_engine.measurement.block_matching.probes import angles_deg, choose_probed, view_directions
 from hrsi.processing_algorithms import run
 
 SIFT_TILE, SIFT_BORDER = 2048, 32
@@ -271,14 +272,15 @@ def print_large(folder: str, size: int, threads: int) -> None:
 
 def print_overlaps(most: int) -> None:
     """Print what finding the overlaps costs as the number of images grows."""
-    print("images  candidates  overlapping  chosen  CPU s  ms an image")
+    print("images  candidates  overlapping  probed  CPU s  ms an image")
     for count in (most // 10, most // 3, most):
         images = grid_of_images(count)
         began = time.process_time()
         ranges = overlaps.ground_ranges(images, None, 0.0)
         candidates = overlaps.candidate_pairs(images, ranges)
         found = overlaps.find_overlaps(images, ranges, None, 0.02)
-        chosen = overlaps.choose_pairs(found, len(images), 8)
+        first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
+        chosen = choose_probed(found, angles_deg(view_directions(images), first, second), len(images))
         seconds = time.process_time() - began
         print(
             f"{count:6d} {len(candidates):11d} {len(found):12d} {len(chosen):7d} {seconds:6.1f} "

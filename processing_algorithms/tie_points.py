@@ -19,7 +19,7 @@ from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.measurement.tie_points import TiePoints
 from .block_steps.outputs import Clock
-from .block_steps.tie_search import find
+from .block_steps.tie_search import find, held_entries
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
 from .files.image_files import open_images
 from .files.terrain import open_terrain
@@ -91,7 +91,7 @@ def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions
         ],
         "ties": {"points": len(ids), "observations": len(rows),
                  "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]}},
-        "warnings": list(found.warnings), "versions": versions(),
+        **held_entries(found), "warnings": list(found.warnings), "versions": versions(),
         "settings": settings_of(options),
     }  # fmt: skip
 

@@ -19,6 +19,8 @@ class TieOptions:
         How two windows are matched, of images that are matched everywhere.
     match_sampled : TileMatchOptions
         The same for windows of larger images, where a few points of each are enough.
+    match_linked : TileMatchOptions
+        The same in blocks where every image has many partners, each of which needs fewer points.
     match_dense : TileMatchOptions
         The same where points are to be dense: heights of small windows mix less of roofs and ground.
     """
@@ -56,7 +58,8 @@ class TieOptions:
     )
     most_partners: int = option(
         8,
-        "Match each image with so many others, those with the largest overlap",
+        "Match each image with so many others on average: all that overlap where these are few, else those that a "
+        "probe says will match, in spanning trees of the block",
         name="partners",
         minimum=1,
         advanced=True,
@@ -73,4 +76,5 @@ class TieOptions:
     )
     match: TileMatchOptions = TileMatchOptions()
     match_sampled: TileMatchOptions = TileMatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
+    match_linked: TileMatchOptions = TileMatchOptions(finders=(), most_points=150, windows_px=(31,))
     match_dense: TileMatchOptions = TileMatchOptions(spacing_px=1.0, windows_px=(15, 21, 31, 41))

@@ -10,7 +10,7 @@ from ...hrsi_engine.foundation.scheduling import Certificates, open_scheduler
 from ...hrsi_engine.io.finished_parts import FinishedParts
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface
-from ..interface.declare import Context
+from ..interface.declare import Context, Report
 from ..interface.option_groups import SearchOptions
 
 UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while the search is at work or was stopped
@@ -31,7 +31,20 @@ def find(
     )
     for pair in found.pairs:
         context.log(f"{pair.first} - {pair.second}: {pair.matches} matches")
+    for hold in found.holds:
+        context.log(hold.sentence)
     return found, finished
+
+
+def held_entries(found: TiePoints) -> Report:
+    """Return what holds each image, as reports have it: sound links, images in one block with it, pairs tried."""
+    return {
+        "held": {
+            hold.image: {"links": hold.links, "images": hold.images, "pairs_tried": hold.tried,
+                         "reason": hold.reason or None}
+            for hold in found.holds
+        }
+    }  # fmt: skip
 
 
 class Finished:

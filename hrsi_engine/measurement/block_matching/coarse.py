@@ -122,7 +122,7 @@ def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
     """Return the matches of features that agree with one offset between the images."""
     rpcs = [reduce_range(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
     xy = [(part["xy"] - (step - 1) / 2.0) / step for part, step in zip((first, second), job.steps, strict=True)]
-    lines = _epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
+    lines = epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
     size = np.array(job.second.size) / job.steps[1]
     best = np.empty((0, 2), dtype=np.int64)
     for growth in BAND_GROWTH:
@@ -169,7 +169,7 @@ def _joined_features(parts: list[Result]) -> Result:
     return {name: np.concatenate([part[name] for part in parts]) for name in ("xy", "descriptors")}
 
 
-def _epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> Lines:
+def epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> Lines:
     """Return the epipolar lines of points between two heights; NaN where a point has no ground there."""
     low, high = (transfer(first, second, xy, height) for height in heights)
     along = 0.5 * (high - low)

@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import minimum_spanning_tree
 from shapely.geometry import Polygon
 
 from ...block.block import Image
@@ -121,31 +119,6 @@ def common_heights(first: GroundRange, second: GroundRange) -> GroundRange:
     """Return the heights that both images may see; all of both where they exclude one another."""
     low, high = max(first.low_m, second.low_m), min(first.high_m, second.high_m)
     return GroundRange(low, high) if low < high else GroundRange(min(*first, *second), max(*first, *second))
-
-
-def choose_pairs(overlaps: Sequence[Overlap], images: int, most_partners: int) -> list[Overlap]:
-    """Return the pairs to match: each image's largest overlaps, and what keeps the block in one piece.
-
-    Pairs among the ``most_partners`` largest of either image stay, and those of the tree of largest overlaps.
-    """
-    if not overlaps:
-        return []
-    first, second = (np.array([getattr(pair, name) for pair in overlaps]) for name in ("first", "second"))
-    share = np.array([pair.share for pair in overlaps])
-    place = np.minimum(*np.split(_place_among_own(np.r_[first, second], np.r_[share, share]), 2))
-    tree = minimum_spanning_tree(coo_matrix((2.0 - share, (first, second)), shape=(images, images))).tocoo()
-    needed = set(zip(tree.row.tolist(), tree.col.tolist(), strict=True))
-    return [pair for pair, number in zip(overlaps, place, strict=True)
-            if number < most_partners or (pair.first, pair.second) in needed]  # fmt: skip
-
-
-def _place_among_own(image: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return each row's place, from 0, among the rows of its image by falling share."""
-    order = np.lexsort((-share, image))
-    _, start = np.unique(image[order], return_index=True)
-    place = np.empty(len(image), dtype=np.int64)
-    place[order] = np.arange(len(image)) - np.repeat(start, np.diff(np.r_[start, len(image)]))
-    return place
 
 
 # ---- resolutions ---------------------------------------------------------------------------------------------------

@@ -39,8 +39,13 @@ def overview_features(job: OverviewJob) -> Result:
     return features_of(read_overview(job.image, job.step), FEATURES)
 
 
+def hand_over(features: Result) -> Result:
+    """Return features that were found before, as a part of the work whose result others need."""
+    return features
+
+
 def features_of(tile: ImageTile, most: int) -> Result:
-    """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)`` of a tile's features."""
+    """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest everywhere first."""
     found = [
         _features(tile, column, row)
         for row in range(0, tile.pixels.shape[0], TILE_PX)
@@ -72,9 +77,7 @@ def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.nd
 
 
 def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
-    """Return the indices of at most so many features: the strongest of every part of the image."""
-    if len(xy) <= most:
-        return np.arange(len(xy))
+    """Return the indices of at most so many features: the strongest of every part of the image, these first."""
     cell = np.floor(xy / ((shape[1] + 1.0) / FEATURE_CELLS, (shape[0] + 1.0) / FEATURE_CELLS)).astype(np.int64) @ (
         1,
         FEATURE_CELLS,
@@ -82,4 +85,4 @@ def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int
     order = np.lexsort((-response, cell))
     _, first = np.unique(cell[order], return_index=True)
     rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
-    return np.sort(order[np.argsort(rank, kind="stable")[:FEATURES]])
+    return np.asarray(order[np.argsort(rank, kind="stable")[:most]])

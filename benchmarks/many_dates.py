@@ -1,0 +1,251 @@
+"""Many dates over one place: are all images held, at what cost? `many_dates.py [--dates N] [--hopeless SHARE] …`.
+
+A simulated year (`simulate --dates N`), an image of 1000 x 1000 px on each date. HRSI's tie points and adjustment are
+compared with what is usual: OpenCV's SIFT between all pairs (4000 keypoints, as HRSI's probes have, ratio 0.75, mutual,
+MAGSAC fundamental matrix of 1 px), joined into tracks and adjusted in the same way. ``--hopeless`` puts that share of
+the images under clouds or moves their RPCs by 200 px. Errors are true ones: points of the ground are projected by the
+true cameras, and each image is predicted from the point that all other adjusted images intersect.
+
+``--no-sift`` leaves the rival out, ``--folder`` keeps the images, ``--docs`` adds the lines to docs/many_dates.md.
+Times are processor seconds of one run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import resource
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from osgeo import gdal
+
+from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, open_image
+from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
+from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.errors import SolveError
+from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
+from hrsi.hrsi_engine.measurement.tracks import consistent_tracks
+from hrsi.processing_algorithms import run
+
+SIDE_PX, RELIEF_M, OFF_NADIR_DEG = 1000, 60.0, 20.0
+HELD_PX = 0.5  # true relative error below which an image is held
+WRONG_RPC_PX = 200.0
+THREADS = 2
+KEYPOINTS, RATIO = 4000, 0.75  # of the rival
+END = "<!-- end of the table -->"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "many_dates.md"
+
+
+def simulated(folder: Path, dates: int, seed: int, side: int) -> list[str]:
+    """Return the images of a year, made where they are not there yet."""
+    if not (folder / "report.json").exists():
+        run("simulate", output_dir=str(folder), dates=dates, images=1, size=side, gcps=0, checks=0, ties=400,
+            relief=RELIEF_M, off_nadir=OFF_NADIR_DEG, seed=seed, threads=THREADS)  # fmt: skip
+    return sorted(str(path) for path in folder.glob("d*_1.tif"))
+
+
+def true_cameras(folder: Path) -> dict[str, RPC]:
+    """Return the RPCs fitted to the true cameras (to 1e-6 px), by image."""
+    images = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["images"]
+    return {
+        name: RPC(**{key: np.array(value) if isinstance(value, list) else value
+                     for key, value in image["true_rpc"]["rpc"].items()})
+        for name, image in images.items()
+    }  # fmt: skip
+
+
+def spoil(images: Sequence[Image], share: float, seed: int) -> tuple[list[Image], list[str]]:
+    """Return the images with a share of them made hopeless, by turns clouds and a wrong RPC; also their ids."""
+    rng = np.random.default_rng([seed, 7])
+    chosen = rng.permutation(len(images))[: round(share * len(images))]
+    spoilt = list(images)
+    for turn, number in enumerate(chosen.tolist()):
+        image = images[number]
+        if turn % 2:
+            direction = rng.uniform(0.0, 2.0 * np.pi)
+            shift = WRONG_RPC_PX * np.array([np.cos(direction), np.sin(direction)])
+            spoilt[number] = replace(image, rpc=image.rpc.shift(*shift))
+            continue
+        grey = np.zeros((image.size[1], image.size[0]), np.float32)
+        for octave in range(4, 9):  # clouds: smooth, bright, with the noise of the sensor
+            coarse = rng.standard_normal((image.size[1] // 2**octave + 2, image.size[0] // 2**octave + 2))
+            grey += 2.0**octave * cv2.resize(coarse.astype(np.float32), image.size, interpolation=cv2.INTER_CUBIC)
+        grey = 1500.0 + grey + rng.normal(0.0, 6.0, grey.shape)
+        path = str(Path(image.path).with_name(f"cloud_{image.id}.tif"))
+        dataset = gdal.GetDriverByName("GTiff").Create(path, *image.size, 1, gdal.GDT_UInt16)
+        dataset.GetRasterBand(1).WriteArray(np.clip(grey, 0, 2047).astype(np.uint16))
+        dataset.FlushCache()
+        from hrsi.hrsi_engine.io.rasters import GdalRaster
+
+        spoilt[number] = replace(image, raster=GdalRaster(path))
+    return spoilt, sorted(images[number].id for number in chosen.tolist())
+
+
+def adjusted_cameras(images: Sequence[Image], ties: ImagePoints) -> dict[str, RPC]:
+    """Return the RPCs that the tie points lead to, of the images that have any."""
+    tied = [image for image in images if np.any(ties.image_ids == image.id)]
+    if len(tied) < 2:
+        return {}
+    try:
+        result = adjust(assemble(tied, [], [ties]), AdjustOptions(threads=THREADS))
+    except SolveError as error:
+        print(f"  the adjustment fails: {error}")
+        return {}
+    return {
+        image.id: result.model.refined_rpc(image, values).rpc
+        for image, values in zip(result.block.images, result.values, strict=True)
+    }
+
+
+def true_errors_px(cameras: dict[str, RPC], truth: dict[str, RPC], images: Sequence[Image], folder: Path) -> Any:
+    """Return each adjusted image's true relative error, RMS length in px, by id."""
+    if len(cameras) < 3:
+        return {}
+    points = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["ground_points"]
+    ground = np.array([point["ground"] for point in points.values()])
+    seen = [image for image in images if image.id in cameras]
+    tables = []
+    for image in seen:
+        xy = truth[image.id].project(ground)
+        inside = ((xy > 0.0) & (xy < np.array(image.size) - 1.0)).all(axis=1)
+        ids = np.array([f"P{k:05d}" for k in np.flatnonzero(inside)])
+        tables.append(ImagePoints.create(ids, [image.id] * len(ids), xy[inside], 0.1))
+    block = assemble([replace(image, rpc=cameras[image.id]) for image in seen], [], tables)
+    observations, fit = fit_tracks(block, (block.points.role == Role.TIE) & (block.rays_per_point() >= 3))
+    error = {}
+    for index, image in enumerate(seen):
+        rows = observations.by_image[index]
+        miss = fit.predicted_px[rows]
+        miss = miss[np.isfinite(miss).all(axis=1)]
+        error[image.id] = float(np.sqrt(np.mean(np.sum(miss**2, axis=1)))) if len(miss) else float("nan")
+    return error
+
+
+def sift_of_all_pairs(images: Sequence[Image]) -> ImagePoints:
+    """Return tracks of SIFT between all pairs: ratio test, mutual, MAGSAC; tracks twice on an image are dropped."""
+    features = []
+    for image in images:
+        grey = image.raster.read(0, 0, *image.size)[0].astype(np.float64)
+        low, high = np.percentile(grey, (1, 99))
+        eight_bit = np.clip((grey - low) / max(high - low, 1.0) * 255.0, 0, 255).astype(np.uint8)
+        keypoints, descriptors = cv2.SIFT_create(KEYPOINTS, contrastThreshold=0.01).detectAndCompute(eight_bit, None)
+        unit = descriptors[:KEYPOINTS] / np.linalg.norm(descriptors[:KEYPOINTS], axis=1, keepdims=True)
+        features.append((np.array([k.pt for k in keypoints[:KEYPOINTS]]), unit.astype(np.float32)))
+    base = np.cumsum([0, *(len(xy) for xy, _ in features)])
+    edges = []
+    for i, j in itertools.combinations(range(len(images)), 2):
+        pairs = _mutual(features[i][1] @ features[j][1].T)
+        if len(pairs) < 8:
+            continue
+        _, inlier = cv2.findFundamentalMat(
+            features[i][0][pairs[:, 0]], features[j][0][pairs[:, 1]], cv2.USAC_MAGSAC, 1.0, 0.9999, 10000
+        )
+        if inlier is not None:
+            edges.append(pairs[inlier.ravel() > 0] + (base[i], base[j]))
+    first, second = np.concatenate(edges).T
+    image = np.repeat(np.arange(len(images)), np.diff(base))
+    track = consistent_tracks(first, second, image)
+    node = np.flatnonzero(track >= 0)
+    xy = np.concatenate([xy for xy, _ in features])[node]
+    ids = np.char.add("S", np.char.zfill(track[node].astype(str), 7))
+    return ImagePoints.create(ids, np.array([image.id for image in images])[image[node]], xy)
+
+
+def _mutual(likeness: np.ndarray) -> np.ndarray:
+    """Return index pairs that are each other's nearest and pass the ratio test both ways."""
+    nearest, passes = [], []
+    for table in (likeness, likeness.T):
+        best = table.argmax(axis=1)
+        first = table[np.arange(len(table)), best]
+        second = np.partition(table, -2, axis=1)[:, -2]
+        nearest.append(best)
+        passes.append(1.0 - first < RATIO**2 * (1.0 - second))  # squared distances of unit vectors are 2 (1 - cosine)
+    index = np.flatnonzero(passes[0] & (nearest[1][nearest[0]] == np.arange(len(likeness))) & passes[1][nearest[0]])
+    return np.column_stack([index, nearest[0][index]])
+
+
+def components(ties: ImagePoints) -> int:
+    """Return how many parts the images that have tie points fall into."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    names, image = np.unique(ties.image_ids, return_inverse=True)
+    tracks, track = np.unique(ties.ids, return_inverse=True)
+    graph = coo_matrix((np.ones(len(image)), (image, len(names) + track)), shape=(len(names) + len(tracks),) * 2)
+    return int(connected_components(graph, directed=False)[0])
+
+
+def told(
+    scene: str, method: str, errors: dict[str, float], hopeless: Sequence[str], number: int, more: Sequence[Any]
+) -> str:
+    """Print one method's outcome and return it as a line of the table."""
+    sound = {name: error for name, error in errors.items() if name not in hopeless and np.isfinite(error)}
+    good = sum(error < HELD_PX for error in sound.values())
+    middle = f"{np.median(list(sound.values())):.3f}" if sound else "–"
+    worst = f"{max(sound.values()):.2f}" if sound else "–"
+    cells = (scene, method, f"{good} of {number - len(hopeless)}", middle, worst, *more)
+    line = f"| {' | '.join(map(str, cells))} |"
+    print(line, flush=True)
+    return line
+
+
+def main() -> None:
+    """Print the table of a year."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--dates", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--side", type=int, default=SIDE_PX)
+    parser.add_argument("--hopeless", type=float, default=0.0)
+    parser.add_argument("--folder")
+    parser.add_argument("--no-sift", action="store_true")
+    parser.add_argument("--docs", action="store_true")
+    words = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(words.folder or scratch)
+        paths = simulated(folder, words.dates, words.seed, words.side)
+        images, hopeless = spoil([open_image(path) for path in paths], words.hopeless, words.seed)
+        truth = true_cameras(folder)
+        print(f"{len(images)} images of {words.side} px, seed {words.seed}, hopeless: {', '.join(hopeless) or 'none'}")
+        start = time.process_time()
+        found = find_tie_points(images, scheduler=open_scheduler(None, THREADS))
+        searched = time.process_time() - start
+        cameras = adjusted_cameras(images, found.image_points)
+        seconds = time.process_time() - start
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        errors = true_errors_px(cameras, truth, images, folder)
+        tried = sum(hold.tried for hold in found.holds) // 2
+        scene = f"{len(images)}, seed {words.seed}" + (f", {len(hopeless)} hopeless" if hopeless else "")
+        cost = (tried, components(found.image_points), f"{seconds:.0f}", f"{memory:.0f}")
+        lines = [told(scene, "HRSI", errors, hopeless, len(images), cost)]
+        named = sorted(hold.image for hold in found.holds if not hold.links)
+        links = [hold.links for hold in found.holds if hold.links]
+        print(f"  search {searched:.0f} s; links an image {min(links)} to {max(links)}; named as not held: {named}")
+        for warning in found.warnings:
+            print(f"  {warning}")
+        lost = {name: round(error, 2) for name, error in errors.items() if not error < HELD_PX}
+        print(f"  beyond {HELD_PX} px: {lost}", flush=True)
+        if not words.no_sift:
+            start = time.process_time()
+            ties = sift_of_all_pairs(images)
+            cameras = adjusted_cameras(images, ties)
+            seconds = time.process_time() - start
+            errors = true_errors_px(cameras, truth, images, folder)
+            pairs = len(images) * (len(images) - 1) // 2
+            cost = (pairs, components(ties), f"{seconds:.0f}", "–")
+            lines.append(told(scene, "SIFT, all pairs", errors, hopeless, len(images), cost))
+        if words.docs:
+            before, after = PAGE.read_text(encoding="utf-8").split(END)
+            PAGE.write_text(before + "\n".join(lines) + f"\n{END}" + after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

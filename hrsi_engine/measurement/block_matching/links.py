@@ -1,0 +1,218 @@
+"""Which links between images hold: closures of three images, weak links, and what holds each image.
+
+A link is a pair with matches. Three links i-j, j-k, i-k close: a point p of i that is matched at q in j and at r in k
+must be where the link j-k says that q is. The matches of j-k near q tell that, by the displacement that they have in
+common there. The median of the closures of many points is near 0 where all three links are right, and anything where
+one of them is false, as repeated patterns make it. A link is left out where two triangles more stay open than close;
+the worst goes first, and takes its open triangles with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from ...block.block import Image
+from .joining import BlockMatches, pair_rows
+
+NEAR_PX = 40.0  # matches of the third link that speak for a point
+NEIGHBOURS = 5
+CLOSED_PX = 3.0  # median closure of a sound triangle: the ground between a point and its neighbours
+FEWEST_CLOSURES = 8
+WEAK_MATCHES, HELD_WITHOUT = 16, 2  # links with fewer matches are left out where both images have so many better ones
+LEAST_EXCESS = 2  # open triangles more than closed ones: of a single triangle nobody knows which link is false
+DISPLACED_PX, DISPLACED_FACTOR = 32.0, 8.0  # least offset of a wrong RPC, and times that of the block
+
+Pair = tuple[int, int]
+
+
+class Link(NamedTuple):
+    """A link by the numbers of its images.
+
+    Parameters
+    ----------
+    first, second : int
+        The images.
+    matches : int
+        That were kept.
+    closed, open : int
+        Triangles that it takes part in.
+    sound : bool
+        Whether its matches are used.
+    """
+
+    first: int
+    second: int
+    matches: int
+    closed: int
+    open: int
+    sound: bool
+
+
+class ImageHold(NamedTuple):
+    """What holds an image.
+
+    Parameters
+    ----------
+    image : str
+        Its id.
+    links : int
+        Sound links that it has.
+    images : int
+        Images that hang together with it, itself among them.
+    tried : int
+        Pairs of it that were tried.
+    reason : str
+        Why nothing holds it; empty where something does.
+    """
+
+    image: str
+    links: int
+    images: int
+    tried: int
+    reason: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        if not self.links:
+            return f"{self.image}: held by nothing ({self.reason})"
+        return f"{self.image}: held by {self.links} sound links in a block of {self.images} images"
+
+
+def judge_links(matches: BlockMatches) -> list[Link]:
+    """Return all links with how their triangles close, and whether they are sound."""
+    rows = pair_rows(matches)
+    open_, closed = _triangles(matches, rows)
+    strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= WEAK_MATCHES]).ravel()
+    sound = {
+        pair: len(of_pair) >= WEAK_MATCHES or min(np.sum(strong == number) for number in pair) < HELD_WITHOUT
+        for pair, of_pair in rows.items()
+    }
+    bad, good = list(open_), list(closed)
+    while bad:
+        worst = max({pair for triangle in bad for pair in triangle}, key=lambda pair: (_excess(pair, bad, good), pair))
+        if _excess(worst, bad, good) < LEAST_EXCESS:
+            break
+        sound[worst] = False
+        bad, good = ([t for t in some if worst not in t] for some in (bad, good))
+    return [
+        Link(*pair, len(of_pair), sum(pair in t for t in closed), sum(pair in t for t in open_), sound[pair])
+        for pair, of_pair in rows.items()
+    ]
+
+
+def _excess(pair: Pair, bad: Sequence[tuple[Pair, ...]], good: Sequence[tuple[Pair, ...]]) -> int:
+    """Return by how many more triangles of a link stay open than close."""
+    return sum(pair in triangle for triangle in bad) - sum(pair in triangle for triangle in good)
+
+
+def _triangles(
+    matches: BlockMatches, rows: Mapping[Pair, np.ndarray]
+) -> tuple[list[tuple[Pair, ...]], list[tuple[Pair, ...]]]:
+    """Return the triangles of links that stay open and that close; those with too few points are in neither."""
+    open_: list[tuple[Pair, ...]] = []
+    closed: list[tuple[Pair, ...]] = []
+    stars: dict[int, list[int]] = {}
+    for first, second in rows:
+        stars.setdefault(first, []).append(second)
+    trees: dict[tuple[Pair, bool], cKDTree] = {}
+    for centre, partners in stars.items():
+        for j, k in combinations(sorted(partners), 2):
+            third = next((pair for pair in ((j, k), (k, j)) if pair in rows), None)
+            if third is None:
+                continue
+            closure = _closure(matches, rows[centre, third[0]], rows[centre, third[1]], third, rows[third], trees)
+            if closure is not None:
+                triangle = (centre, third[0]), (centre, third[1]), third
+                (closed if closure <= CLOSED_PX else open_).append(triangle)
+    return open_, closed
+
+
+def _closure(
+    matches: BlockMatches,
+    first: np.ndarray,
+    second: np.ndarray,
+    third: Pair,
+    between: np.ndarray,
+    trees: dict[tuple[Pair, bool], cKDTree],
+) -> float | None:
+    """Return the median closure of a triangle in px; None where too few points tell."""
+    _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
+    q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
+    if len(a) < FEWEST_CLOSURES:
+        return None
+    tree = trees.setdefault((third, True), cKDTree(matches.first_xy[between]))
+    count = min(NEIGHBOURS, len(between))
+    distance, near = tree.query(q, k=count, distance_upper_bound=NEAR_PX)
+    distance, near = distance.reshape(len(q), count), near.reshape(len(q), count)
+    told = np.isfinite(distance)
+    usable = told[:, 0]
+    if usable.sum() < FEWEST_CLOSURES:
+        return None
+    step = matches.second_xy[between] - matches.first_xy[between]
+    # Rotation between the images: the displacement is carried by the local affine map of the whole link
+    terms = np.column_stack([np.ones(len(between)), matches.first_xy[between]])
+    affine = np.linalg.lstsq(terms, step, rcond=None)[0]
+    left = step - terms @ affine
+    nearest = np.where(told[:, :, None], left[np.where(told, near, 0)], np.nan)
+    expected = np.column_stack([np.ones(len(q)), q]) @ affine
+    expected[usable] += np.nanmedian(nearest[usable], axis=1)
+    return float(np.median(np.hypot(*(q + expected - r)[usable].T)))
+
+
+def without_links(matches: BlockMatches, links: Sequence[Link]) -> BlockMatches:
+    """Return the matches of the sound links."""
+    sound = {(link.first, link.second) for link in links if link.sound}
+    keep = np.zeros(len(matches), dtype=bool)
+    for pair, rows in pair_rows(matches).items():
+        keep[rows] = pair in sound
+    return matches.select(keep)
+
+
+def find_displaced(offsets_px: Mapping[Pair, float]) -> dict[int, float]:
+    """Return the images whose RPCs lie far beside those of all others, and by how many pixels.
+
+    ``offsets_px`` is how far the RPCs of each pair are off across the epipolar lines. An image is displaced where most
+    of its offsets are several times those of the block; its partners' are then its own fault, and do not count.
+    """
+    left: dict[Pair, float] = dict(offsets_px)
+    displaced: dict[int, float] = {}
+    while len(left) >= 3:
+        usual = float(np.median(list(left.values())))
+        limit = max(DISPLACED_PX, DISPLACED_FACTOR * usual)
+        of_image: dict[int, list[float]] = {}
+        for pair, offset in left.items():
+            for number in pair:
+                of_image.setdefault(number, []).append(offset)
+        median = {number: float(np.median(offsets)) for number, offsets in of_image.items() if len(offsets) > 1}
+        worst = max(median, key=lambda number: median[number], default=None)
+        if worst is None or median[worst] <= limit:
+            return displaced
+        displaced[worst] = median[worst]
+        left = {pair: offset for pair, offset in left.items() if worst not in pair}
+    return displaced
+
+
+def hold_images(
+    images: Sequence[Image], usable: Sequence[int], links: Sequence[Link], tried: Mapping[int, int],
+    reasons: Mapping[int, str],
+) -> tuple[ImageHold, ...]:  # fmt: skip
+    """Return what holds each usable image: its sound links, and how many images hang together with it."""
+    pairs = np.array([(link.first, link.second) for link in links if link.sound], dtype=np.int64).reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(images), len(images)))
+    _, part = connected_components(graph, directed=False)
+    size, count = np.bincount(part), np.bincount(pairs.ravel(), minlength=len(images))
+    return tuple(
+        ImageHold(
+            images[number].id, int(count[number]), int(size[part[number]]), int(tried.get(number, 0)),
+            "" if count[number] else reasons.get(number, "no pair of it gives matches that agree"),
+        )
+        for number in usable
+    )  # fmt: skip

@@ -1,0 +1,141 @@
+"""Which pairs of a block are matched: those that a probe says will match, so that every image is held many times.
+
+Each of K spanning trees over the images, none of whose pairs another one has, holds the block together by itself: an
+image then hangs on K pairs at least, and K pairs must fail before the block falls apart. The trees are those with the
+most agreeing features, one after the other (Kruskal, 1956). Pairs that fail are taken out and the trees are made anew,
+with those that were found already; so failed pairs are replaced by the next best. What geometry wants besides, a pair
+with an angle for heights and all parts of an image covered, is added.
+
+The number of pairs tried is bounded by a multiple of the number of images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from .probes import PROBED_CELLS, Probe
+
+CHANCE = 5  # agreeing features that chance gives
+NARROW_DEG, NARROW_WORTH = 1.5, 0.6  # views so alike tell no heights: such a pair is worth less
+WANTED_ANGLE_DEG = 5.0  # that one pair of each image should have
+LAST_TRIES = 3  # pairs of an image that the probe gives no hope
+MOST_ROUNDS = 6
+FOUND_FIRST = 1e6  # worth of pairs that were found, in new trees
+
+Pair = tuple[int, int]
+
+
+class PairChoice:
+    """Chooses the pairs of a block round by round.
+
+    Parameters
+    ----------
+    images : int
+        Their number.
+    probes : sequence of Probe
+        What is known of pairs that overlap.
+    trees : int
+        Number of edge-disjoint spanning trees.
+    most_pairs : int
+        That are tried in all.
+    """
+
+    def __init__(self, images: int, probes: Sequence[Probe], trees: int, most_pairs: int) -> None:
+        self.images, self.trees, self.most_pairs = images, trees, most_pairs
+        self.probes = {(probe.first, probe.second): probe for probe in probes}
+        self.found: set[Pair] = set()
+        self.failed: set[Pair] = set()
+        self.rounds = 0
+
+    @property
+    def tried(self) -> int:
+        """Number of pairs that were tried."""
+        return len(self.found) + len(self.failed)
+
+    def next_round(self) -> list[Pair]:
+        """Return the pairs to try now, the most promising first; none where the choice is done."""
+        self.rounds += 1
+        room = self.most_pairs - self.tried
+        if self.rounds > MOST_ROUNDS or room <= 0:
+            return []
+        wanted = self._trees()
+        wanted |= self._geometry(wanted)
+        wanted |= self._last_tries(wanted)
+        new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
+        return sorted(new, key=lambda pair: (-self._worth(pair), pair))[:room]
+
+    def tell(self, pair: Pair, found: bool) -> None:
+        """Take notice of how a pair came out; a pair that was found may fail later."""
+        self.found.discard(pair)
+        self.failed.discard(pair)
+        (self.found if found else self.failed).add(pair)
+
+    def _worth(self, pair: Pair) -> float:
+        probe = self.probes[pair]
+        return probe.agreeing * (NARROW_WORTH if probe.convergence_deg < NARROW_DEG else 1.0)
+
+    def _trees(self) -> set[Pair]:
+        """Return the pairs of the spanning trees of greatest worth, none in two of them."""
+        left = [pair for pair, probe in self.probes.items()
+                if pair not in self.failed and (pair in self.found or probe.agreeing > CHANCE)]  # fmt: skip
+        chosen: set[Pair] = set()
+        for _ in range(self.trees):
+            if not left:
+                break
+            worth = np.array([self._worth(pair) + FOUND_FIRST * (pair in self.found) for pair in left])
+            first, second = np.array(left).T
+            cost = 2.0 * FOUND_FIRST - worth  # positive: a cost of 0 would be no edge
+            forest = minimum_spanning_tree(
+                coo_matrix((cost, (first, second)), shape=(self.images, self.images))
+            ).tocoo()
+            chosen |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
+            left = [pair for pair in left if pair not in chosen]
+        return chosen
+
+    def _geometry(self, wanted: set[Pair]) -> set[Pair]:
+        """Return a pair for each image that has none with an angle, and one for each that is not covered."""
+        more: set[Pair] = set()
+        of_image = self._by_image(pair for pair in self.probes if pair not in self.failed)
+        chosen = self._by_image(wanted)
+        for number, pairs in of_image.items():
+            good = [pair for pair in pairs if self.probes[pair].agreeing > CHANCE]
+            own = chosen.get(number, [])
+            if all(self.probes[pair].convergence_deg < WANTED_ANGLE_DEG for pair in own):
+                wide = [pair for pair in good if self.probes[pair].convergence_deg >= WANTED_ANGLE_DEG]
+                more |= set(sorted(wide, key=self._worth)[-1:])
+            covered = 0
+            for pair in own:
+                covered |= self._cells(pair, number)
+            lacking = ~covered & ((1 << PROBED_CELLS**2) - 1)
+            fill = max(good, key=lambda pair: ((self._cells(pair, number) & lacking).bit_count(), self._worth(pair)),
+                       default=None)  # fmt: skip
+            if fill is not None and self._cells(fill, number) & lacking:
+                more.add(fill)
+        return more
+
+    def _last_tries(self, wanted: set[Pair]) -> set[Pair]:
+        """Return pairs of the images that no probe gives hope: the probe may be wrong."""
+        of_image, chosen = self._by_image(self.probes), self._by_image(wanted)
+        more: set[Pair] = set()
+        for number, pairs in of_image.items():
+            if number in chosen or any(pair in self.found for pair in pairs):
+                continue
+            left = LAST_TRIES - sum(pair in self.failed for pair in pairs)
+            untried = [pair for pair in pairs if pair not in self.failed]
+            more |= set(sorted(untried, key=self._worth)[::-1][: max(left, 0)])
+        return more
+
+    def _cells(self, pair: Pair, image: int) -> int:
+        return self.probes[pair].cells[0 if pair[0] == image else 1]
+
+    @staticmethod
+    def _by_image(pairs: object) -> dict[int, list[Pair]]:
+        by_image: dict[int, list[Pair]] = {}
+        for pair in pairs:  # type: ignore[attr-defined]
+            for number in pair:
+                by_image.setdefault(number, []).append(pair)
+        return by_image

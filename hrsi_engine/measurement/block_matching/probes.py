@@ -1,0 +1,130 @@
+"""How well will two images match? A probe by their strongest features, hundreds of times cheaper than matching.
+
+The strongest features of both overviews are compared within bands along the epipolar lines, as wide as the RPCs may be
+off. Right matches share one offset across the lines, wrong ones lie anywhere in the band: the largest number of matches
+whose offsets lie within `AGREEING_PX` of one another tells how many right ones there are. Sun, season, view angles and
+overlap all act on that number, known or not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...block.block import Image
+from ...block.imaging_geometry import rays_up
+from ...foundation.scheduling import Result
+from ..tile_matching.epipolar import epipolar_miss
+from .coarse import Lines, banded_matches, epipolar_lines, reduce_range
+from .overlaps import GroundRange, Overlap
+
+PROBED_FEATURES = 600
+AGREEING_PX = 4.0  # of the overviews: offsets that are one
+PROBED_CELLS = 3  # parts along each side of an image, for the ground that a pair covers
+PROBED_PARTNERS = 40  # candidates of an image that are probed
+ANGLE_SCALE_DEG = 20.0  # over which views look 1 / e as alike
+
+
+class Probe(NamedTuple):
+    """What was found out of a pair.
+
+    Parameters
+    ----------
+    first, second : int
+        Numbers of the images.
+    agreeing : int
+        Features that agree with one offset.
+    convergence_deg : float
+        Angle between the lines of sight.
+    cells : tuple of int
+        Parts of the first and of the second image with agreeing features, a bit for each.
+    """
+
+    first: int
+    second: int
+    agreeing: int
+    convergence_deg: float
+    cells: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeJob:
+    """An image and those it is compared with, with the steps of their overviews and their strongest features."""
+
+    first: Image
+    others: tuple[Image, ...]
+    steps: tuple[int, ...]  #: of the first and the others
+    heights: tuple[GroundRange, ...]
+    margin_px: float
+    features: tuple[Result, ...]  #: of the first and the others
+
+
+def strongest(features: Result) -> Result:
+    """Return the features that a probe compares."""
+    return {name: column[:PROBED_FEATURES] for name, column in features.items()}
+
+
+def probe_pairs(job: ProbeJob) -> Result:
+    """Return ``agreeing (k,)`` and ``cells (k, 2)`` of the first image with each of the others."""
+    agreeing = np.zeros(len(job.others), dtype=np.int64)
+    cells = np.zeros((len(job.others), 2), dtype=np.int64)
+    first_rpc = reduce_range(job.first.rpc, job.steps[0])
+    own = job.features[0]
+    xy = (own["xy"] - (job.steps[0] - 1) / 2.0) / job.steps[0]
+    for k, other in enumerate(job.others):
+        step, theirs, heights = job.steps[k + 1], job.features[k + 1], job.heights[k]
+        second_rpc = reduce_range(other.rpc, step)
+        second_xy = (theirs["xy"] - (step - 1) / 2.0) / step
+        lines = epipolar_lines(first_rpc, second_rpc, xy, heights)
+        seen = np.flatnonzero(np.isfinite(lines.origin).all(axis=1))
+        chosen = Lines(*(part[seen] for part in lines))
+        pairs = banded_matches(
+            own["descriptors"][seen], theirs["descriptors"], chosen, second_xy, job.margin_px / step
+        )  # fmt: skip
+        if not len(pairs):
+            continue
+        places = xy[seen[pairs[:, 0]]], second_xy[pairs[:, 1]]
+        across = epipolar_miss(first_rpc, second_rpc, *places, 0.5 * (heights.low_m + heights.high_m)).across_px
+        order = np.argsort(across)
+        count = np.searchsorted(across[order], across[order] + AGREEING_PX, side="right") - np.arange(len(order))
+        best = int(np.argmax(count))
+        alike = order[best : best + int(count[best])]
+        agreeing[k] = len(alike)
+        sizes = np.array(job.first.known_size) / job.steps[0], np.array(other.known_size) / step
+        for side, (place, size) in enumerate(zip(places, sizes, strict=True)):
+            cell = np.clip(np.floor(PROBED_CELLS * place[alike] / size), 0, PROBED_CELLS - 1).astype(np.int64)
+            cells[k, side] = int(np.bitwise_or.reduce(1 << (cell[:, 1] * PROBED_CELLS + cell[:, 0])))
+    return {"agreeing": agreeing, "cells": cells}
+
+
+def view_directions(images: list[Image]) -> np.ndarray:
+    """Return unit vectors ``(n, 3)`` east, north, up from the middle of each image's ground to its satellite."""
+    found = []
+    for image in images:
+        ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
+        found.append(rays_up(image.rpc, ground)[0] if np.isfinite(ground).all() else np.array([0.0, 0.0, 1.0]))
+    return np.array(found)
+
+
+def angles_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the angles between the lines of sight of pairs of images."""
+    cosine = np.einsum("nk,nk->n", directions[first], directions[second])
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def choose_probed(overlaps: list[Overlap], angle_deg: np.ndarray, images: int) -> np.ndarray:
+    """Return the indices of the overlaps that are probed: of each image those that overlap most and look most alike.
+
+    So the cost grows with the number of images, not with that of their pairs.
+    """
+    first, second = (
+        np.array([getattr(pair, name) for pair in overlaps], dtype=np.int64) for name in ("first", "second")
+    )
+    prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / ANGLE_SCALE_DEG)
+    image, row = np.r_[first, second], np.tile(np.arange(len(overlaps)), 2)
+    order = np.lexsort((-prior[row], image))
+    _, start = np.unique(image[order], return_index=True)
+    place = np.arange(len(order)) - np.repeat(start, np.diff(np.r_[start, len(order)]))
+    return np.unique(row[order[place < PROBED_PARTNERS]])
