@@ -27,7 +27,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")
     searching = context.stage(0.0, 0.4)
-    found, warnings, kept = _automatic_ties(images, options, searching)
+    found, warnings, kept, held = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
     block, more, entries = _read(images, options, found, context.stage(0.4, 0.5))
     how = options.adjustment
@@ -40,21 +40,21 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     rest = context.stage(0.7, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
     warnings += [*more, *choice_warnings(result.choice), *offset]
-    entries |= choice_entries(how.model, result.choice)
+    entries |= choice_entries(how.model, result.choice) | held
     return block_outputs.write_results("triangulate", options, result, warnings, clock, rest, entries, reasons, kept)
 
 
 def _automatic_ties(
     images: Sequence[Image], options: TriangulateOptions, context: Context
-) -> tuple[list[ImagePoints], list[str], tuple[str, ...]]:
-    """Return tie points, warnings, and the folders to discard when the results are written."""
+) -> tuple[list[ImagePoints], list[str], tuple[str, ...], Report]:
+    """Return tie points, warnings, the folders to discard when the results are written, and the report's entries."""
     if options.tie_points != AUTOMATIC_TIES:
-        return [], [], ()
-    from .block_steps.tie_search import find  # needs OpenCV, which a QGIS may lack
+        return [], [], (), {}
+    from .block_steps.tie_search import find, held_entries  # needs OpenCV, which a QGIS may lack
 
     surface = dem_surface(options.dem, options.points.height_datum)
     found, finished = find(images, options.search, surface, options.output.folder.output_dir, context)
-    return [found.image_points], list(found.warnings), finished.discarded
+    return [found.image_points], list(found.warnings), finished.discarded, held_entries(found)
 
 
 def _read(
