@@ -23,7 +23,7 @@ from ..foundation.scheduling import Keeper, Result, Scheduler, WorkPart, digest,
 from ..foundation.version import VERSION
 from ..surface.dem import HeightSurface
 from .block_matching import coarse, joining, overlaps, plan
-from .block_matching.links import ImageHold, Link, find_displaced, hold_images, judge_links, without_links
+from .block_matching.links import ImageHold, ImageLink, find_displaced, hold_images, judge_links, without_links
 from .block_matching.overview import OverviewJob, hand_over, overview_features, overview_step
 from .block_matching.pair_choice import PairChoice
 from .block_matching.probes import (
@@ -300,7 +300,7 @@ class _Search:
             if self.choice is not None:
                 self.choice.tell((a, b), estimate is not None)
 
-    def replace_links(self, links: Sequence[Link], progress: Progress) -> bool:
+    def replace_links(self, links: Sequence[ImageLink], progress: Progress) -> bool:
         """Take other pairs for those whose links are not sound; tell whether there are any."""
         if self.choice is None:
             return False
@@ -321,7 +321,7 @@ class _Search:
             numbers = [self.usable[index] for pair in self.choice.found | self.choice.failed for index in pair]
         return dict(Counter(numbers))
 
-    def judge(self) -> tuple[joining.BlockMatches, list[Link]]:
+    def judge(self) -> tuple[joining.BlockMatches, list[ImageLink]]:
         """Return the matches that pass the tests of pairs and heights, and the links that they make."""
         matches = joining.collect_matches(self._results)
         fitting = joining.without_outliers(matches, self.images, self.options.dense)

@@ -20,19 +20,18 @@ from scipy.spatial import cKDTree
 
 from ...block.block import Image
 from .joining import BlockMatches, pair_rows
+from .pair_choice import NumberPair
 
-NEAR_PX = 40.0  # matches of the third link that speak for a point
-NEIGHBOURS = 5
+SPEAKING_PX = 40.0  # matches of the third link that speak for a point
+SPEAKING_NEIGHBOURS = 5
 CLOSED_PX = 3.0  # median closure of a sound triangle: the ground between a point and its neighbours
 FEWEST_CLOSURES = 8
 WEAK_MATCHES, HELD_WITHOUT = 16, 2  # links with fewer matches are left out where both images have so many better ones
 LEAST_EXCESS = 2  # open triangles more than closed ones: of a single triangle nobody knows which link is false
 DISPLACED_PX, DISPLACED_FACTOR = 32.0, 8.0  # least offset of a wrong RPC, and times that of the block
 
-Pair = tuple[int, int]
 
-
-class Link(NamedTuple):
+class ImageLink(NamedTuple):
     """A link by the numbers of its images.
 
     Parameters
@@ -86,7 +85,7 @@ class ImageHold(NamedTuple):
         return f"{self.image}: held by {self.links} sound links in a block of {self.images} images"
 
 
-def judge_links(matches: BlockMatches) -> list[Link]:
+def judge_links(matches: BlockMatches) -> list[ImageLink]:
     """Return all links with how their triangles close, and whether they are sound."""
     rows = pair_rows(matches)
     open_, closed = _triangles(matches, rows)
@@ -103,26 +102,26 @@ def judge_links(matches: BlockMatches) -> list[Link]:
         sound[worst] = False
         bad, good = ([t for t in some if worst not in t] for some in (bad, good))
     return [
-        Link(*pair, len(of_pair), sum(pair in t for t in closed), sum(pair in t for t in open_), sound[pair])
+        ImageLink(*pair, len(of_pair), sum(pair in t for t in closed), sum(pair in t for t in open_), sound[pair])
         for pair, of_pair in rows.items()
     ]
 
 
-def _excess(pair: Pair, bad: Sequence[tuple[Pair, ...]], good: Sequence[tuple[Pair, ...]]) -> int:
+def _excess(pair: NumberPair, bad: Sequence[tuple[NumberPair, ...]], good: Sequence[tuple[NumberPair, ...]]) -> int:
     """Return by how many more triangles of a link stay open than close."""
     return sum(pair in triangle for triangle in bad) - sum(pair in triangle for triangle in good)
 
 
 def _triangles(
-    matches: BlockMatches, rows: Mapping[Pair, np.ndarray]
-) -> tuple[list[tuple[Pair, ...]], list[tuple[Pair, ...]]]:
+    matches: BlockMatches, rows: Mapping[NumberPair, np.ndarray]
+) -> tuple[list[tuple[NumberPair, ...]], list[tuple[NumberPair, ...]]]:
     """Return the triangles of links that stay open and that close; those with too few points are in neither."""
-    open_: list[tuple[Pair, ...]] = []
-    closed: list[tuple[Pair, ...]] = []
+    open_: list[tuple[NumberPair, ...]] = []
+    closed: list[tuple[NumberPair, ...]] = []
     stars: dict[int, list[int]] = {}
     for first, second in rows:
         stars.setdefault(first, []).append(second)
-    trees: dict[tuple[Pair, bool], cKDTree] = {}
+    trees: dict[tuple[NumberPair, bool], cKDTree] = {}
     for centre, partners in stars.items():
         for j, k in combinations(sorted(partners), 2):
             third = next((pair for pair in ((j, k), (k, j)) if pair in rows), None)
@@ -139,9 +138,9 @@ def _closure(
     matches: BlockMatches,
     first: np.ndarray,
     second: np.ndarray,
-    third: Pair,
+    third: NumberPair,
     between: np.ndarray,
-    trees: dict[tuple[Pair, bool], cKDTree],
+    trees: dict[tuple[NumberPair, bool], cKDTree],
 ) -> float | None:
     """Return the median closure of a triangle in px; None where too few points tell."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
@@ -149,8 +148,8 @@ def _closure(
     if len(a) < FEWEST_CLOSURES:
         return None
     tree = trees.setdefault((third, True), cKDTree(matches.first_xy[between]))
-    count = min(NEIGHBOURS, len(between))
-    distance, near = tree.query(q, k=count, distance_upper_bound=NEAR_PX)
+    count = min(SPEAKING_NEIGHBOURS, len(between))
+    distance, near = tree.query(q, k=count, distance_upper_bound=SPEAKING_PX)
     distance, near = distance.reshape(len(q), count), near.reshape(len(q), count)
     told = np.isfinite(distance)
     usable = told[:, 0]
@@ -167,7 +166,7 @@ def _closure(
     return float(np.median(np.hypot(*(q + expected - r)[usable].T)))
 
 
-def without_links(matches: BlockMatches, links: Sequence[Link]) -> BlockMatches:
+def without_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
     """Return the matches of the sound links."""
     sound = {(link.first, link.second) for link in links if link.sound}
     keep = np.zeros(len(matches), dtype=bool)
@@ -176,13 +175,13 @@ def without_links(matches: BlockMatches, links: Sequence[Link]) -> BlockMatches:
     return matches.select(keep)
 
 
-def find_displaced(offsets_px: Mapping[Pair, float]) -> dict[int, float]:
+def find_displaced(offsets_px: Mapping[NumberPair, float]) -> dict[int, float]:
     """Return the images whose RPCs lie far beside those of all others, and by how many pixels.
 
     ``offsets_px`` is how far the RPCs of each pair are off across the epipolar lines. An image is displaced where most
     of its offsets are several times those of the block; its partners' are then its own fault, and do not count.
     """
-    left: dict[Pair, float] = dict(offsets_px)
+    left: dict[NumberPair, float] = dict(offsets_px)
     displaced: dict[int, float] = {}
     while len(left) >= 3:
         usual = float(np.median(list(left.values())))
@@ -201,7 +200,7 @@ def find_displaced(offsets_px: Mapping[Pair, float]) -> dict[int, float]:
 
 
 def hold_images(
-    images: Sequence[Image], usable: Sequence[int], links: Sequence[Link], tried: Mapping[int, int],
+    images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], tried: Mapping[int, int],
     reasons: Mapping[int, str],
 ) -> tuple[ImageHold, ...]:  # fmt: skip
     """Return what holds each usable image: its sound links, and how many images hang together with it."""

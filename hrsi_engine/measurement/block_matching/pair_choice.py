@@ -23,10 +23,10 @@ CHANCE = 5  # agreeing features that chance gives
 NARROW_DEG, NARROW_WORTH = 1.5, 0.6  # views so alike tell no heights: such a pair is worth less
 WANTED_ANGLE_DEG = 5.0  # that one pair of each image should have
 LAST_TRIES = 3  # pairs of an image that the probe gives no hope
-MOST_ROUNDS = 6
+CHOICE_ROUNDS = 6
 FOUND_FIRST = 1e6  # worth of pairs that were found, in new trees
 
-Pair = tuple[int, int]
+NumberPair = tuple[int, int]
 
 
 class PairChoice:
@@ -47,8 +47,8 @@ class PairChoice:
     def __init__(self, images: int, probes: Sequence[Probe], trees: int, most_pairs: int) -> None:
         self.images, self.trees, self.most_pairs = images, trees, most_pairs
         self.probes = {(probe.first, probe.second): probe for probe in probes}
-        self.found: set[Pair] = set()
-        self.failed: set[Pair] = set()
+        self.found: set[NumberPair] = set()
+        self.failed: set[NumberPair] = set()
         self.rounds = 0
 
     @property
@@ -56,11 +56,11 @@ class PairChoice:
         """Number of pairs that were tried."""
         return len(self.found) + len(self.failed)
 
-    def next_round(self) -> list[Pair]:
+    def next_round(self) -> list[NumberPair]:
         """Return the pairs to try now, the most promising first; none where the choice is done."""
         self.rounds += 1
         room = self.most_pairs - self.tried
-        if self.rounds > MOST_ROUNDS or room <= 0:
+        if self.rounds > CHOICE_ROUNDS or room <= 0:
             return []
         wanted = self._trees()
         wanted |= self._geometry(wanted)
@@ -68,21 +68,21 @@ class PairChoice:
         new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
         return sorted(new, key=lambda pair: (-self._worth(pair), pair))[:room]
 
-    def tell(self, pair: Pair, found: bool) -> None:
+    def tell(self, pair: NumberPair, found: bool) -> None:
         """Take notice of how a pair came out; a pair that was found may fail later."""
         self.found.discard(pair)
         self.failed.discard(pair)
         (self.found if found else self.failed).add(pair)
 
-    def _worth(self, pair: Pair) -> float:
+    def _worth(self, pair: NumberPair) -> float:
         probe = self.probes[pair]
         return probe.agreeing * (NARROW_WORTH if probe.convergence_deg < NARROW_DEG else 1.0)
 
-    def _trees(self) -> set[Pair]:
+    def _trees(self) -> set[NumberPair]:
         """Return the pairs of the spanning trees of greatest worth, none in two of them."""
         left = [pair for pair, probe in self.probes.items()
                 if pair not in self.failed and (pair in self.found or probe.agreeing > CHANCE)]  # fmt: skip
-        chosen: set[Pair] = set()
+        chosen: set[NumberPair] = set()
         for _ in range(self.trees):
             if not left:
                 break
@@ -96,9 +96,9 @@ class PairChoice:
             left = [pair for pair in left if pair not in chosen]
         return chosen
 
-    def _geometry(self, wanted: set[Pair]) -> set[Pair]:
+    def _geometry(self, wanted: set[NumberPair]) -> set[NumberPair]:
         """Return a pair for each image that has none with an angle, and one for each that is not covered."""
-        more: set[Pair] = set()
+        more: set[NumberPair] = set()
         of_image = self._by_image(pair for pair in self.probes if pair not in self.failed)
         chosen = self._by_image(wanted)
         for number, pairs in of_image.items():
@@ -117,10 +117,10 @@ class PairChoice:
                 more.add(fill)
         return more
 
-    def _last_tries(self, wanted: set[Pair]) -> set[Pair]:
+    def _last_tries(self, wanted: set[NumberPair]) -> set[NumberPair]:
         """Return pairs of the images that no probe gives hope: the probe may be wrong."""
         of_image, chosen = self._by_image(self.probes), self._by_image(wanted)
-        more: set[Pair] = set()
+        more: set[NumberPair] = set()
         for number, pairs in of_image.items():
             if number in chosen or any(pair in self.found for pair in pairs):
                 continue
@@ -129,12 +129,12 @@ class PairChoice:
             more |= set(sorted(untried, key=self._worth)[::-1][: max(left, 0)])
         return more
 
-    def _cells(self, pair: Pair, image: int) -> int:
+    def _cells(self, pair: NumberPair, image: int) -> int:
         return self.probes[pair].cells[0 if pair[0] == image else 1]
 
     @staticmethod
-    def _by_image(pairs: object) -> dict[int, list[Pair]]:
-        by_image: dict[int, list[Pair]] = {}
+    def _by_image(pairs: object) -> dict[int, list[NumberPair]]:
+        by_image: dict[int, list[NumberPair]] = {}
         for pair in pairs:  # type: ignore[attr-defined]
             for number in pair:
                 by_image.setdefault(number, []).append(pair)
