@@ -3,6 +3,7 @@
     adjust_speed.py FOLDER… [--ceres PROGRAM]     blocks of the generator that comes with the Ceres program
     adjust_speed.py --blunders FOLDER             the block with 1 % and 10 % blunders
     adjust_speed.py --models FOLDER [--docs]      every model on one block; with --docs into docs/adjustment.md
+    adjust_speed.py --defaults FOLDER             as the command line adjusts: blunders, drift and all sigmas
     adjust_speed.py --growth [10 100 1000 10000]  simulated blocks with about 100 tie points an image
 
 A folder holds rpcs/, image_points.csv, ground_points.csv and truth.csv. Every measurement runs in a process of its
@@ -328,6 +329,19 @@ def _camera(lon: float, lat: float, tilt: tuple[float, float], half_px: float, g
     )  # fmt: skip
 
 
+def print_defaults(folder: str) -> None:
+    """Print processor seconds of the whole adjustment with the defaults and with a shift, the faster of three."""
+    block = read_folder(folder)
+    for model in (AdjustOptions().model, "shift"):
+        seconds = []
+        for _ in range(3):
+            began = time.process_time()
+            result = adjust(block, AdjustOptions(model=model))
+            seconds.append(time.process_time() - began)
+        check = " ".join(f"{value:.3f}" for value in check_rmse(result))
+        print(f"{model} ({result.model.name}): {min(seconds):.1f} CPU s, {result.solves} systems, check {check} m")
+
+
 def print_growth(counts: list[int]) -> None:
     """Print time and memory per image as the block grows; the growth is what comes on top of the process itself."""
     print("growth: images, image points, solve s, all sigmas s, peak MB | processor ms and MB per image")
@@ -347,6 +361,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="*")
     parser.add_argument("--ceres", metavar="PROGRAM")
     parser.add_argument("--blunders", metavar="FOLDER")
+    parser.add_argument("--defaults", metavar="FOLDER")
     parser.add_argument("--growth", nargs="*", type=int)
     parser.add_argument("--one", help=argparse.SUPPRESS)
     parser.add_argument("--grown", type=int, help=argparse.SUPPRESS)
@@ -368,6 +383,8 @@ def main() -> None:
         print_models(given.models, given.docs)
     elif given.blunders:
         print_blunders(given.blunders)
+    if given.defaults:
+        print_defaults(given.defaults)
     for folder in given.folders:
         print_folder(folder, given.ceres)
     if given.growth is not None:
