@@ -36,9 +36,9 @@ def test_hobart_with_check_points_as_ties():
 def test_hobart_with_estimated_drift():
     """A model with drift whose size is estimated from the block is as good with three GCPs as with ten.
 
-    A loose prior lets an affine correction follow the noise: 0.67 0.24 1.78 m with five GCPs. What is published of IKONOS
-    lets expect a drift of 1.1e-4, three times that of these images, and costs 7 mm east and 15 mm in height beside an
-    estimate that begins at 3e-5; 31 points tell an RMSE in height to 0.2 m.
+    A loose prior lets an affine correction follow the noise: 0.67 0.24 1.78 m with five GCPs. What is published of
+    IKONOS lets expect a drift of 1.1e-4, three times that of these images, and costs 7 mm east and 15 mm in height
+    beside an estimate that begins at 3e-5; 31 points tell an RMSE in height to 0.2 m.
     """
     for count, limit in ((10, [0.44, 0.31, 1.19]), (5, [0.43, 0.31, 1.12]), (3, [0.43, 0.31, 1.12])):
         block = real_blocks.hobart(real_blocks.TEN[:count])
