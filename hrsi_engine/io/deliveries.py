@@ -54,7 +54,11 @@ def _listed(path: str) -> list[str]:
     names = [line for line in lines if line and not line.startswith("#")]
     if not names:
         raise InputError(f"{path}: names no image: write one a line")
-    return [name if "/vsi" in name else os.path.join(os.path.dirname(path), name) for name in names]
+    placed = [name if "/vsi" in name else os.path.join(os.path.dirname(path), name) for name in names]
+    for name, place in zip(names, placed, strict=True):
+        if name.startswith(LIST) and not os.path.exists(place):
+            raise InputError(f"{path}: names the list {name}: a list names images, folders and archives")
+    return placed
 
 
 def _delivered(name: str, folder: str) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface import cli
@@ -168,6 +169,13 @@ def test_a_folder_without_rpcs_says_so(capsys, tmp_path: Path) -> None:
     (tmp_path / "readme.txt").write_text("nothing")
     _, log = told(capsys, "rpc-info", tmp_path, code=2)
     assert "holds no image with an RPC" in log
+
+
+def test_a_list_that_names_itself_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "images.txt").write_text("@images.txt\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"images.txt: names the list @images.txt"):
+        run("rpc-info", images=["@images.txt"])
 
 
 def test_a_list_names_images_beside_it(capsys, scene: Path) -> None:
