@@ -40,6 +40,7 @@ from .block_matching.windows import PyramidRaster
 from .tie_options import AUTOMATIC_CELLS, FULL_PER_CELL, SAMPLED_PER_CELL, TieOptions
 from .tile_matching.options import TileMatchOptions
 
+FEW_LINKS = 3  # of an image: below, its pairs are matched thoroughly
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
 CELLS_PER_PART = 12  # of a star job: about a second of work
 DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
@@ -138,9 +139,12 @@ def find_tie_points(
     search.choose_pairs(stage(progress, 0.0, 0.3))
     search.match_pairs(stage(progress, 0.3, 0.85))
     good, links = search.judge()
-    # Links that came out false or weak make room for others, once
-    if search.replace_links(links, stage(progress, 0.85, 0.9)):
-        search.match_pairs(stage(progress, 0.9, 0.97))
+    # Links that came out false or weak make room for others, once; images that hang on few are matched thoroughly
+    replaced = search.replace_links(links, stage(progress, 0.85, 0.88))
+    if replaced:
+        search.match_pairs(stage(progress, 0.88, 0.92))
+        good, links = search.judge()
+    if search.match_thoroughly(links, stage(progress, 0.92, 0.97)):
         good, links = search.judge()
     good = without_links(good, links)
     room = {k: points_of_a_cell(search.options, image) for k, image in enumerate(images)}
@@ -330,19 +334,37 @@ class _Search:
 
     def match_pairs(self, progress: Progress) -> None:
         """Match the windows of all pairs that were not matched yet."""
+        self._match(self.pairs[self._matched :], self.choice is not None, progress)
+        self._matched = len(self.pairs)
+
+    def match_thoroughly(self, links: Sequence[ImageLink], progress: Progress) -> bool:
+        """Match the pairs of images that few links hold as those of small blocks are; tell whether there are any."""
+        if self.choice is None:
+            return False
+        sound = [(link.first, link.second) for link in links if link.sound]
+        held = Counter(number for pair in sound for number in pair)
+        hard = [
+            pair
+            for pair in self.pairs
+            if (pair.first, pair.second) not in sound and min(held[pair.first], held[pair.second]) < FEW_LINKS
+        ]
+        return self._match(hard, False, progress)
+
+    def _match(self, pairs: Sequence[_EstimatedPair], linked: bool, progress: Progress) -> bool:
+        """Match the windows of pairs, as far as they were estimated; tell whether there are any."""
         partners: dict[int, list[Partner]] = {}
-        for pair in self.pairs[self._matched :]:
+        for pair in pairs:
             if pair.estimate is not None:
                 step = overlaps.resolution_step(self.images[pair.first], self.images[pair.second])
                 partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
                 partners.setdefault(pair.first, []).append(partner)
-        self._matched = len(self.pairs)
-        parts = [part for number, own in partners.items() for part in self._parts_of(number, own)]
+        parts = [part for number, own in partners.items() for part in self._parts_of(number, own, linked)]
         if parts:
             found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
             self._results += [(part.job.number, found[part.key]) for part in parts]
+        return bool(parts)
 
-    def _parts_of(self, number: int, partners: list[Partner]) -> list[WorkPart]:
+    def _parts_of(self, number: int, partners: list[Partner], linked: bool) -> list[WorkPart]:
         image = self.images[number]
         cells_of_image = EVERY if self.options.dense else self.options.cells
         rows = plan.cell_rows(image, cells_of_image, points_of_a_cell(self.options, image))
