@@ -359,9 +359,9 @@ def clean_blocks(seeds: Sequence[int]) -> Section:
 
 #: Parts, and how many seeds judge each.
 PARTS: dict[str, tuple[Callable[[Sequence[int]], Section], int]] = {
-    "ties": (wrong_ties, 20),
-    "control": (wrong_control, 20),
-    "sigmas": (masked_control, 20),
+    "ties": (wrong_ties, 10),
+    "control": (wrong_control, 10),
+    "sigmas": (masked_control, 10),
     "clean": (clean_blocks, 100),
 }
 FIRST_SEED = 2000

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,6 @@ from .ties import point_squares, tie_decisions, tie_variance
 TIE_ROUNDS, CONTROL_ROUNDS = 6, 3
 RARE = 2e-4  # share of the measurements whose change of decision is not worth another round
 STRONG_DRIFT = 10.0  # times the drift that is taken for usual; what no sensor exceeds
-TESTING_TOLERANCE = 1e-6  # of the cost: squares to a millionth tell who is wrong
 LENIENT = 1e-3  # factor of the surveys' weights while measurements are judged: sigmas thirty times as large
 
 
@@ -151,11 +151,12 @@ class Snooping:
 
     def _drifting(self, solution: Solution, points: np.ndarray) -> Discrepancies:
         """Return what the control says where the cameras may drift more: no GCP is accused of what a drift explains."""
-        loop = self.problem.loop()
+        loop = copy(self.loop)  # its equations and its system, but a history of its own
+        loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
         prior_weight = self.loop.prior_weight.copy()
         prior_weight[:, self.problem.guessed] /= STRONG_DRIFT**2
         loop.hold(prior_weight)
-        free = loop.run(solution.state, solution.weighting, self.problem.options.robust, TESTING_TOLERANCE, silent)
+        free = loop.run_on(solution, self.problem.options.robust, self.problem.options.tolerance, silent)
         return discrepancies(self.problem, loop, free, points)
 
     def say(self) -> None:
