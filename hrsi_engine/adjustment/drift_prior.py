@@ -33,13 +33,15 @@ OF_BLOCK, OF_TERM = 6.0, 6.0  # … and the block's for a term's, and a term's f
 class DriftPrior:
     """The drifts' prior sigmas found so far, as factors of the ``believed`` ones; both ``(cameras, p)``.
 
-    ``given`` are the weights of all parameters' priors, ``of_block`` is the factor of all drifts together; ``sums`` are
-    the last squares (in believed sigmas), redundancy and number of drifts.
+    ``given`` are the weights of all parameters' priors, ``per_px`` the believed change across an image, px per px;
+    ``of_block`` is the factor of all drifts together; ``sums`` are the last squares (in believed sigmas), redundancy
+    and number of drifts.
     """
 
     model: RefinementModel
     given: np.ndarray
     believed: np.ndarray
+    per_px: float
     factor: np.ndarray = field(init=False)
     of_block: float = 1.0
     sums: tuple[float, float, int] = (0.0, 0.0, 0)
@@ -86,10 +88,9 @@ class DriftPrior:
         _, freedom, count = self.sums
         if not count:
             return ()
-        believed = float(np.sqrt(np.mean(self.believed[self.free] ** 2)))
         return (
             VarianceComponent(
-                "drift of the images", count, freedom, self.of_block, self.of_block * believed, "px/px",
+                "drift of the images", count, freedom, self.of_block, self.of_block * self.per_px, "px/px",
                 freedom >= LEAST_DRIFT_FREEDOM,
             ),
         )  # fmt: skip

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import special
 
+from ..refinement.model import believed_priors
 from .blunders.discrepancies import IMAGE, discrepancies
 from .drift_prior import SETTLED_SHARE, DriftPrior
 from .equations.camera_system import Factored
@@ -71,7 +72,9 @@ class SigmaEstimation:
         self.groups = Groups.of(problem.block, problem.observations, options.variance_groups, options.sensor_images)
         count = len(self.groups.names)
         self.sigmas = Sigmas(np.ones(count), np.zeros(count, dtype=bool))
-        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift)
+        drifts = [believed_priors(image).drift for image in problem.observations.images]
+        per_px = float(np.sqrt(np.mean(np.square(drifts))))
+        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift, per_px)
         self.sums = np.zeros((count, 3))
         self.drifts = False
         self._last: tuple[Solution, np.ndarray, Precision] | None = None

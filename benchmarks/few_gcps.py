@@ -1,0 +1,82 @@
+"""How models do with one, two or three GCPs, whichever they are: `few_gcps.py [--docs] [--most N]`.
+
+Real blocks with every choice of one GCP, and with `--most` choices of two and of three, evenly taken. The check
+points' measurements are ties, and the model is adjusted with the defaults. A figure is the RMSE over all choices and
+check points, in m east, north, height; then the worst choice's height, and in how many choices the height is better
+than a shift's.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse, hobart, zy3
+from hrsi.benchmarks.thesis_tables import render
+from hrsi.hrsi_engine import AdjustOptions, adjust
+from hrsi.hrsi_engine.block.block import Block
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "few_gcps.md"
+MODELS = ("shift", "generic-shift", "affine", "generic-12", "generic-affine", "generic-full")
+BLOCKS: dict[str, tuple[Callable[[Sequence[str]], Block], tuple[str, ...]]] = {
+    "Hobart, IKONOS triplet": (hobart, TEN),
+    "ZY-3 pair": (zy3, ZY3_CONTROL),
+}
+HEAD = ("GCPs", "choices", "model", "RMSE east, north, height m", "worst height m", "height better than shift's")
+INTRODUCTION = """# One, two or three GCPs
+
+Printed by `python benchmarks/few_gcps.py --docs`. Every choice of one GCP among those named in
+`benchmarks/real_blocks.py`, and evenly taken choices of two and three; measurements of check points are ties. RMSE over
+all choices and check points; the height RMSE of the worst choice; in how many choices a model's height is better than a
+shift's.
+"""
+
+
+def choices(ids: Sequence[str], count: int, most: int) -> list[tuple[str, ...]]:
+    """Return choices of ``count`` GCPs, at most so many, evenly from all."""
+    every = list(combinations(ids, count))
+    return [every[k] for k in np.unique(np.linspace(0, len(every) - 1, min(most, len(every))).astype(int))]
+
+
+def errors(make: Callable[[Sequence[str]], Block], chosen: list[tuple[str, ...]], model: str) -> np.ndarray:
+    """Return the check RMSE of each choice, ``(choices, 3)`` m."""
+    options = AdjustOptions(model=model, check_as_ties=True, reject_sigma=0.0)
+    return np.array([check_rmse(adjust(make(ids), options)) for ids in chosen])
+
+
+def rows(make: Callable[[Sequence[str]], Block], ids: Sequence[str], most: int) -> list[list[str]]:
+    """Return the table of a block."""
+    table = []
+    for count in (1, 2, 3):
+        chosen = choices(ids, count, most)
+        found = {model: errors(make, chosen, model) for model in MODELS}
+        for model, rmse in found.items():
+            numbers = " ".join(f"{value:.3f}" for value in np.sqrt(np.mean(rmse**2, axis=0)))
+            better = int((rmse[:, 2] < found["shift"][:, 2]).sum())
+            table.append([
+                str(count), str(len(chosen)), model, numbers, f"{rmse[:, 2].max():.3f}",
+                "" if model == "shift" else str(better),
+            ])  # fmt: skip
+    return table
+
+
+def main() -> None:
+    """Print the tables; ``--docs`` writes the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--docs", action="store_true")
+    parser.add_argument("--most", type=int, default=20, help="choices of two and of three GCPs")
+    words = parser.parse_args()
+    parts = [INTRODUCTION]
+    for title, (make, ids) in BLOCKS.items():
+        parts.append(f"## {title}\n\n{render(HEAD, rows(make, ids, words.most))}\n")
+        print(parts[-1], flush=True)
+    if words.docs:
+        PAGE.write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
