@@ -36,20 +36,29 @@ LEAST_DRIFT = 3e-5
 
 
 class PublishedAccuracy(NamedTuple):
-    """What is published of a sensor: CE90 without ground control (m), where, and how its files are told (`re`)."""
+    """What is published of a sensor.
+
+    ce90_m : without ground control; source : where
+    told_by : how its files are told (`re`)
+    drift : of its error across an image, px per px, and where; None where nothing is published
+    """
 
     title: str
     ce90_m: float
     source: str
     told_by: str
+    drift: tuple[float, str] | None = None
 
 
 _SMILEY = "B. Smiley: The absolute and relative geolocation accuracies of QB02 and WV01, DigitalGlobe 2009"
 _AGUILAR = "M. Aguilar et al. on GeoEye-1 and WorldView-1/2/3/4: direct geolocation better than 5.0 m CE90"
+_HANLEY = "Hanley and Fraser, Sensor orientation for HRSI, ISPRS 2004: subpixel with a shift; half a pixel taken"
 _KOMPSAT = "SI Imaging Services, white paper: Geolocation accuracy of KOMPSAT, Q2 2013"
+#: Drifts that are published by themselves.
+_DRIFTS = {"IKONOS": (0.5 / 11_000.0, _HANLEY)}
 #: By title. Names in files begin where no letter or digit stands before them.
 PUBLISHED = tuple(
-    PublishedAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})")
+    PublishedAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})", _DRIFTS.get(title))
     for title, ce90_m, source, told_by in (
         ("IKONOS", 15.0, "GeoInformatics 2/2008, p. 53: Geo Ortho Kit, 15 m CE90", r"ikonos|ik0?[12](?!\d)|po_\d{5}"),
         ("QuickBird", 17.5, f"{_SMILEY}: 14 to 21 m", r"quickbird|qb_?0?2(?!\d)"),
@@ -128,6 +137,9 @@ def believed_pointing(image: Image) -> Pointing:
         if varying:
             drift = np.sqrt(12.0) * varying / length_m
             reasons.append(f"ERR_RAND {varying:.3g} m")
+        elif published and published.drift:
+            drift, source = published.drift
+            reasons.append(source)
         else:
             smooth_m = max(length_m, SMOOTH_M)
             drift = STRIP_SHARE * sigma_m * np.sqrt(smooth_m / STRIP_M) / smooth_m

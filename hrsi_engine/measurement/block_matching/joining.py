@@ -9,6 +9,15 @@ a track are compared with their mean
     h_mean = sum(s^2 h) / sum(s^2),        away = s (h - h_mean)  in px,
 
 after each pair's own trend, again what the RPCs are off, has been taken from its heights (`without_contradictions`).
+
+**Sigmas.** That of a match is of the difference between two image points: the grey values of both windows are noisy. So
+each end has its root of one half, and what cameras do from point to point beside it (vibration, the RPC's fit), c px::
+
+    deviation across the line: variance s^2 + 2 c^2        image point: variance s^2 / 2 + c^2
+
+c is one number a block, such that the median of the squared deviations over their variances is that of chi squared
+(`camera_sigma_px`). On real images s / sqrt(2) is what residuals show from the best to the worst match
+(docs/tie_sigmas.md).
 """
 
 from __future__ import annotations
@@ -30,9 +39,10 @@ from ..tile_matching.epipolar import MIN_STRETCH, epipolar_miss
 from ..tile_matching.rpc_consistency import PARALLAX_JUMP_PX
 from ..tracks import spread_over_image
 
-#: What cameras do from point to point, whatever a match's own sigma: vibration and the RPC's fit. With it the residuals
-#: of Pleiades images agree with the sigmas (docs/matching.md). Drift is the adjustment's to deal with.
-CAMERA_SIGMA_PX = 0.04
+#: What cameras do from point to point; drift is the adjustment's. The least is for what no deviation across the lines
+#: shows: on relief, a window's match is off along them (docs/tie_sigmas.md).
+LEAST_CAMERA_PX, MOST_CAMERA_PX = 0.0125, 0.2
+MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
 SIGMAS = 4.0
 DEVIATION_FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
 JOINING_ROUNDS = 10
@@ -119,6 +129,31 @@ def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     links = sparse.coo_matrix((np.ones(len(one), bool), (one, near[one, which])), shape=(len(xy), len(xy)))
     _, island = csgraph.connected_components(links, directed=False)
     return np.asarray(np.bincount(island)[island] >= ISLAND_SHARE * len(xy))
+
+
+def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
+    """Return what the cameras add to an image point, from how far good matches are off across the epipolar lines."""
+    deviation, variance = [], []
+    for rows in pair_rows(matches).values():
+        if len(rows) < FEWEST_OF_A_PAIR:
+            continue
+        first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
+        middle = float(np.median(matches.height_m[rows]))
+        miss = epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
+        terms = _trend_terms(matches.first_xy[rows])
+        known = np.isfinite(miss.across_px)
+        trend = terms @ np.linalg.lstsq(terms[known], miss.across_px[known], rcond=1e-10)[0]
+        deviation.append((miss.across_px - trend)[known])
+        variance.append(matches.sigma_px[rows][known] ** 2)
+    if not deviation:
+        return LEAST_CAMERA_PX
+    squares, own = np.concatenate(deviation) ** 2, np.concatenate(variance)
+    low, high = LEAST_CAMERA_PX, MOST_CAMERA_PX
+    while high - low > 1e-4:
+        middle = (low + high) / 2.0
+        too_small = float(np.median(squares / (own + 2.0 * middle**2))) > MEDIAN_CHI_SQUARED
+        low, high = (middle, high) if too_small else (low, middle)
+    return low
 
 
 def pair_rows(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
@@ -238,14 +273,15 @@ def to_image_points(
         return ImagePoints.create([], [], np.empty((0, 2))), np.empty((0, 3))
     names, track = np.unique(matches.track, return_inverse=True)
     head = np.unique(track, return_index=True)[1]
-    sigma = np.sqrt(np.bincount(track, matches.sigma_px**2) / np.bincount(track))
+    own, camera = matches.sigma_px / np.sqrt(2.0), camera_sigma_px(matches, images)
+    sigma = np.sqrt(np.bincount(track, own**2) / np.bincount(track))
     quality = np.bincount(track, matches.quality) / np.bincount(track)
     rows = _Rows(
         np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second],
-        np.concatenate([matches.first_xy[head], matches.second_xy]), np.r_[sigma, matches.sigma_px],
+        np.concatenate([matches.first_xy[head], matches.second_xy]), np.hypot(np.r_[sigma, own], camera),
         np.r_[quality, matches.quality], np.r_[matches.kind[head], matches.kind],
     )  # fmt: skip
-    rank = quality - sigma  # both matter: a sharp point of a clear match
+    rank = quality - np.sqrt(2.0) * sigma  # both matter: a sharp point of a clear match
     # Which tracks stand beside a better one on two images or more: one place, found from two references
     length = np.bincount(rows.track, minlength=len(rank))
     beside: list[np.ndarray] = []
@@ -296,9 +332,8 @@ class _Rows:
         number = np.cumsum(chosen)[self.track[rows]]
         ids = np.char.add("T", np.char.zfill(number.astype(str), len(str(int(chosen.sum())))))
         image_ids = np.array([image.id for image in images])[self.image[rows]]
-        sigma = np.hypot(self.sigma_px[rows], CAMERA_SIGMA_PX)
         return ImagePoints.create(
-            ids, image_ids, self.xy[rows], sigma, self.kind[rows], self.quality[rows], "tie points"
+            ids, image_ids, self.xy[rows], self.sigma_px[rows], self.kind[rows], self.quality[rows], "tie points"
         )
 
 
