@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import shutil
@@ -17,10 +18,16 @@ import pytest
 import rendered_blocks as scenes
 from osgeo import gdal, ogr
 
+from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.simulated_block import write_image
+from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+from hrsi.hrsi_engine.simulation.render import render_window
+from hrsi.hrsi_engine.simulation.surface import locate_on_surface
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
+from hrsi.processing_algorithms.interface.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -191,3 +198,32 @@ def test_changed_pixels_are_matched_again_though_size_and_time_are_the_same(pair
     run("tie-points", output_dir=str(tmp_path / "b"), **options)
     made = {path.name for path in (tmp_path / "work").iterdir()} - kept
     assert {name.partition("-")[0] for name in made} == {"pair", "windows"}
+
+
+@pytest.mark.parametrize("trap", ["negative", "cliffs"])
+def test_a_negative_and_cliffs_give_no_false_tie_points(tmp_path: Path, trap: str) -> None:
+    """Through the command line, against the cameras and the surface that made the images."""
+    simulated = simulate_block(
+        SceneSpec(seed=3, cliff_m=60.0 if trap == "cliffs" else 0.0),
+        along_track_views(SENSORS["pleiades"], 2, (500, 500)), PointCounts(0, 0, 10), Noise(),
+    )  # fmt: skip
+    files = []
+    for index, image in enumerate(simulated.block.images):
+        grey = render_window(simulated, image.id, 0, 0, 500, 500)
+        if index and trap == "negative":
+            grey = grey.max() + grey.min() - grey
+        files.append(tmp_path / f"{image.id}.tif")
+        write_image(str(files[-1]), [ArrayRaster(grey)], image.rpc)
+    assert main(["tie-points", *map(str, files), "--csv", "--output-dir", str(tmp_path / "out"), "--quiet"]) == 0
+    with open(tmp_path / "out" / "tie_points.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    seen: list[dict[str, list[float]]] = [
+        {row["id"]: [float(row["sample"]), float(row["line"])] for row in rows if row["image"] == image.id}
+        for image in simulated.block.images
+    ]
+    names = sorted(set(seen[0]) & set(seen[1]))
+    assert len(names) > 500
+    first, second = (np.array([places[name] for name in names]) for places in seen)
+    cameras, terrain = simulated.truth.cameras, simulated.scene.terrain
+    true = cameras[1].ground_to_image(locate_on_surface(cameras[0], terrain, first))
+    assert np.linalg.norm(true - second, axis=1).max() < 3.0

@@ -26,11 +26,13 @@ from .refinement import Positions, refine_matches
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
 from .thresholds import Tolerance, tolerance_of
+from .unknown_scale import UNKNOWN_SCALES, likely_scales
 from .views import NetworkWindow, network_window
 
 STEEP_DEG = 30.0  # slope of the later stages of growth
 NEAR_PX, FAR_PX = 60.0, 150.0  # from the closest node
 REDUCED_FROM = 1.25  # ratio of pixel sizes above which the finer window is reduced to the coarser one
+EQUAL_SCALES = (1.0, 1.0)
 LARGEST_WINDOW_PX = 8192 * 8192
 
 
@@ -153,23 +155,37 @@ def match_windows(
     options = options or ControlNetworkOptions()
     if options.detector not in DETECTOR_SETS:
         raise InputError(f"no interest points {options.detector!r}: choose one of {', '.join(DETECTOR_SETS)}")
-    usual = float(np.sqrt(options.scales[0] * options.scales[1]))
+    areas = inside(first_window, first), inside(second_window, second)
+    if options.scales is not None:
+        return _match_at(first, second, options, options.scales, areas, progress)
+    found = _match_at(first, second, options, EQUAL_SCALES, areas, stage(progress, 0.0, 0.5))
+    if found.status == FOUND:
+        return found
+    likely = likely_scales(first, second, *areas)
+    if likely[0] <= 1.0 <= likely[1] and likely != UNKNOWN_SCALES:
+        return found  # the scale was right: another one would not help
+    return _match_at(first, second, options, likely, areas, stage(progress, 0.5, 1.0))
+
+
+def _match_at(
+    first: Raster, second: Raster, options: ControlNetworkOptions, known: tuple[float, float],
+    areas: tuple[Area, Area], progress: Progress,
+) -> ControlNetworkMatch:  # fmt: skip
+    """Match two windows whose scale is known, or lies in a range."""
+    usual = float(np.sqrt(known[0] * known[1]))
     reductions = [max(ratio, 1.0) if ratio >= REDUCED_FROM else 1.0 for ratio in (1.0 / usual, usual)]
     views = [
         _view(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
-        for k, (raster, window, reduction) in enumerate(
-            zip((first, second), (first_window, second_window), reductions, strict=True)
-        )
+        for k, (raster, window, reduction) in enumerate(zip((first, second), areas, reductions, strict=True))
     ]
     between = reductions[0] / reductions[1]
-    scales = options.scales[0] * between, options.scales[1] * between
+    scales = known[0] * between, known[1] * between
     return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0))
 
 
 def _view(
-    raster: Raster, window: Area | None, options: ControlNetworkOptions, reduction: float, progress: Progress
+    raster: Raster, area: Area, options: ControlNetworkOptions, reduction: float, progress: Progress
 ) -> NetworkWindow:
-    area = inside(window, raster)
     samples, lines = area.right - area.left, area.bottom - area.top
     if samples * lines > LARGEST_WINDOW_PX:
         raise InputError(

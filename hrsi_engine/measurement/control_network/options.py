@@ -10,9 +10,10 @@ from ..interest_points.options import DETECTOR_SETS
 class ControlNetworkOptions:
     """How two windows are matched."""
 
-    scales: tuple[float, float] = option(
-        (1.0, 1.0),
-        "Pixels of the second image for one of the first, or the range to search",
+    scales: tuple[float, float] | None = option(
+        None,
+        "Pixels of the second image for one of the first, or the range to search; by default 1, and where that does "
+        "not match what features tell",
         name="scale",
         minimum=0.05,
         maximum=20.0,

@@ -79,7 +79,7 @@ def find_by_network(
     Both windows have nearly the same geometry here, so that only what differs by height is left to the tolerances.
     """
     rasters = ArrayRaster(first.pixels, first.valid), ArrayRaster(second.pixels, second.valid)
-    result = match_windows(rasters[0], rasters[1], NetworkOptions(detector=detector, threads=1))
+    result = match_windows(rasters[0], rasters[1], NetworkOptions(scales=(1.0, 1.0), detector=detector, threads=1))
     return _near(result.positions.first + first.origin_px, result.positions.second + second.origin_px, reach_px)
 
 
