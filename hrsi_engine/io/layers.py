@@ -51,9 +51,6 @@ class Layer:
         Points or polygons. NaN, an empty polygon: no geometry.
     fields : mapping of str to (n,) ndarray
         Columns by name: text, integers, floats (NaN is written as NULL) or bools.
-    fields_of : str
-        Another layer of the file that has these fields, row by row. Then only the positions are written, and the layer
-        is a view that shows them with the other's fields: half the time and half the file.
     """
 
     name: str
@@ -61,17 +58,6 @@ class Layer:
     crs: int
     coordinates: np.ndarray | Sequence[Polygon]
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
-    fields_of: str = ""
-
-    @property
-    def table(self) -> str:
-        """The table that holds the layer's own columns."""
-        return f"{self.name}_positions" if self.fields_of else self.name
-
-    @property
-    def columns(self) -> Mapping[str, np.ndarray]:
-        """The fields of that table."""
-        return {} if self.fields_of else self.fields
 
     def __len__(self) -> int:
         return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
@@ -112,9 +98,6 @@ def write_geopackage(
                 database.execute("PRAGMA synchronous = OFF")  # the file is flushed and renamed when it is complete
                 database.execute("PRAGMA journal_mode = OFF")
                 database.execute("BEGIN")
-                for layer in layers:
-                    if layer.fields_of:
-                        _show_fields_of_another(database, layer)
                 done = 0
                 for layer in layers:
                     for _ in insert_rows(database, layer):
@@ -191,7 +174,7 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
     table = dataset.CreateLayer(
         layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
     )
-    for name, column in layer.columns.items():
+    for name, column in layer.fields.items():
         kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
         definition = ogr.FieldDefn(name, kinds.get(column.dtype.kind, ogr.OFTString))
         if column.dtype.kind == "b":
@@ -199,32 +182,17 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
         table.CreateField(definition)
 
 
-def _show_fields_of_another(database: sqlite3.Connection, layer: Layer) -> None:
-    """Make a view of a layer that OGR made and registered; what it made becomes the table of the positions.
-
-    The spatial index keeps the layer's name, under which OGR and QGIS look for it; OGR's triggers keep it up to date.
-    """
-    database.execute(sql_text("ALTER TABLE {layer} RENAME TO {table}", layer=layer.name, table=layer.table))
-    shown = [sql_text("own.{place}", place=name) for name in ("fid", GEOMETRY_COLUMN)]
-    shown += [sql_text("other.{place}", place=name) for name in layer.fields]
-    database.execute(
-        sql_text("CREATE VIEW {layer} AS SELECT ", layer=layer.name) + ", ".join(shown)
-        + sql_text(" FROM {table} AS own JOIN {other} AS other ON other.fid = own.fid", table=layer.table,
-                   other=layer.fields_of)
-    )  # fmt: skip
-
-
 def insert_rows(database: sqlite3.Connection, layer: Layer, empty_first: bool = False) -> Iterator[None]:
     """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows."""
-    columns = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.columns]
-    statement = insert_text(layer.table, columns)
-    with _without_triggers(database, layer.table):
+    columns = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
+    statement = insert_text(layer.name, columns)
+    with _without_triggers(database, layer.name):
         if empty_first:
-            database.execute(sql_text("DELETE FROM {table}", table=layer.table))
+            database.execute(sql_text("DELETE FROM {table}", table=layer.name))
             empty_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}")
         for start in range(0, len(layer), _CHUNK_ROWS):
             rows = slice(start, min(start + _CHUNK_ROWS, len(layer)))
-            values: list[Iterable] = [np.asarray(column)[rows].tolist() for column in layer.columns.values()]
+            values: list[Iterable] = [np.asarray(column)[rows].tolist() for column in layer.fields.values()]
             if layer.geometry != "None":
                 values.insert(0, _blobs(layer, rows))
             database.executemany(statement, zip(range(rows.start + 1, rows.stop + 1), *values, strict=True))

@@ -42,10 +42,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         _point_layer("ground_points", ground_points_table(result), WGS84),
         _point_layer("image_points", image_points_table(result, left), WGS84),
-        *(
-            _point_layer(name, left_over, crs[name], fields_of="" if name == chosen[0] else chosen[0])
-            for name in chosen
-        ),
+        *(_point_layer(name, left_over, crs[name]) for name in chosen),
     ]
 
 
@@ -63,9 +60,9 @@ def block_map(result: Adjustment, left: Residuals) -> BlockMap:
     )
 
 
-def _point_layer(name: str, table: Table, epsg: int, fields_of: str = "") -> Layer:
+def _point_layer(name: str, table: Table, epsg: int) -> Layer:
     """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
     place = table.positions
     if epsg != WGS84:
         place = np.column_stack([to_projected(place, epsg), place[:, 2]])
-    return Layer(name, "PointZ", epsg, place, table.columns, fields_of)
+    return Layer(name, "PointZ", epsg, place, table.columns)

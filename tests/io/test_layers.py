@@ -66,8 +66,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_geopackage(str(path), [
         Layer("images", "Polygon", 4326, [Polygon(RING), Polygon(RING + 0.1)], images),
         Layer("residuals_wgs84", "PointZ", 4326, place, fields),
-        Layer("residuals_utm", "PointZ", utm, np.column_stack([to_projected(place, utm), place[:, 2]]), fields,
-              fields_of="residuals_wgs84"),
+        Layer("residuals_utm", "PointZ", utm, np.column_stack([to_projected(place, utm), place[:, 2]]), fields),
         Layer("flat", "Point", 4326, place[:, :2], {"id": fields["id"]}),
         Layer("table", "None", 4326, (), {"id": fields["id"], "value": fields["residual_east_m"]}),
         Layer("image_points", "PointZ", 4326, np.empty((0, 3)), empty),
@@ -116,34 +115,6 @@ def test_extent_count_crs_and_index(block: Path) -> None:
     assert layer.GetFeatureCount() == inside.sum() > 10
     assert dataset.GetLayerByName("image_points").GetFeatureCount() == 0
     assert dataset.GetLayerByName("table").GetGeomType() == ogr.wkbNone
-
-
-def test_a_layer_with_the_fields_of_another_is_written_once(block: Path) -> None:
-    """A view with positions and a spatial index of its own: OGR opens, counts and filters it like any layer."""
-    dataset = gdal.OpenEx(str(block), gdal.OF_VECTOR)
-    layer = dataset.GetLayerByName("residuals_utm")
-    place = to_projected(positions(400), 32755)
-    assert layer.GetFIDColumn() == "fid" and layer.GetFeatureCount() == 400
-    assert layer.TestCapability(ogr.OLCFastSpatialFilter)
-    low, high = np.quantile(place, 0.3, axis=0), np.quantile(place, 0.7, axis=0)
-    layer.SetSpatialFilterRect(low[0], low[1], high[0], high[1])
-    inside = ((place > low) & (place < high)).all(axis=1)
-    assert {feature.GetField("id") for feature in layer} == {f"P{k}" for k in np.flatnonzero(inside)}
-    assert layer.GetFeature(7).GetField("id") == "P6"
-    other = dataset.GetLayerByName("residuals_wgs84").GetLayerDefn()
-    for number in range(other.GetFieldCount()):
-        one, same = (of.GetFieldDefn(number) for of in (other, layer.GetLayerDefn()))
-        assert (one.GetName(), one.GetTypeName(), one.GetSubType()) == (
-            same.GetName(), same.GetTypeName(), same.GetSubType()
-        )  # fmt: skip
-    assert [dataset.GetLayer(k).GetName() for k in range(dataset.GetLayerCount())].count("residuals_utm") == 1
-    assert dataset.GetLayerByName("residuals_utm_positions") is None
-    with sqlite3.connect(block) as database:
-        plan = database.execute(
-            "EXPLAIN QUERY PLAN SELECT m.id FROM residuals_utm m JOIN rtree_residuals_utm_geom r ON m.fid = r.id "
-            "WHERE r.maxx >= 1 AND r.minx <= 2"
-        ).fetchall()
-    assert not any("SCAN own" in step[-1] or "SCAN other" in step[-1] for step in plan)  # by the index, not all rows
 
 
 def test_polygons_are_closed_once(block: Path) -> None:
