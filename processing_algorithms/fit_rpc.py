@@ -18,6 +18,7 @@ from .interface.declare import Context, Report
 
 CHECK_SHARE = 5  # one point in five is kept for the check
 FEWEST_FOR_CHECK = 15
+BAD_FIT_PX = 1.0  # of a sensor model that an RPC can stand for, hundredths are left
 SEED = 1  # of the choice of check points: the same ones every time
 
 
@@ -35,6 +36,10 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         high if options.max_height is None else options.max_height,
     )
     few = [f"too few points to keep some for a check: give at least {FEWEST_FOR_CHECK}"] if (check is None) else []
+    if fit.max_px > BAD_FIT_PX:
+        few.append(
+            f"the RPC fits its points to {fit.max_px:.3g} px only: check them for mistakes and points given twice"
+        )
     height_warnings = [*few, *extrapolation_warnings(wanted, (low, high))]
     report: Report = {
         "schema": 1, "algorithm": "fit-rpc", "output": str(Path(options.folder.output_dir) / name),

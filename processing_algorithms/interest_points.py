@@ -13,10 +13,10 @@ from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
 from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points
-from ..hrsi_engine.surface.dem import HeightSurface
 from .declarations.interest_points import LAYER, LAYERS_FILE, InterestPointsOptions
-from .files.image_pixels import ImagePixels, ground_of, open_pixels, window_area
-from .files.result_folder import check_folder, write_folder
+from .files.image_files import require_ids
+from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
+from .files.result_folder import check_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report, settings_of
 
@@ -27,6 +27,7 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     """Detect the points of every image and write them as one layer."""
     check_folder(options.folder)
     images = [open_pixels(path, options.band) for path in options.images]
+    require_ids([image.path for image in images], [image.id for image in images])
     surface = open_terrain(options.terrain)
     names = DETECTOR_SETS[options.detector]
     tables = []
@@ -37,13 +38,17 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
             for name, share in zip(names, _shares(number, len(images), len(names)), strict=True)
         ]
         tables.append(join_points(parts))
+    grounds = [ground_of(image, table.xy, surface) for image, table in zip(images, tables, strict=True)]
+    warnings = [f"{image.id}: no point" for image, table in zip(images, tables, strict=True) if not len(table)]
+    warnings += ground_warnings(images, grounds)
+    tell(warnings, context)
     report: Report = {
         "schema": 1, "algorithm": "interest-points", "version": VERSION, "detector": options.detector,
         "images": {image.id: _summary(image, points) for image, points in zip(images, tables, strict=True)},
-        "warnings": [f"{image.id}: no point" for image, table in zip(images, tables, strict=True) if not len(table)],
+        "warnings": warnings,
         "settings": settings_of(options),
     }  # fmt: skip
-    layers = [_layer(images, tables, surface)]
+    layers = [_layer(images, tables, grounds)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
@@ -65,12 +70,12 @@ def _summary(image: ImagePixels, points: InterestPoints) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _layer(images: list[ImagePixels], tables: list[InterestPoints], surface: HeightSurface | None) -> Layer:
+def _layer(images: list[ImagePixels], tables: list[InterestPoints], grounds: list[np.ndarray]) -> Layer:
     """Return one layer of all points: at their ground positions where all images have an RPC, else a table."""
     points = join_points(tables)
     image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])
     ids = [table.to_image_points(image.id, f"{image.id}_").ids for image, table in zip(images, tables, strict=True)]
-    ground = np.concatenate([ground_of(image, table.xy, surface) for image, table in zip(images, tables, strict=True)])
+    ground = np.concatenate(grounds)
     fields = {
         "id": np.concatenate(ids).astype(str), "image": image_ids.astype(str),
         "sample": points.xy[:, 0], "line": points.xy[:, 1],

@@ -23,8 +23,8 @@ from ..hrsi_engine.measurement.control_network.super_points import FOUND
 from ..hrsi_engine.measurement.interest_points.detectors import inside
 from ..hrsi_engine.measurement.interest_points.windows import Area
 from .declarations.match import LAYER, LAYERS_FILE, MatchAlgorithmOptions
-from .files.image_pixels import ImagePixels, ground_of, open_pixels, window_area
-from .files.result_folder import check_folder
+from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
+from .files.result_folder import check_folder, tell
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report, settings_of
 
@@ -90,7 +90,11 @@ def _write(
     found: ControlNetworkMatch, context: Context,
 ) -> None:  # fmt: skip
 
-    layers = _layers(options, images, found)
+    surface, made = open_terrain(options.terrain), found.positions
+    ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
+    report["warnings"] += ground_warnings(images, ground)
+    tell(report["warnings"], context)
+    layers = _layers(images, found, ground)
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), layers)
         columns = layers[0].fields
@@ -111,11 +115,10 @@ def _side(image: ImagePixels, area: Area, xy: np.ndarray) -> PictureSide:
     return PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy)
 
 
-def _layers(options: MatchAlgorithmOptions, images: list[ImagePixels], found: ControlNetworkMatch) -> list[Layer]:
+def _layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: list[np.ndarray]) -> list[Layer]:
     """Return the correspondences, and the same as image points, on the ground where the images have RPCs."""
-    surface, made = open_terrain(options.terrain), found.positions
+    made = found.positions
     ids = np.char.add("M", np.char.zfill(np.arange(1, len(found) + 1).astype(str), len(str(max(len(found), 1)))))
-    ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
     fields = {
         "id": ids, "first_sample": made.first[:, 0], "first_line": made.first[:, 1],
         "second_sample": made.second[:, 0], "second_line": made.second[:, 1], "kind": found.kind,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.layers import Layer, write_geopackage
@@ -34,6 +34,14 @@ def run(options: RegisterOptions, context: Context) -> Report:
     check_folder(options.folder)
     first, second, points = _match(options)
     start = _carry(options, points["first"]) if options.registration.by_rpcs else points["first"]
+    known = np.isfinite(start).all(axis=1)
+    lost = [f"{(~known).sum()} points of {first} have no position on the terrain: left out"] if not known.all() else []
+    if not known.any():
+        raise InputError(
+            f"{options.image_points}: no point of {first} has a position on the terrain: check sample and line, and "
+            "`dem` or `height`"
+        )
+    start, points = start[known], {name: column[known] for name, column in points.items()}
     unit = options.gsd or 1.0
     sigma = points["sigma"]
     result = compare_kinds(
@@ -55,7 +63,7 @@ def run(options: RegisterOptions, context: Context) -> Report:
         "together": {kind: asdict(row) for kind, row in result.together.items()},
         "center_over_corner": ratios if any(ratios.values()) else None,
         "matrix": everything.matrix.tolist(),
-        "outliers": points["ids"][~everything.used].tolist(), "warnings": _warnings(points, everything.unknowns),
+        "outliers": points["ids"][~everything.used].tolist(), "warnings": [*lost, *_warnings(points, everything.unknowns)],
         "settings": settings_of(options),
     }  # fmt: skip
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
@@ -96,8 +104,12 @@ def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
 
 
 def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
-    """Return the row of each id on one image."""
-    return {str(table.ids[row]): row for row, name in enumerate(table.image_ids.tolist()) if name == image}
+    """Return the row of each id on one image; raise `InputError` where one is there twice."""
+    rows = np.flatnonzero(table.image_ids == image)
+    ids, counts = np.unique(table.ids[rows], return_counts=True)
+    if (counts > 1).any():
+        raise InputError(f"{table.source}: {list_ids(ids[counts > 1])} stands twice on {image}: keep one of the rows")
+    return {str(table.ids[row]): int(row) for row in rows}
 
 
 def _pair(options: RegisterOptions, names: list[str], table: ImagePoints) -> tuple[str, str]:

@@ -14,6 +14,7 @@ import io
 import os
 import resource
 import shutil
+import socket
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
@@ -253,10 +254,29 @@ OF_ALL: dict[str, Fault] = {
     "too long name": too_long, "/vsizip": zipped,
 }  # fmt: skip
 
+
+@contextlib.contextmanager
+def hanging_server() -> Iterator[str]:
+    """Yield the address of a server that takes connections and never answers."""
+    with socket.create_server(("127.0.0.1", 0), backlog=64) as server:
+        yield f"/vsicurl/http://127.0.0.1:{server.getsockname()[1]}"
+
+
+def hanging(address: str) -> Fault:
+    """The file as a server promises it that hangs."""
+    return lambda sound, folder: f"{address}/{sound.name}"
+
+
 # ---- cases and their judgement ---------------------------------------------------------------------------------------
 
 REFUSED, TOLD, SILENT, WRONG = "refused", "told", "done", "wrong"
-NO_FILE = {"missing", "empty", "wrong type", "too long name"}  #: must be refused, with the file's name
+NO_FILE = {
+    "missing",
+    "empty",
+    "wrong type",
+    "too long name",
+    "hanging /vsicurl",
+}  #: must be refused, with the file's name
 GOOD = {"Unicode", "spaces", "long path", "/vsizip"}  #: must be done
 NO_ARCHIVE = (GRID, FOLDER, RPC_FILE)  #: roles that need not be read from an archive: refused is right, too
 
@@ -346,9 +366,11 @@ def faults_of_error(code: int, err: str, names: set[str]) -> list[str]:
     return wrong
 
 
-def left_behind(output: Path, kept: tuple[str, ...] = ()) -> list[str]:
-    """Return what lies in an output folder, but for what a run that was stopped keeps for the next one."""
-    return [path.name for path in output.rglob("*") if not set(path.relative_to(output).parts) & set(kept)]
+def left_behind(output: Path, algorithm: Algorithm) -> list[str]:
+    """Return what lies in an output folder, but for what the algorithm keeps there on purpose."""
+    kept = KEPT.get(algorithm.name, lambda name: False)
+    names = [str(path.relative_to(output)) for path in output.rglob("*")]
+    return [name for name in names if not kept(name) or Path(name).name.startswith(".")]
 
 
 def judge(case: Case, scene: Path, folder: Path, told_of_sound: set[str]) -> Outcome | None:
@@ -379,13 +401,13 @@ def judge(case: Case, scene: Path, folder: Path, told_of_sound: set[str]) -> Out
     if code not in (0, 3):
         names = {Path(bad).stem, f"--{case.key.replace('_', '-')}"}
         if case.kind not in NO_FILE:  # what lies in a file is told by the images that it does not fit
-            names |= {Path(image).stem for image in options.get("images", [])}
+            names |= {Path(image).stem for image in options.get("images", [])} | {"two images", "window"}
         outcome = Outcome(REFUSED, "\n".join(error_lines(err)), faults_of_error(code, err, names))
         if case.kind in NO_FILE and code != 2:
             outcome.wrong.append(f"exit code {code} for a faulty file")
         if case.kind in GOOD and not (case.kind == "/vsizip" and case.role in NO_ARCHIVE):
             outcome.wrong.append("refused")
-        left = left_behind(output)
+        left = left_behind(output, case.algorithm)
         outcome.wrong += [f"left behind: {', '.join(left[:4])}"] if left else []
     else:
         told = told_lines(err, out, inputs, scene) - told_of_sound
@@ -413,13 +435,31 @@ def told_lines(err: str, out: str, *folders: Path) -> set[str]:
 
 
 TELLING = ("warning", "doubtful:", "unusable:", "no match", "ambiguous", "nan")
-#: Faults that do no harm, by algorithm (any: empty), input and kind, and why.
+#: Faults that do no harm, by algorithm, input and kind (empty: any), and why.
 HARMLESS: dict[tuple[str, str, str], str] = {
     ("", "work_dir", "missing"): "is made",
     ("", "work_dir", "empty"): "is filled",
     ("", "work_dir", "truncated"): "damaged parts are found anew",
+    ("", "images", "negative"): "an axis that runs the other way is a camera like any other",
     ("write-rpc", "images", ""): "writes the camera that it is given",
     ("write-rpc", "rpc", ""): "writes the camera that it is given",
+    ("interest-points", "images", "wrong CRS"): "its points are in pixels",
+    ("interest-points", "images", "non-overlapping"): "its points are in pixels",
+    ("match", "images", "wrong CRS"): "needs no camera",
+    ("match", "images", "non-overlapping"): "needs no camera",
+    ("register", "images", "wrong CRS"): "the affine part takes up what cameras are off",
+    ("register", "images", "non-overlapping"): "the affine part takes up what cameras are off",
+    ("project", "points", "negative"): "takes no image coordinates",
+    ("localize", "points", "wrong CRS"): "takes no longitudes and latitudes",
+    ("localize", "points", "duplicate"): "each row is a question of its own",
+    ("fit-rpc", "points", "non-overlapping"): "any place on Earth will do",
+}
+#: What lies in an output folder after a refusal, on purpose: finished parts for the next run, and what was found.
+KEPT: dict[str, Callable[[str], bool]] = {
+    "tie-points": lambda name: name.startswith(UNFINISHED),
+    "triangulate": lambda name: name.startswith(UNFINISHED),
+    "orthorectify": lambda name: name.endswith("_ortho.tif"),
+    "match": lambda name: True,
 }
 PIXEL_FAULTS = ("truncated", "nodata everywhere")
 
@@ -519,16 +559,16 @@ def judge_output(algorithm: Algorithm, kind: str, scene: Path, folder: Path, how
     before, mine = digests(scene), (folder / "file").read_text()
     with meanwhile(output):
         code, _, err = run_words(words_of(algorithm, options))
-    if good:
+    if good and not ("long" in kind and code in (1, 2) and faults_of_error(code, err, {"512"}) == []):
         outcome = Outcome(SILENT, "", [] if code == 0 else [f"refused: {err[-300:]}"])
         outcome.wrong += [f"left behind: {hidden}" for hidden in output.rglob(".*")]
     elif code == 0:  # what a tiny disk holds, it holds whole
         outcome = Outcome(SILENT, "", [] if "full disk" in kind and kind[-1] == "B" else ["not refused"])
     else:
         outcome = Outcome(
-            REFUSED, "\n".join(error_lines(err)), faults_of_error(code, err, {str(output), "--output-dir"})
+            REFUSED, "\n".join(error_lines(err)), faults_of_error(code, err, {str(output), output.name, "--output-dir"})
         )
-        left = left_behind(folder / "out", (UNFINISHED,)) if name.startswith("out") else []
+        left = left_behind(folder / "out", algorithm) if name.startswith("out") else []
         outcome.wrong += [f"left behind: {', '.join(left[:4])}"] if left else []
     outcome.wrong += ["inputs changed"] if digests(scene) != before or (folder / "file").read_text() != mine else []
     return outcome

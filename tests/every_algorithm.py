@@ -92,13 +92,13 @@ def make_scene(folder: Path) -> None:
     images = [open_image(str(folder / name)) for name in SOUND["images"]]
     (folder / "cameras").mkdir()
     write_rpc_text(str(folder / SOUND["rpc"]), images[0].rpc)
-    # Points with everything that a point file may have: positions on the ground and in the first image
+    # Points with everything that a point file may have: positions on the ground and in the second image
     rows = ["id,image,sample,line,lon,lat,height"]
     for height in (200.0, 260.0, 320.0):
-        xy = images[0].grid_px(5, 5)
-        for number, (place, ground) in enumerate(zip(xy, images[0].rpc.localize(xy, height).ground, strict=True)):
+        xy = images[1].grid_px(5, 5)
+        for number, (place, ground) in enumerate(zip(xy, images[1].rpc.localize(xy, height).ground, strict=True)):
             values = ",".join(f"{value:.10f}" for value in (*place, *ground))
-            rows.append(f"P{number:02d}_{height:.0f},image_1,{values}")
+            rows.append(f"P{number:02d}_{height:.0f},image_2,{values}")
     (folder / "points.csv").write_text("\n".join(rows) + "\n")
     (folder / "without_heights.csv").write_text("\n".join(row.rpartition(",")[0] for row in rows) + "\n")
     measured = (folder / "image_points.csv").read_text().splitlines()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import zipfile
@@ -48,8 +49,10 @@ class FinishedParts:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be made ({error.strerror}): choose another directory") from error
-        with replacing(str(self._path(key))) as temporary:
-            np.savez(temporary, **result)
+        content = io.BytesIO()  # zipfile would complain of a full disk in its own way
+        np.savez(content, **result)  # type: ignore[arg-type]
+        with replacing(str(self._path(key))) as temporary, open(temporary, "wb") as file:
+            file.write(content.getbuffer())
 
     def _path(self, key: str) -> Path:
         if not _KEY.fullmatch(key):

@@ -22,7 +22,7 @@ from shapely.geometry import Polygon
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes
-from .datasets import gdal_messages
+from .datasets import gdal_messages, quiet
 from .layer_styles import Style, default_styles
 from .replacing import replacing
 from .rtree import empty_rtree, fill_rtree
@@ -32,6 +32,7 @@ _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
 }  # fmt: skip
 GEOMETRY_COLUMN = "geom"
+LONGEST_PATH = 400  # bytes: hidden names and journals are longer, by what tells who writes
 _CHUNK_ROWS = 50_000
 
 
@@ -91,7 +92,12 @@ def write_geopackage(
     total = max(1, sum(map(len, layers)))
     if styles is None:
         styles = default_styles({layer.name: layer.fields for layer in layers})
-    with replacing(path) as temporary:
+    length = len(os.fsencode(os.path.abspath(path)))
+    if length > LONGEST_PATH:
+        raise OutputError(
+            f"{path}: the path has {length} bytes, and SQLite opens none of more than 512: choose a shorter `output_dir`"
+        )
+    with replacing(path) as temporary, quiet():  # GDAL and SQLite have more to say of a full disk
         _create_tables(path, temporary, layers, with_styles=bool(styles))
         try:
             with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.errors import InputError
+from .budgets import require_heights
 from .point_files.find import point_reader_of, split_spec
 from .point_files.interpret import image_names
 from .point_files.positions import Reference, ground_positions, has_positions
@@ -59,6 +60,7 @@ def read_correspondences(spec: str, *, ground_crs: str | None = None, height_dat
     missing = np.flatnonzero(np.isnan(ground).any(axis=1))
     if missing.size:
         raise InputError(f"{table.at(missing[0])}: has no ground position: fill it in, or remove the row")
+    require_heights(ground[:, 2], table.at)
     return Correspondences(ground, image, (*table.notes, *warnings))
 
 

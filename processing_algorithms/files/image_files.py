@@ -24,16 +24,23 @@ def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Ima
     """
     for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
         log(notice)
-    images, named = [], dict[str, str]()
+    images = []
     for path in paths:
         image, found = open_image_and_source(path)
-        if image.id in named:
-            raise InputError(f"{named[image.id]} and {path} have the same id {image.id!r}: rename one")
-        named[image.id] = path
         if found.ignored or (always and len(paths) <= MOST_LINES):
             log(f"{image.id}: {found.summary}")
         images.append(image)
+    require_ids(paths, [image.id for image in images])
     return images
+
+
+def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
+    """Raise `InputError` where two images have the same id."""
+    named: dict[str, str] = {}
+    for path, image_id in zip(paths, ids, strict=True):
+        if image_id in named:
+            raise InputError(f"{named[image_id]} and {path} have the same id {image_id!r}: rename one")
+        named[image_id] = path
 
 
 def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:

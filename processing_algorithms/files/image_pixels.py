@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from ...hrsi_engine.block.block import Raster
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters import GdalRaster, image_id
-from ...hrsi_engine.io.rpc_files.find import rpc_of_dataset
+from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
 from ...hrsi_engine.measurement.interest_points.windows import Area
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface
 
@@ -25,13 +26,10 @@ class ImagePixels(NamedTuple):
 
 
 def open_pixels(path: str, band: int = 1) -> ImagePixels:
-    """Open an image; raises `InputError` where it has no pixels."""
+    """Open an image; raises `InputError` where it has no pixels, or an RPC that is damaged."""
     raster = GdalRaster(path, band)
-    try:
-        rpc = rpc_of_dataset(path, raster.dataset).rpc
-    except InputError:
-        rpc = None
-    return ImagePixels(image_id(path), path, raster, rpc)
+    found = read_rpc_or_none(path)
+    return ImagePixels(image_id(path), path, raster, None if found is None else found.rpc)
 
 
 def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None) -> np.ndarray:
@@ -55,3 +53,10 @@ def window_area(text: str | None, argument: str) -> Area | None:
     except ValueError:
         raise InputError(f"`{argument}` {text!r} is not SAMPLE,LINE,SAMPLES,LINES: give four whole numbers") from None
     return Area(sample, line, sample + samples, line + lines)
+
+
+def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]) -> list[str]:
+    """Return a word on each image with an RPC whose points ``(n, 3)`` have no ground position, all or some."""
+    lost = {image.id: int(np.isnan(ground).any(axis=1).sum()) for image, ground in zip(images, grounds, strict=True)
+            if image.rpc is not None}  # fmt: skip
+    return [f"{name}: {count} points have no position on the terrain" for name, count in lost.items() if count]

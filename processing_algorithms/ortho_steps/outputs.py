@@ -202,7 +202,12 @@ def write_report(
 
 
 def _unknown_warnings(entries: Mapping[str, Report]) -> list[str]:
-    return [
+    empty = [
+        f"{name}: the orthoimage shows nothing: check the image's pixels and its nodata value"
+        for name, entry in entries.items()
+        if not entry["shown_pixels"]
+    ]
+    return empty + [
         f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
         "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
         for name, entry in entries.items()

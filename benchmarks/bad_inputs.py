@@ -1,0 +1,108 @@
+"""The matrix of bad input: ``bad_inputs.py [--docs] [ALGORITHM …]``.
+
+Every algorithm x every input that it declares x every kind of fault (`tests/bad_inputs.py`), and bad output folders.
+Printed are the numbers of cases by algorithm and by kind, and every case that is wrong. ``--docs`` writes the tables
+into docs/robustness.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from osgeo import gdal
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+from bad_inputs import (  # noqa: E402  # lies with the tests
+    OUTPUTS,
+    REFUSED,
+    SILENT,
+    TOLD,
+    Case,
+    Outcome,
+    cases,
+    hanging,
+    hanging_server,
+    judge,
+    judge_output,
+    sound_telling,
+)
+from every_algorithm import inputs_of, make_scene  # noqa: E402
+
+from hrsi.benchmarks.robustness_page import write_section  # noqa: E402
+from hrsi.benchmarks.thesis_tables import render  # noqa: E402
+from hrsi.processing_algorithms import REGISTRY  # noqa: E402
+
+HANGS = "hanging /vsicurl"
+PATIENCE_S = "1"  # of the requests here; a user's or the program's own patience is longer
+LONGEST_S = 60.0  # that a case may take
+HEAD = ["cases", "refused", "told", "done", "wrong"]
+
+
+def outcomes(name: str, scene: Path, place: Path, address: str) -> Iterator[tuple[str, str, Outcome]]:
+    """Yield what was asked of an algorithm, the kind of fault, and how it ended."""
+    algorithm = REGISTRY[name]
+    for kind in OUTPUTS:
+        yield f"{name} {kind}", kind, judge_output(algorithm, kind, scene, place / kind)
+    for key, role in inputs_of(algorithm).items():
+        told = sound_telling(algorithm, key, scene, place / key)
+        hangs = Case(algorithm, key, role, HANGS, hanging(address))
+        for case in [*(case for case in cases(algorithm) if case.key == key), hangs]:
+            began = time.monotonic()
+            outcome = judge(case, scene, place / key / case.kind.replace("/", ""), told)
+            if outcome is not None:
+                seconds = time.monotonic() - began
+                outcome.wrong += [f"took {seconds:.0f} s"] if case.kind == HANGS and seconds > LONGEST_S else []
+                yield str(case), case.kind, outcome
+
+
+def row_of(name: str, found: Sequence[Outcome]) -> list[str]:
+    """Return the cells of a row."""
+    ended = [sum(outcome.what == what for outcome in found) for what in (REFUSED, TOLD, SILENT)]
+    return [name, *map(str, (len(found), *ended, sum(bool(outcome.wrong) for outcome in found)))]
+
+
+def main(words: Sequence[str]) -> int:
+    """Print the tables; return 1 where a case is wrong."""
+    parser = argparse.ArgumentParser(prog="bad_inputs.py", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="ALGORITHM", help="only these")
+    parser.add_argument("--docs", action="store_true")
+    options = parser.parse_args(list(words))
+    gdal.SetConfigOption("GDAL_HTTP_TIMEOUT", PATIENCE_S)
+    by_name: dict[str, list[Outcome]] = defaultdict(list)
+    by_kind: dict[str, list[Outcome]] = defaultdict(list)
+    with tempfile.TemporaryDirectory(prefix="hrsi-bad-") as folder, hanging_server() as address:
+        scene = Path(folder) / "scene"
+        make_scene(scene)
+        for name in options.names or REGISTRY:
+            for said, kind, outcome in outcomes(name, scene, Path(folder) / name, address):
+                by_name[name].append(outcome)
+                by_kind[kind].append(outcome)
+                if outcome.wrong:
+                    print(f"WRONG {said}: {'; '.join(outcome.wrong)} | {outcome.text[:300]}", flush=True)
+            print(" | ".join(row_of(name, by_name[name])), flush=True)
+    every = [outcome for found in by_name.values() for outcome in found]
+    first = render(["algorithm", *HEAD], [*(row_of(*one) for one in by_name.items()), row_of("all", every)])
+    second = render(["kind", *HEAD], [row_of(*one) for one in by_kind.items()])
+    print(f"\n{first}\n\n{second}")
+    if options.docs:
+        write_section("Bad input", "benchmarks/bad_inputs.py", EXPLANATION, first, second)
+    return 1 if any(outcome.wrong for outcome in every) else 0
+
+
+EXPLANATION = """Each case is one command line with one fault, at one of the inputs that the algorithm declares or at its
+output folder. *Refused*: one line that names the file, or the images that it does not fit, with exit code 1 or 2, and
+nothing in the output folder but finished parts that are kept on purpose. *Told*: a result with a warning or a verdict
+that names what is odd. *Done*: the fault does no harm, as blanks in a path, or a damaged DEM where none is needed.
+*Wrong*: anything else: a traceback, more than one line, a fault that nobody is told of, a changed input, something
+left behind."""
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

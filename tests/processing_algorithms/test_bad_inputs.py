@@ -1,0 +1,54 @@
+"""Every algorithm refuses or tells bad input, of every kind, at every input, and bad output folders.
+
+The inputs come from the declarations. benchmarks/bad_inputs.py prints the whole matrix; left out here are kinds that
+are read in the same place for all algorithms.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from bad_inputs import OUTPUTS, Case, cases, judge, judge_output, reads_pixels, sound_telling
+from every_algorithm import GRID, inputs_of, make_scene
+
+from hrsi.processing_algorithms import REGISTRY
+
+ELSEWHERE = {"long path", "spaces"}  # as Unicode
+OUTPUT_KINDS = ("output: in a read-only folder", "output: full disk at once", "output: full disk at 1 kB")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scene")
+    make_scene(folder)
+    return folder
+
+
+def is_quick(case: Case) -> bool:
+    """Return whether a case is for the tests: geoid grids are read in one place, and matching takes its time."""
+    if case.role == GRID:
+        return case.kind == "missing"
+    return case.kind not in ELSEWHERE and not (case.kind == "Unicode" and reads_pixels(case.algorithm))
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_inputs(scene: Path, tmp_path: Path, name: str) -> None:
+    algorithm, wrong, count = REGISTRY[name], [], 0
+    for key in inputs_of(algorithm):
+        told = sound_telling(algorithm, key, scene, tmp_path / key)
+        for case in cases(algorithm):
+            if case.key == key and is_quick(case):
+                outcome = judge(case, scene, tmp_path / str(count), told)
+                count += outcome is not None
+                wrong += [f"{case}: {fault} ({outcome.text[:300]})" for fault in outcome.wrong] if outcome else []
+    assert wrong == []
+    assert count > 5 or not inputs_of(algorithm)
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+@pytest.mark.parametrize("kind", OUTPUT_KINDS)
+def test_output_folders(scene: Path, tmp_path: Path, name: str, kind: str) -> None:
+    assert kind in OUTPUTS
+    outcome = judge_output(REGISTRY[name], kind, scene, tmp_path / "case")
+    assert outcome.wrong == [], outcome.text
