@@ -8,11 +8,13 @@ into docs/robustness.md.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from osgeo import gdal
@@ -45,21 +47,26 @@ LONGEST_S = 60.0  # that a case may take
 HEAD = ["cases", "refused", "told", "done", "wrong"]
 
 
-def outcomes(name: str, scene: Path, place: Path, address: str) -> Iterator[tuple[str, str, Outcome]]:
-    """Yield what was asked of an algorithm, the kind of fault, and how it ended."""
-    algorithm = REGISTRY[name]
-    for kind in OUTPUTS:
-        yield f"{name} {kind}", kind, judge_output(algorithm, kind, scene, place / kind)
-    for key, role in inputs_of(algorithm).items():
-        told = sound_telling(algorithm, key, scene, place / key)
-        hangs = Case(algorithm, key, role, HANGS, hanging(address))
-        for case in [*(case for case in cases(algorithm) if case.key == key), hangs]:
-            began = time.monotonic()
-            outcome = judge(case, scene, place / key / case.kind.replace("/", ""), told)
-            if outcome is not None:
+def outcomes(name: str) -> list[tuple[str, str, Outcome]]:
+    """Return what was asked of an algorithm, the kind of fault, and how it ended."""
+    gdal.SetConfigOption("GDAL_HTTP_TIMEOUT", PATIENCE_S)
+    algorithm, found = REGISTRY[name], []
+    with tempfile.TemporaryDirectory(prefix="hrsi-bad-") as folder, hanging_server() as address:
+        place, scene = Path(folder), Path(folder) / "scene"
+        make_scene(scene)
+        for kind in OUTPUTS:
+            found.append((f"{name} {kind}", kind, judge_output(algorithm, kind, scene, place / kind)))
+        for key, role in inputs_of(algorithm).items():
+            told = sound_telling(algorithm, key, scene, place / key)
+            hangs = Case(algorithm, key, role, HANGS, hanging(address))
+            for case in [*(case for case in cases(algorithm) if case.key == key), hangs]:
+                began = time.monotonic()
+                outcome = judge(case, scene, place / key / case.kind.replace("/", ""), told)
                 seconds = time.monotonic() - began
-                outcome.wrong += [f"took {seconds:.0f} s"] if case.kind == HANGS and seconds > LONGEST_S else []
-                yield str(case), case.kind, outcome
+                if outcome is not None:
+                    outcome.wrong += [f"took {seconds:.0f} s"] if case.kind == HANGS and seconds > LONGEST_S else []
+                    found.append((str(case), case.kind, outcome))
+    return found
 
 
 def row_of(name: str, found: Sequence[Outcome]) -> list[str]:
@@ -72,20 +79,19 @@ def main(words: Sequence[str]) -> int:
     """Print the tables; return 1 where a case is wrong."""
     parser = argparse.ArgumentParser(prog="bad_inputs.py", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="ALGORITHM", help="only these")
+    parser.add_argument("--jobs", type=int, default=2, help="algorithms at the same time")
     parser.add_argument("--docs", action="store_true")
     options = parser.parse_args(list(words))
-    gdal.SetConfigOption("GDAL_HTTP_TIMEOUT", PATIENCE_S)
-    by_name: dict[str, list[Outcome]] = defaultdict(list)
+    by_name: dict[str, list[Outcome]] = {}
     by_kind: dict[str, list[Outcome]] = defaultdict(list)
-    with tempfile.TemporaryDirectory(prefix="hrsi-bad-") as folder, hanging_server() as address:
-        scene = Path(folder) / "scene"
-        make_scene(scene)
-        for name in options.names or REGISTRY:
-            for said, kind, outcome in outcomes(name, scene, Path(folder) / name, address):
-                by_name[name].append(outcome)
+    names = options.names or list(REGISTRY)
+    with ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
+        for name, found in zip(names, pool.map(outcomes, names), strict=True):
+            by_name[name] = [outcome for _, _, outcome in found]
+            for said, kind, outcome in found:
                 by_kind[kind].append(outcome)
                 if outcome.wrong:
-                    print(f"WRONG {said}: {'; '.join(outcome.wrong)} | {outcome.text[:300]}", flush=True)
+                    print(f"WRONG {said}: {'; '.join(outcome.wrong)} | {outcome.text[:300]}")
             print(" | ".join(row_of(name, by_name[name])), flush=True)
     every = [outcome for found in by_name.values() for outcome in found]
     first = render(["algorithm", *HEAD], [*(row_of(*one) for one in by_name.items()), row_of("all", every)])
@@ -96,8 +102,8 @@ def main(words: Sequence[str]) -> int:
     return 1 if any(outcome.wrong for outcome in every) else 0
 
 
-EXPLANATION = """Each case is one command line with one fault, at one of the inputs that the algorithm declares or at its
-output folder. *Refused*: one line that names the file, or the images that it does not fit, with exit code 1 or 2, and
+EXPLANATION = """Each case is one command line with one fault, at one of the inputs that the algorithm declares or at
+its output folder. *Refused*: one line that names the file, or the images that it does not fit, with exit code 1 or 2, and
 nothing in the output folder but finished parts that are kept on purpose. *Told*: a result with a warning or a verdict
 that names what is odd. *Done*: the fault does no harm, as blanks in a path, or a damaged DEM where none is needed.
 *Wrong*: anything else: a traceback, more than one line, a fault that nobody is told of, a changed input, something

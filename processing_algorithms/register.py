@@ -63,7 +63,8 @@ def run(options: RegisterOptions, context: Context) -> Report:
         "together": {kind: asdict(row) for kind, row in result.together.items()},
         "center_over_corner": ratios if any(ratios.values()) else None,
         "matrix": everything.matrix.tolist(),
-        "outliers": points["ids"][~everything.used].tolist(), "warnings": [*lost, *_warnings(points, everything.unknowns)],
+        "outliers": points["ids"][~everything.used].tolist(),
+        "warnings": [*lost, *_warnings(points, everything.unknowns)],
         "settings": settings_of(options),
     }  # fmt: skip
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:

@@ -50,7 +50,7 @@ class FinishedParts:
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be made ({error.strerror}): choose another directory") from error
         content = io.BytesIO()  # zipfile would complain of a full disk in its own way
-        np.savez(content, **result)  # type: ignore[arg-type]
+        np.savez(content, **result)
         with replacing(str(self._path(key))) as temporary, open(temporary, "wb") as file:
             file.write(content.getbuffer())
 

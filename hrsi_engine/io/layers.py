@@ -95,7 +95,7 @@ def write_geopackage(
     length = len(os.fsencode(os.path.abspath(path)))
     if length > LONGEST_PATH:
         raise OutputError(
-            f"{path}: the path has {length} bytes, and SQLite opens none of more than 512: choose a shorter `output_dir`"
+            f"{path}: a path of {length} bytes is too long for SQLite, which opens 512: choose a shorter `output_dir`"
         )
     with replacing(path) as temporary, quiet():  # GDAL and SQLite have more to say of a full disk
         _create_tables(path, temporary, layers, with_styles=bool(styles))
