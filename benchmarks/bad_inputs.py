@@ -103,9 +103,9 @@ def main(words: Sequence[str]) -> int:
 
 
 EXPLANATION = """Each case is one command line with one fault, at one of the inputs that the algorithm declares or at
-its output folder. *Refused*: one line that names the file, or the images that it does not fit, with exit code 1 or 2, and
-nothing in the output folder but finished parts that are kept on purpose. *Told*: a result with a warning or a verdict
-that names what is odd. *Done*: the fault does no harm, as blanks in a path, or a damaged DEM where none is needed.
+its output folder. *Refused*: one line that names the file, or the images that it does not fit, with exit code 1 or 2,
+and nothing in the output folder but finished parts that are kept on purpose. *Told*: a result with a warning or a
+verdict that names what is odd. *Done*: the fault does no harm, as blanks in a path, or a camera where none is needed.
 *Wrong*: anything else: a traceback, more than one line, a fault that nobody is told of, a changed input, something
 left behind."""
 

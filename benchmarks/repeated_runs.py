@@ -18,8 +18,8 @@ import shutil
 import statistics
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,33 +56,38 @@ def run_again_and_again(name: str, scene: Path, folder: Path, runs: int) -> None
     (folder / "memory.json").write_text(json.dumps([memory, len(os.listdir("/proc/self/fd"))]))
 
 
+def measured(name: str, runs: int) -> tuple[float, float, int]:
+    """Return the memory after the warm-up and at the end, MB, and the open files, in a fresh process."""
+    with tempfile.TemporaryDirectory(prefix="hrsi-repeated-") as place:
+        folder = Path(place)
+        make_scene(folder / "scene")
+        process = multiprocessing.get_context("spawn").Process(
+            target=run_again_and_again, args=(name, folder / "scene", folder, runs)
+        )
+        process.start()
+        process.join()
+        memory, files = json.loads((folder / "memory.json").read_text())
+    warm, some = int(WARM_UP * runs), max(1, int(LOOKED_AT * runs))
+    return statistics.median(memory[warm : warm + some]), statistics.median(memory[-some:]), files
+
+
 def main(words: Sequence[str]) -> int:
     """Print the table; return 1 where an algorithm grows by more than it may."""
     parser = argparse.ArgumentParser(prog="repeated_runs.py", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these algorithms")
     parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=2, help="algorithms at the same time")
     parser.add_argument("--docs", action="store_true")
     options = parser.parse_args(list(words))
     rows, grown = [], []
-    with tempfile.TemporaryDirectory(prefix="hrsi-repeated-") as place:
-        scene = Path(place) / "scene"
-        make_scene(scene)
-        for name in options.names or REGISTRY:
-            folder = Path(place) / name
-            folder.mkdir()
-            began = time.monotonic()
-            process = multiprocessing.get_context("spawn").Process(
-                target=run_again_and_again, args=(name, scene, folder, options.runs)
-            )
-            process.start()
-            process.join()
-            memory, files = json.loads((folder / "memory.json").read_text())
-            warm, some = int(WARM_UP * options.runs), max(1, int(LOOKED_AT * options.runs))
-            first, last = statistics.median(memory[warm : warm + some]), statistics.median(memory[-some:])
+    names = options.names or list(REGISTRY)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for name, found in zip(names, pool.map(lambda name: measured(name, options.runs), names), strict=True):
+            first, last, files = found
             growth = last / first - 1.0
             grown += [name] if growth > MOST_GROWTH else []
             rows.append([name, str(options.runs), f"{first:.0f}", f"{last:.0f}", f"{100 * growth:+.1f} %", str(files)])
-            print(" | ".join(rows[-1]), f"({time.monotonic() - began:.0f} s)", flush=True)
+            print(" | ".join(rows[-1]), flush=True)
     table = render(["algorithm", "runs", "MB after the warm-up", "MB at the end", "growth", "open files"], rows)
     verdict = f"{len(rows)} algorithms; growth of more than {MOST_GROWTH:.0%}: {', '.join(grown) or 'none'}."
     print(f"\n{table}\n\n{verdict}")
