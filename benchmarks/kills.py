@@ -1,4 +1,4 @@
-"""Runs that are ended at any moment: ``kills.py [--kills 540] [--seed 1] [--docs] [WRITER …]``.
+"""Runs that are ended at any moment: ``kills.py [--kills 540] [--seed 1] [--signals …] [--docs]``.
 
 Everything that writes (`tests/killed_runs.py`: every algorithm and every choice of ``write``) is ended by KILL, TERM
 and INT in turn, the moments drawn with a seed, most of them in the writing; then everything is looked at, the next run
@@ -11,6 +11,7 @@ import argparse
 import math
 import random
 import shutil
+import signal
 import sys
 import tempfile
 from collections import Counter
@@ -44,21 +45,24 @@ def counted(kills: Sequence[Kill]) -> list[str]:
     return [str(cell) for cell in (len(kills), states["nothing"], states["whole"], states["part"], *faults)]
 
 
-def rounds_of(targets: Sequence[Target], kills: int) -> list[int]:
+def rounds_of(targets: Sequence[Target], kills: float) -> list[int]:
     """Return how often each signal ends each writer: quick ones more often, so that all take about the same time."""
     share = [1.0 / target.measured.whole_s for target in targets]
-    wanted = kills / len(SIGNALS) / sum(share)
+    wanted = kills / sum(share)
     return [max(FEWEST, math.ceil(wanted * one)) for one in share]
 
 
 def main(words: Sequence[str]) -> int:
     """Print the table; return 1 where anything is wrong."""
     parser = argparse.ArgumentParser(prog="kills.py", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="WRITER", help="only writers whose name holds one of these words")
+    parser.add_argument("--writers", dest="names", nargs="+", help="only those whose name holds one of these words")
     parser.add_argument("--kills", type=int, default=540, help="at least so many in all")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--signals", nargs="+", default=[number.name for number in SIGNALS], metavar="NAME")
     parser.add_argument("--docs", action="store_true")
     options = parser.parse_args(list(words))
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's job in the background ignores it
+    numbers = [signal.Signals[name] for name in options.signals]
     chosen = [one for one in writers() if not options.names or any(name in str(one) for name in options.names)]
     rng, rows, every = random.Random(options.seed), [], []
     place = Path(tempfile.mkdtemp(prefix="hrsi-kills-"))
@@ -66,8 +70,8 @@ def main(words: Sequence[str]) -> int:
         make_scene(place / "scene")
         load_everything(chosen, place / "scene", place / "loaded")
         targets = [Target(one, place / "scene", place / str(one).replace(" ", "_")) for one in chosen]
-        for target, rounds in zip(targets, rounds_of(targets, options.kills), strict=True):
-            kills = [target.kill(number, rng) for _ in range(rounds) for number in SIGNALS]
+        for target, rounds in zip(targets, rounds_of(targets, options.kills / len(numbers)), strict=True):
+            kills = [target.kill(number, rng) for _ in range(rounds) for number in numbers]
             shutil.rmtree(target.folder)
             rows.append([str(target.writer), *counted(kills)])
             every += kills
@@ -87,7 +91,9 @@ def main(words: Sequence[str]) -> int:
     table = render(HEAD, rows)
     print(f"\n{table}\n\n{said}")
     if options.docs:
-        write_section("Runs that are ended", f"benchmarks/kills.py --kills {options.kills}", EXPLANATION, table, said)
+        title = f"Runs that are ended by {', '.join(options.signals)}"
+        command = f"benchmarks/kills.py --kills {options.kills} --signals {' '.join(options.signals)}"
+        write_section(title, command, EXPLANATION, table, said)
     return 1 if wrong else 0
 
 

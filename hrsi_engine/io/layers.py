@@ -165,6 +165,7 @@ def _create_tables(path: str, temporary: str, layers: Sequence[Layer], with_styl
             if with_styles:
                 create_style_table(dataset)
     if dataset is None or messages:
+        dataset = None  # closed here, where GDAL's complaints are not heard
         raise OutputError(
             f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'}): check the folder"
         )
