@@ -453,6 +453,7 @@ HARMLESS: dict[tuple[str, str, str], str] = {
     ("localize", "points", "wrong CRS"): "takes no longitudes and latitudes",
     ("localize", "points", "duplicate"): "each row is a question of its own",
     ("fit-rpc", "points", "non-overlapping"): "any place on Earth will do",
+    ("fit-rpc", "points", "duplicate"): "rows have no ids there: it is one more point",
 }
 #: What lies in an output folder after a refusal, on purpose: finished parts for the next run, and what was found.
 KEPT: dict[str, Callable[[str], bool]] = {
