@@ -289,15 +289,22 @@ def main(words: Sequence[str] | None = None) -> None:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     text = table(options.traps.split(","), seeds)
     if options.write:
-        DOCS.write_text(
-            "# Traps for matching\n\n"
-            f"Simulated Pléiades pairs of {SIZE[0]} x {SIZE[1]} px with the vendor's RPC errors, {len(seeds)} scenes a "
-            "trap, matched by `tie-points`\nwithout options. A match is false where it lies more than 3 px (of the "
-            "coarser image) from where the ground that the first\nimage shows there is in the second, by the cameras "
-            "and the surface that made the images. Made by\n`benchmarks/matching_traps.py --write`.\n\n"
-            f"{text}\n",
-            encoding="utf-8",
-        )
+        write_page(text, len(seeds))
+
+
+def write_page(text: str, scenes: int) -> None:
+    """Write the table into the documentation."""
+    DOCS.write_text(
+        "# Traps for matching\n\n"
+        f"Simulated Pléiades pairs of {SIZE[0]} x {SIZE[1]} px with the vendor's RPC errors, {scenes} scenes a trap, "
+        "matched by `tie-points`\nwithout options. A match is false where it lies more than 3 px (of the coarser image)"
+        " from where the ground that the first\nimage shows there is in the second, by the cameras and the surface "
+        "that made the images. None of the scenes was used to choose\nthresholds. A pair without matches is named by a "
+        "warning; nothing is made up. CPU seconds are those of one pair. Made by\n"
+        "`benchmarks/matching_traps.py --write`.\n\n"
+        f"{text}\n",
+        encoding="utf-8",
+    )
 
 
 if __name__ == "__main__":
