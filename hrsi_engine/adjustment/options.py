@@ -96,7 +96,8 @@ class AdjustOptions:
     )
     sigma_shift_px: float | None = option(
         None,
-        "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS or 5 px",
+        "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS, what is "
+        "published of the sensor, or 5 px",
         name="sigma-shift",
         minimum=1e-9,
         unit="px",
@@ -106,7 +107,7 @@ class AdjustOptions:
     sigma_drift: float | None = option(
         None,
         "Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the model does not "
-        "follow drift, which then is an error, 3e-5; 0: no drift",
+        "follow drift, which then is an error, what is believed of the sensor, at least 3e-5; 0: no drift",
         minimum=0.0,
         unit="px/px",
         advanced=True,
