@@ -7,6 +7,7 @@ runs in a forked process with limits. What fails is kept where ``--keep`` says.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import sys
 import tempfile
@@ -22,6 +23,8 @@ from damaged_files import DAMAGES, MOST_BYTES, MOST_SECONDS, READERS, Ending, La
 
 from hrsi.benchmarks.thesis_tables import render  # noqa: E402
 
+#: Readers whose readings take long: each so many turns they have one.
+LONG = {"adjust": 3, "layers": 3, "session": 3}
 FAULTS = ("crash", "traceback", "time", "memory")
 
 
@@ -31,10 +34,33 @@ def plan(files: list[SoundFile], count: int) -> list[tuple[SoundFile, str, int]]
     by_reader: dict[str, list[SoundFile]] = defaultdict(list)
     for file in files:
         by_reader[file.reader].append(file)
-    for number in range(-(-count // len(by_reader))):
-        for own in by_reader.values():
-            chosen.append((own[number % len(own)], kinds[number // len(own) % len(kinds)], number))
+    number = 0
+    while len(chosen) < count:
+        for reader, own in by_reader.items():
+            turn, rest = divmod(number, LONG.get(reader, 1))
+            if not rest:
+                chosen.append((own[turn % len(own)], kinds[turn // len(own) % len(kinds)], number))
+        number += 1
     return chosen[:count]
+
+
+_laboratory: Laboratory  # of this process
+
+
+def _begin(folder: str, files: list[SoundFile]) -> None:
+    global _laboratory
+    _laboratory = Laboratory(Path(tempfile.mkdtemp(dir=folder)), files)
+
+
+def _examine(job: tuple[SoundFile, str, int, Path | None]) -> tuple[SoundFile, str, int, Ending]:
+    """Damage a file, have it read, and keep it where that fails."""
+    file, kind, seed, keep = job
+    content = _laboratory.damaged(file, kind, seed)
+    ending = _laboratory.examine(file, content)
+    if keep is not None and ending.how in FAULTS:
+        keep.mkdir(parents=True, exist_ok=True)
+        (keep / f"{ending.how}-{file.reader}-{kind}-{seed}-{file.name}").write_bytes(content)
+    return file, kind, seed, ending
 
 
 def main() -> int:
@@ -45,6 +71,7 @@ def main() -> int:
     parser.add_argument("--readers", nargs="*", choices=READERS, default=list(READERS))
     parser.add_argument("--data", type=Path, default=os.environ.get("HRSI_TEST_DATA"))
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--docs", action="store_true")
     options = parser.parse_args()
     counts: Counter[tuple[str, str, str]] = Counter()
@@ -58,18 +85,16 @@ def main() -> int:
             ending = laboratory.examine(file, file.content)
             if ending.how != "read":
                 print(f"{file.reader} {file.name} is not read although it is sound: {ending.text}")
-        for file, kind, number in plan(files, options.files):
-            content = laboratory.damaged(file, kind, options.seed * 1_000_000 + number)
-            ending = laboratory.examine(file, content)
-            counts[file.reader, kind, ending.how] += 1
-            slowest[file.reader] = max(slowest.get(file.reader, ending), ending, key=lambda one: one.seconds)
-            largest[file.reader] = max(largest.get(file.reader, ending), ending, key=lambda one: one.bytes)
-            if ending.how in FAULTS:
-                place = f"{ending.how} {file.reader} {file.name} {kind} {number}"
-                print(f"{place}: {ending.seconds:.1f} s, {ending.bytes / 2**20:.0f} MiB\n{ending.text}", flush=True)
-                if options.keep:
-                    options.keep.mkdir(parents=True, exist_ok=True)
-                    (options.keep / f"{place.replace(' ', '-')}-{file.name}").write_bytes(content)
+        first = options.seed * 1_000_000
+        jobs = [(file, kind, first + number, options.keep) for file, kind, number in plan(files, options.files)]
+        with multiprocessing.get_context("fork").Pool(options.processes, _begin, (name, files)) as pool:
+            for file, kind, seed, ending in pool.imap_unordered(_examine, jobs):
+                counts[file.reader, kind, ending.how] += 1
+                slowest[file.reader] = max(slowest.get(file.reader, ending), ending, key=lambda one: one.seconds)
+                largest[file.reader] = max(largest.get(file.reader, ending), ending, key=lambda one: one.bytes)
+                if ending.how in FAULTS:
+                    cost = f"{ending.seconds:.1f} s, {ending.bytes / 2**20:.0f} MiB"
+                    print(f"{ending.how} {file.reader} {file.name} {kind} {seed}: {cost}\n{ending.text}", flush=True)
     print(f"{time.monotonic() - started:.0f} s")
     text = render_tables(counts, slowest, largest, len(files))
     print(text)
