@@ -72,7 +72,7 @@ def fuzz(reader: str, corpus: Path, seconds: int) -> None:
         read = RPC_READERS[reader].read
     elif reader == "tiff":
         read = read_tiff
-    folder = Path(tempfile.mkdtemp(prefix="hrsi-fuzz-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None))
+    folder = Path(tempfile.mkdtemp())
     path = folder / NAMES[reader][0]
 
     def read_once(content: bytes) -> None:
@@ -125,7 +125,12 @@ def main() -> int:
     failed = 0
     for reader in options.readers:
         words = [sys.executable, __file__, "--alone", "--readers", reader, "--corpus", str(corpus)]
-        done = subprocess.run([*words, "--seconds", str(options.seconds)], capture_output=True, text=True, check=False)
+        words += ["--seconds", str(options.seconds)]
+        with tempfile.TemporaryDirectory(
+            prefix="hrsi-fuzz-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None
+        ) as own:
+            environment = os.environ | {"TMPDIR": own}
+            done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
         runs = sum(int(line.split("Done ")[1].split()[0]) for line in done.stderr.splitlines() if "Done " in line)
         covered = [line for line in done.stderr.splitlines() if " cov: " in line]
         reached = covered[-1].split(" cov: ")[1].split()[0] if covered else "?"

@@ -297,7 +297,7 @@ def _transformer_to_wgs84(crs: str) -> pyproj.Transformer:
     """
     try:
         source = pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError as error:
+    except (pyproj.exceptions.CRSError, UnicodeError) as error:
         raise InputError(f"unknown coordinate reference system {crs!r}: give an EPSG code or WKT") from error
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: told below where it matters

@@ -28,6 +28,7 @@ MOST_BYTES = {
     "points": 256 * MIB,  # text of which every line becomes objects: some millions of points
     "matches": 2048 * MIB,  # binary records
     "report": 128 * MIB,  # of ten thousand images and points: some 20 MB
+    "names": 32 * MIB,  # a list of images
     "result": 2048 * MIB,  # of one finished part of a search
 }
 LONGEST_LINE = 4 * MIB  # characters of a line of text

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from osgeo import gdal
 
 from ..foundation.errors import InputError
+from .budgets import require_size
 from .datasets import open_dataset
 from .rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
 
@@ -46,6 +47,7 @@ def _folder_of(name: str) -> str | None:
 
 def _listed(path: str) -> list[str]:
     """Return the lines of a list; names that are not absolute count from the list's own folder."""
+    require_size(path, "names")
     try:
         with open(path, encoding="utf-8-sig") as file:
             lines = [line.strip() for line in file]

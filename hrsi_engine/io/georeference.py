@@ -111,5 +111,5 @@ def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
         raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
     try:
         return pyproj.CRS.from_wkt(wkt)
-    except pyproj.exceptions.CRSError as error:
+    except (pyproj.exceptions.CRSError, UnicodeError) as error:
         raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None

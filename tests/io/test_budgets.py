@@ -23,6 +23,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import geoid_heights
 from hrsi.hrsi_engine.io import budgets
 from hrsi.hrsi_engine.io.datasets import quiet
+from hrsi.hrsi_engine.io.deliveries import named_images
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
 from hrsi.hrsi_engine.io.geoid_grids import read_geoid_heights
@@ -368,6 +369,17 @@ def test_kept_results_that_are_none(tmp_path: Path) -> None:
     with open(path, "wb") as file:
         file.truncate(budgets.MOST_BYTES["result"] + 1)
     assert parts.load("part") is None
+
+
+def test_a_list_that_names_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "list.txt").write_text("a.tif\n@list.txt\n")
+    with pytest.raises(InputError, match=r"list.txt: names the list @list.txt"):
+        named_images(["@list.txt"], print)
+    with open(tmp_path / "long.txt", "wb") as file:
+        file.truncate(budgets.MOST_BYTES["names"] + 1)
+    with pytest.raises(InputError, match=r"long.txt: has 32 MiB, more than a file of names can have"):
+        named_images(["@long.txt"], print)
 
 
 def test_a_report_nested_without_end(tmp_path: Path) -> None:

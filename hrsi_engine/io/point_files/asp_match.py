@@ -43,7 +43,7 @@ def _table(path: str, positions: Callable[[str, bytes], np.ndarray]) -> PointTab
     named = _NAME.match(os.path.basename(path))
     if named is None:
         raise InputError(f"{path}: its name does not say its images: call it PREFIX-IMAGE1__IMAGE2.match")
-    require_size(path, "matches")
+    require_size(path, "matches" if path.lower().endswith(".match") else "points")
     try:
         with open(path, "rb") as file:
             content = file.read()

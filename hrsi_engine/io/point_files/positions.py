@@ -114,14 +114,14 @@ def _field_heights(table: PointTable, z: np.ndarray, warnings: list[str]) -> np.
 def _parse_numbers(table: PointTable, crs: str) -> pyproj.CRS:
     try:
         return pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
+    except (pyproj.exceptions.CRSError, UnicodeError):
         raise InputError(f"{table.source}: CRS {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
 def _is_geographic(crs: str) -> bool:
     try:
         return bool(pyproj.CRS.from_user_input(crs).is_geographic)
-    except pyproj.exceptions.CRSError:
+    except (pyproj.exceptions.CRSError, UnicodeError):
         raise InputError(f"`ground_crs` {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
