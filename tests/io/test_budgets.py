@@ -298,6 +298,17 @@ def test_grids_that_lie_nowhere(tmp_path: Path, geotransform: tuple[float, ...],
         open_dem(str(path), "ellipsoidal")
 
 
+def test_a_projection_in_no_encoding(tmp_path: Path) -> None:
+    (tmp_path / "dem.asc").write_text(
+        "ncols 3\nnrows 2\nxllcorner 7\nyllcorner 45\ncellsize 0.001\n300 301 302\n303 304 305\n"
+    )
+    reference = osr.SpatialReference()
+    reference.ImportFromEPSG(4326)
+    (tmp_path / "dem.prj").write_bytes(reference.ExportToWkt().encode().replace(b"WGS 84", b"W\xf2\xff 84"))
+    with pytest.raises(InputError, match=r"dem.asc: PROJ does not understand its CRS"):
+        open_dem(str(tmp_path / "dem.asc"), "ellipsoidal")
+
+
 def test_a_geoid_of_kilometres(tmp_path: Path) -> None:
     path = tmp_path / "geoid.tif"
     dataset = raster(path, (60, 50))
