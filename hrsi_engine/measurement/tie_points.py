@@ -160,7 +160,13 @@ def find_tie_points(
         + reasons.get(name, "it overlaps no other image, or shows nothing that the others show")
         for name in lonely
     ]
-    if search.choice is None:
+    if search.choice is not None:
+        warnings += [
+            f"{hold.image}: held by a single link, which no other one checks: its position may be wrong"
+            for hold in holds
+            if hold.links == 1
+        ]
+    else:
         for pair in summaries:
             if not pair.matches and pair.first not in lonely and pair.second not in lonely:
                 warnings.append(f"{pair.first} and {pair.second}: no matches")
