@@ -49,7 +49,7 @@ JOINING_ROUNDS = 10
 FEWEST_OF_A_PAIR = 8  # matches that a pair needs, to be judged and used
 #: A match is vague with a sigma above this many times the pair's median, and above this (px). Simulated pairs with
 #: cliffs, clouds, water and other bands have nearly all their false matches among these, and one good match of 200.
-VAGUE, VAGUE_PX = 3.0, 0.15
+VAGUE, VAGUE_PX = 3.0, 0.06
 ISLAND_NEIGHBOURS, ISLAND_SLOPE = 8, 0.5  # matches to step to, and pixels of parallax for each pixel of the way
 ISLAND_SHARE = 0.05  # of a pair's matches, below which a part of them without such steps to the others is an island
 REPEATED_PX = 3.0  # tracks of two references this close are the same place
