@@ -69,6 +69,8 @@ ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind
 def role_of(param: Param) -> str | None:
     """Return what kind of input an option takes; None where it names nothing that is read."""
     named = set(param.metavar.split("|")) & {"FILE", "DIR"}
+    if param.key.startswith("scheduler_"):  # certificates: read with an encrypted scheduler only
+        return None
     if param.kind is Kind.OUTPUT_DIR or not (param.kind in READ_KINDS or named):
         return None
     return ROLES.get(param.key, ROLE_OF_KIND[param.kind])
