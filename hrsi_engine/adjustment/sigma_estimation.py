@@ -29,6 +29,7 @@ import numpy as np
 from scipy import special
 
 from ..refinement.model import believed_priors
+from ..refinement.selection import DRIFTS_ESTIMATED
 from .blunders.discrepancies import IMAGE, discrepancies
 from .drift_prior import SETTLED_SHARE, DriftPrior
 from .equations.camera_system import Factored
@@ -84,7 +85,8 @@ class SigmaEstimation:
         options = self.problem.options
         if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, Factored):
             return False
-        self.drifts = bool(options.sigma_drift is None and self.drift.free.any())
+        asked = options.variance_components or self.problem.observations.count <= DRIFTS_ESTIMATED
+        self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and asked)
         if options.variance_components:
             self.sigmas.free[:] = True
         if self.drifts:
