@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,10 @@ from hypothesis import HealthCheck, settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 TEST_DATA = Path(os.environ.get("HRSI_TEST_DATA") or REPOSITORY.parent / "shared" / "data")
+
+# A shell has its background jobs ignore SIGINT, and so would every process that a test starts and interrupts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Timing on a busy machine says nothing of the code, so there are no deadlines; the same examples every time.
 settings.register_profile("default", deadline=None, derandomize=True, print_blob=True)

@@ -371,7 +371,7 @@ BAD = {
     ),
     "one image twice": (
         lambda t, h, r: ["adjust", h["images"][0], h["images"][0], "--image-points", h["image_points"]],
-        2, "more than once",
+        2, "have the same id",
     ),
     "unknown model": (
         lambda t, h, r: ["adjust", *h["images"], "--image-points", h["image_points"], "--model", "affin"], 2, "--model",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -36,5 +37,6 @@ def test_ended_at_any_moment() -> None:
         [*command, seed, "--writers", *names], capture_output=True, text=True, timeout=500, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "27 runs ended, 0 with any fault" in done.stdout
+    ended = re.search(r"(\d+) runs ended, 0 with any fault", done.stdout)
+    assert ended and int(ended[1]) >= 27, done.stdout
     assert all(word in done.stdout for word in ("SIGKILL -9", "SIGTERM 143", "SIGINT 130"))

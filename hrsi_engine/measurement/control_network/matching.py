@@ -164,7 +164,9 @@ def match_windows(
     likely = likely_scales(first, second, *areas)
     if likely[0] <= 1.0 <= likely[1] and likely != UNKNOWN_SCALES:
         return found  # the scale was right: another one would not help
-    return _match_at(first, second, options, likely, areas, stage(progress, 0.5, 1.0))
+    again = _match_at(first, second, options, likely, areas, stage(progress, 0.5, 1.0))
+    # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
+    return again if again.status == FOUND or likely != UNKNOWN_SCALES else found
 
 
 def _match_at(
