@@ -42,6 +42,7 @@ from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
+from .block_steps import plausibility
 from .block_steps.inputs import read_block
 from .block_steps.outputs import Clock
 from .block_steps.summary import number
@@ -167,6 +168,10 @@ def _read_points(
     file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
     block, more = read_block(images, options.points, options.dem, file, found)
     warnings += more
+    points = ", ".join(name for name in (options.points.gcps, options.points.image_points, file) if name)
+    for reason in plausibility.input_reasons(block, options.points, options.dem):
+        about = options.dem.dem if reason.code == "dem-coverage" else points
+        warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
     if options.used_points is not None:
         used = read_points(measurements_of(options.used_points), image_ids=[image.id for image in images]).image
         if used is None:

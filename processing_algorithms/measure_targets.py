@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import chip_svg
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.layers import Layer, write_geopackage
@@ -19,9 +19,11 @@ from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters import image_id
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_edges, measure_target
+from ..hrsi_engine.plausibility.places import EDGE_SLACK_PX
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
+from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
-from .files.result_folder import check_folder
+from .files.result_folder import check_folder, tell
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report, settings_of
 
@@ -45,13 +47,15 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     images: list[ImagePixels] = []
     warnings: list[str] = []
     if options.points is not None and options.edges is None:
-        images = [open_pixels(path) for path in options.images]
+        images = _open_images(options.images)
         targets, warnings = _near_positions(images, options.points, options, context)
     elif options.edges is not None and options.points is None:
-        targets = _of_edges(options.edges, options)
+        targets, warnings = _of_edges(options.edges, _open_images(options.images), options)
     else:
         raise InputError("give either `points` (approximate positions) or `edges` (hand-measured edge points)")
     made = [target for target in targets if not target.measurement.refusal]
+    warnings += _refused_everywhere(targets, {image_id(path): path for path in options.images})
+    tell(warnings, context)
     report: Report = {
         "schema": 1, "algorithm": "measure-targets", "version": VERSION, "measured": len(made),
         "refused": len(targets) - len(made), "targets": [_row(target) for target in targets],
@@ -84,6 +88,22 @@ def _row(target: Target) -> dict[str, Any]:
         "sigma_px": made.sigma_px, "rmse_px": made.rmse_px, "edge_points": int(made.used.sum()),
         "stray_points": int((~made.used).sum()), "quality": made.quality, "refusal": made.refusal,
     }  # fmt: skip
+
+
+def _open_images(paths: Sequence[str]) -> list[ImagePixels]:
+    images = [open_pixels(path) for path in paths]
+    require_ids(paths, [image.id for image in images])
+    return images
+
+
+def _refused_everywhere(targets: list[Target], paths: Mapping[str, str]) -> list[str]:
+    """Return a word on each image on which no target could be measured."""
+    warnings = []
+    for image in dict.fromkeys(target.image for target in targets):
+        reasons = [target.measurement.refusal for target in targets if target.image == image]
+        if all(reasons):
+            warnings.append(f"{paths.get(image, image)}: none of {len(reasons)} targets is measured ({reasons[0]})")
+    return warnings
 
 
 # ---- approximate positions -------------------------------------------------------------------------------------
@@ -131,11 +151,13 @@ def _approximate_points(
         return tables.image, warnings
     if tables.ground is None:
         raise InputError(f"{file} holds no points: add some")
-    return _project(images, tables.ground.ids, tables.ground.ground), warnings
+    return _project(images, file, tables.ground.ids, tables.ground.ground, warnings), warnings
 
 
-def _project(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -> ImagePoints:
-    """Return where the RPCs see ground points, for all images in which they lie."""
+def _project(
+    images: list[ImagePixels], file: str, ids: np.ndarray, ground: np.ndarray, warnings: list[str]
+) -> ImagePoints:
+    """Return where the RPCs see ground points of a file, for all images in which they lie; warn of the others."""
     names, image_ids, places = [], [], []
     for image in images:
         if image.rpc is None:
@@ -145,27 +167,42 @@ def _project(images: list[ImagePixels], ids: np.ndarray, ground: np.ndarray) -> 
         names += ids[inside].tolist()
         image_ids += [image.id] * int(inside.sum())
         places.append(xy[inside])
+        if not inside.any():
+            warnings.append(f"{image.path}: no point of {file} lies in it: check its RPC, and the points' CRS")
     if not names:
-        raise InputError("no ground point lies in any of the images: check their CRS, or give sample and line")
+        raise InputError(f"{file}: no ground point lies in any of the images: check their CRS, or give sample and line")
     return ImagePoints.create(names, image_ids, np.concatenate(places))
 
 
 # ---- hand-measured edge points ---------------------------------------------------------------------------------
 
 
-def _of_edges(file: str, options: MeasureTargetsOptions) -> list[Target]:
-    """Return the targets of the edge points that share an id and an image."""
-    points = read_points(file, image_ids=[image_id(path) for path in options.images]).image
+def _of_edges(
+    file: str, images: Sequence[ImagePixels], options: MeasureTargetsOptions
+) -> tuple[list[Target], list[str]]:
+    """Return the targets of the edge points that share an id and an image, and warnings."""
+    tables = read_points(file, image_ids=[image.id for image in images])
+    points, warnings = tables.image, list(tables.warnings)
     if points is None:
         raise InputError(f"{file} has no edge points: give the fields id, image, sample and line")
+    # Without its image it is known of a point only that no image begins before its first pixel
+    size = {image.id: image.raster.size for image in images}
+    last = np.array([size.get(name, (np.inf, np.inf)) for name in points.image_ids.tolist()]).reshape(-1, 2)
+    outside = ~np.all((points.xy > -0.5 - EDGE_SLACK_PX) & (points.xy < last - 0.5 + EDGE_SLACK_PX), axis=1)
+    if outside.any():
+        ids = list_ids(np.unique(points.ids[outside]).tolist())
+        warnings.append(f"{file}: {outside.sum()} edge points lie outside their image ({ids}): check sample and line")
     keys = np.array([f"{image}\n{name}" for name, image in zip(points.ids, points.image_ids, strict=True)])
     targets = []
     for key in dict.fromkeys(keys.tolist()):
         rows = np.flatnonzero(keys == key)
         name, image = str(points.ids[rows[0]]), str(points.image_ids[rows[0]])
         kind = _kind(options.kind, str(points.kind[rows[0]]), name)
-        targets.append(Target(name, image, measure_edges(points.xy[rows], kind)))
-    return targets
+        made = measure_edges(points.xy[rows], kind)
+        targets.append(Target(name, image, made))
+        if not (made.refusal or made.used.all()):
+            warnings.append(f"{file}: {np.sum(~made.used)} of {len(rows)} edge points of {name} on {image} are stray")
+    return targets, warnings
 
 
 # ---- results ---------------------------------------------------------------------------------------------------
@@ -198,6 +235,7 @@ def summarise(report: Report) -> str:
     """Return one line a target."""
     lines = [f"{report['measured']} targets measured, {report['refused']} refused"]
     for row in report["targets"]:
-        place = f"{row['sample']:.2f} {row['line']:.2f} +- {row['sigma_px']:.2f} px"
-        lines.append(f"{row['id']} {row['image']} {row['kind']}: {row['refusal'] or place}")
-    return "\n".join(lines)
+        # What is refused has no position, and nothing that could be formatted as one
+        told = row["refusal"] or f"{row['sample']:.2f} {row['line']:.2f} +- {row['sigma_px']:.2f} px"
+        lines.append(f"{row['id']} {row['image']} {row['kind']}: {told}")
+    return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

@@ -166,8 +166,13 @@ def one_row(value: str) -> Fault:
 
 def all_rows(change: Callable[[str, float], object]) -> Fault:
     """Every position is changed."""
+
+    def changed(key: str, text: str) -> str:
+        value = change(key, float(text))
+        return text if value == float(text) else str(value)  # what stays the same is written the same
+
     return changed_rows(
-        lambda rows: [row | {key: str(change(key, float(row[key]))) for key in PLACES if key in row} for row in rows]
+        lambda rows: [row | {key: changed(key, row[key]) for key in PLACES if key in row} for row in rows]
     )
 
 

@@ -53,7 +53,7 @@ BESIDES: dict[str, dict[str, Any]] = {
 }
 #: Inputs that stand for one another.
 INSTEAD_OF = {
-    "edges": ("points", "images"),
+    "edges": ("points",),
     "terrain_points": ("dem", "dem_datum"),
     "dem": ("terrain_points",),
     "images": ("tie_points", "tracks"),

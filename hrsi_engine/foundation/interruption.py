@@ -67,16 +67,24 @@ def signals_as_exceptions() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in _ENDINGS}
     hooks = sys.unraisablehook, sys.excepthook
     before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
-    for number in before:
-        signal.signal(number, _raise)
-    sys.unraisablehook = lambda told: _raise_again() if _is_ours(told.exc_value) else hooks[0](told)
-    sys.excepthook = lambda kind, error, trace: _raise_again() if _is_ours(error) else hooks[1](kind, error, trace)
-    try:
-        yield
-    finally:
+
+    def as_before() -> None:
         sys.unraisablehook, sys.excepthook = hooks
         for number, handler in before.items():
             signal.signal(number, handler)
+
+    try:
+        for number in before:
+            signal.signal(number, _raise)
+        sys.unraisablehook = lambda told: _raise_again() if _is_ours(told.exc_value) else hooks[0](told)
+        sys.excepthook = lambda kind, error, trace: _raise_again() if _is_ours(error) else hooks[1](kind, error, trace)
+        yield
+    finally:
+        try:
+            as_before()
+        except KeyboardInterrupt:  # the signal comes now: it is raised once, so that this goes through
+            as_before()
+            raise
 
 
 @contextmanager

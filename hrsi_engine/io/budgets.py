@@ -20,6 +20,7 @@ import numpy as np
 from osgeo import gdal
 
 from ..foundation.errors import InputError
+from .datasets import virtual_status
 
 MIB = 2**20
 #: Bytes of files that are read as a whole, by what they hold.
@@ -71,7 +72,7 @@ def require_size(path: str, kind: str) -> None:
 def file_bytes(path: str) -> int | None:
     """Return a file's size, None where it has none (a database's address, a folder)."""
     if path.startswith("/vsi"):
-        status = gdal.VSIStatL(path)
+        status = virtual_status(path)
         return None if status is None or status.IsDirectory() else int(status.size)
     return os.path.getsize(path) if os.path.isfile(path) else None
 

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 from osgeo import gdal
 
-from .datasets import open_dataset
+from .datasets import open_dataset, quietly, virtual_status
 
 WHOLE_BYTES = 64 * 2**20
 EDGE_BYTES = 2**20  # at both ends, of all files together
@@ -90,12 +90,12 @@ def _archive(path: str) -> str | None:
 
 
 def _virtual_mark(path: str) -> str:
-    status = gdal.VSIStatL(path)
-    handle = None if status is None else gdal.VSIFOpenL(path, "rb")
+    status = virtual_status(path)
+    handle = None if status is None else quietly(gdal.VSIFOpenL, path, "rb")
     if handle is None:
         return "0" * 32
     try:
-        head = bytes(gdal.VSIFReadL(1, _REMOTE_BYTES, handle) or b"")
+        head = bytes(quietly(gdal.VSIFReadL, 1, _REMOTE_BYTES, handle) or b"")
     finally:
         gdal.VSIFCloseL(handle)
     return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()

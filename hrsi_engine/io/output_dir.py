@@ -16,7 +16,7 @@ from typing import Any
 from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
-from .datasets import gdal_messages, quiet
+from .datasets import gdal_messages, quiet, virtual_status
 from .json_files import read_json
 from .layers import remove_old_journal
 from .leftovers import temporary_folder
@@ -47,7 +47,7 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
         the folder is a file, holds a result or other files of these names that may not be replaced, or inputs
     """
     if path.startswith(VIRTUAL):
-        found = [name for name in RESULT_FILES if gdal.VSIStatL(f"{path.rstrip('/')}/{name}") is not None]
+        found = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
         notices = []
     else:
         folder = Path(path)
@@ -203,7 +203,7 @@ def read_report(path: str) -> dict[str, Any] | None:
 
 
 def _virtual_exists(path: str) -> bool:
-    return gdal.VSIStatL(path) is not None
+    return virtual_status(path) is not None
 
 
 def files_with(inputs: Iterable[str]) -> list[str]:

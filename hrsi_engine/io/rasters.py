@@ -17,7 +17,7 @@ from osgeo import gdal
 from ..block.block import Image
 from ..foundation.errors import InputError
 from .content_marks import content_mark
-from .datasets import gdal_messages
+from .datasets import gdal_messages, virtual_status
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
 from .rpc_files.reading import FoundRpc
 
@@ -130,7 +130,7 @@ def file_stamp(path: str) -> tuple[int, ...]:
     For what one process keeps open; what later runs take up again is told by `content_marks.content_mark`.
     """
     if path.startswith("/vsi"):
-        status = gdal.VSIStatL(path)
+        status = virtual_status(path)
         return (0, 0) if status is None else (int(status.size), int(status.mtime))
     try:
         status = os.stat(path)

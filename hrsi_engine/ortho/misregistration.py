@@ -173,7 +173,7 @@ def shift_between(
     """Return the shift of a window: pixels and mask of it (with `SEARCH_BORDER`), and of the area it is sought in."""
     grey, place = _smooth(template[0]), _smooth(np.where(area[1], area[0], np.mean(area[0])))
     core = grey[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER]
-    if not core.std() > 1e-6 * max(1.0, abs(float(core.mean()))):
+    if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
         return _fail(WindowOutcome.FLAT)
     score = cv2.matchTemplate(
         place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER], core, cv2.TM_CCOEFF_NORMED
@@ -207,7 +207,8 @@ def _refine(
         A = np.stack([(gain * S_x + T_x) / 2.0, (gain * S_y + T_y) / 2.0, S, np.ones_like(S)]).reshape(4, -1)
         misfit = (T - gain * S - offset).ravel()
         N = (A * weight) @ A.T
-        if np.linalg.cond(N / np.sqrt(np.outer(np.diag(N), np.diag(N)))) > 1e8:
+        scaled = N / np.sqrt(np.outer(np.diag(N), np.diag(N)))
+        if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > 1e8:
             return _fail(WindowOutcome.UNSTEADY, best)
         step = np.linalg.solve(N, (A * weight) @ misfit)
         misfit -= step @ A

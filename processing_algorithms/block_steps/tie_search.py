@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 
 from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.scheduling import Certificates, open_scheduler
 from ...hrsi_engine.io.finished_parts import FinishedParts
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
@@ -51,6 +52,8 @@ class Finished:
     """Where the finished parts of a search are kept: nowhere where the output directory is no local folder."""
 
     def __init__(self, work_dir: str | None, output_dir: str) -> None:
+        if work_dir and work_dir.startswith("/vsi"):
+            raise InputError(f"{work_dir} is no local folder, and nothing can be kept there: name another `work_dir`")
         self._for_later = bool(work_dir)
         folder = work_dir or os.path.join(output_dir, UNFINISHED)
         self.parts: FinishedParts | None = None if folder.startswith("/vsi") else FinishedParts(folder)

@@ -30,8 +30,15 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
 
     0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted, 143 terminated.
     """
-    with signals_as_exceptions():
-        return _main(words, registry)
+    try:
+        with signals_as_exceptions():
+            return _main(words, registry)
+    except KeyboardInterrupt as error:  # outside the work: before it, after it, or while its error was being told
+        if ending() is None:  # none of ours
+            raise
+        message, code = describe(error)
+        print(f"ERROR: {message}", file=sys.stderr)
+        return code
 
 
 def _main(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int:

@@ -159,9 +159,11 @@ def match_pairs(
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(MatchedPair(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):
+        files = " and ".join(ortho.path for ortho in pairs[0].states[AFTER])
+        others = f", nor in the other pairs ({len(pairs)} in all)" if len(pairs) > 1 else ""
         raise SolveError(
-            "no window could be matched: the orthoimages show different things, or their shifts differ by more than "
-            "`search` from place to place; raise `search`, or lower `min_correlation`"
+            f"{files}: no window could be matched{others}: the orthoimages show different things, or their shifts "
+            "differ by more than `search` from place to place; raise `search`, or lower `min_correlation`"
         )
     return found
 

@@ -13,7 +13,7 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ..budgets import MOST_BYTES
-from ..datasets import check_advice, quiet
+from ..datasets import check_advice, quiet, quietly
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
 
@@ -119,7 +119,7 @@ def siblings(path: str) -> dict[str, str]:
     """
     folder = os.path.dirname(path)
     try:
-        names = (gdal.ReadDir(folder) or []) if folder.startswith("/vsi") else os.listdir(folder or ".")
+        names = (quietly(gdal.ReadDir, folder) or []) if folder.startswith("/vsi") else os.listdir(folder or ".")
     except OSError:
         return {}
     found: dict[str, str] = {}
