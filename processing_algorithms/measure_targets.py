@@ -18,7 +18,7 @@ from ..hrsi_engine.io.pages import write_page
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters import image_id
 from ..hrsi_engine.io.report import write_report_json
-from ..hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_edges, measure_target
+from ..hrsi_engine.measurement.targets.measuring import WORST_SIGMA_PX, TargetMeasurement, measure_edges, measure_target
 from ..hrsi_engine.plausibility.places import EDGE_SLACK_PX
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
@@ -200,8 +200,11 @@ def _of_edges(
         kind = _kind(options.kind, str(points.kind[rows[0]]), name)
         made = measure_edges(points.xy[rows], kind)
         targets.append(Target(name, image, made))
-        if not (made.refusal or made.used.all()):
-            warnings.append(f"{file}: {np.sum(~made.used)} of {len(rows)} edge points of {name} on {image} are stray")
+        if not made.refusal and (made.sigma_px > WORST_SIGMA_PX or not made.used.all()):
+            warnings.append(
+                f"{file}: the edge points of {name} on {image} do not fit one another (RMSE {made.rmse_px:.1f} px, "
+                f"{np.sum(~made.used)} of {len(rows)} left out): measure again those that lie apart"
+            )
     return targets, warnings
 
 

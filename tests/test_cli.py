@@ -15,6 +15,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.interface import cli
 from hrsi.processing_algorithms.interface.cli import main
 from hrsi.tests.sample_algorithm import SAMPLE
 
@@ -254,6 +255,35 @@ def test_an_interrupt_that_was_swallowed_comes_again():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30)
     assert done.stdout == "(130, 'interrupted; no half-written file is left')\n"
     assert done.stderr == ""
+
+
+def test_an_interrupt_while_an_error_is_told(monkeypatch, capsys):
+    """The signal comes, or comes again, when the work has ended with another error that is being told."""
+
+    def interrupted(*_words):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli, "spell_arguments", interrupted)
+    assert cli.main(["no-such-algorithm"]) == 130
+    assert capsys.readouterr().err == "ERROR: interrupted; no half-written file is left\n"
+
+
+def test_an_interrupt_at_the_very_end(monkeypatch, capsys):
+    """The signal comes while the handlers of the caller are put back: they are, all of them."""
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    set_handler, came = signal.signal, []
+
+    def interrupted(number, handler):
+        if handler in before and not came:
+            came.append(number)
+            signal.raise_signal(signal.SIGINT)
+        return set_handler(number, handler)
+
+    monkeypatch.setattr(signal, "signal", interrupted)
+    assert cli.main(["--version"]) == 130
+    assert came
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+    assert capsys.readouterr().err == "ERROR: interrupted; no half-written file is left\n"
 
 
 def _wait_for_file(folder: Path) -> None:
