@@ -92,7 +92,7 @@ def _archive(path: str) -> str | None:
 def _virtual_mark(path: str) -> str:
     status = virtual_status(path)
     handle = None if status is None else quietly(gdal.VSIFOpenL, path, "rb")
-    if handle is None:
+    if status is None or handle is None:
         return "0" * 32
     try:
         head = bytes(quietly(gdal.VSIFReadL, 1, _REMOTE_BYTES, handle) or b"")
