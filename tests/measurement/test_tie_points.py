@@ -12,6 +12,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
+from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches, without_outliers
 from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
@@ -229,6 +230,31 @@ def test_geometry_filter_finds_the_few_true_among_many_false():
     good = rpc_consistent(first.rpc, second.rpc, xy1, xy2, 150.0)
     assert good[~false].mean() > 0.9
     assert good[false].sum() <= 3
+
+
+def test_land_beyond_water_stays_and_repeated_patterns_beyond_a_gap_go():
+    """Two shores 170 px apart; the farther one holds 2 % of the matches. One period of a pattern is 85 px of parallax.
+
+    Over the gap a slope of one half would explain the 85 px; matches as dense as these allow no such step.
+    """
+    images = blocks.images(2)
+    shore = np.stack(np.meshgrid(np.arange(1000.0, 2000.0, 15.0), np.arange(1000.0, 1600.0, 15.0)), axis=-1)
+    beyond = np.stack(np.meshgrid(np.arange(1400.0, 1500.0, 15.0), np.arange(1770.0, 1850.0, 15.0)), axis=-1)
+    shore, beyond = shore.reshape(-1, 2), beyond.reshape(-1, 2)
+    first_xy = np.vstack([shore, beyond])
+    height = 200.0 + 10.0 * np.sin(first_xy[:, 1] / 300.0)
+    second_xy = transfer(images[0].rpc, images[1].rpc, first_xy, height)
+    many, number = len(first_xy), np.zeros(len(first_xy), np.int64)
+    metre = transfer(images[0].rpc, images[1].rpc, first_xy, height + 1.0) - second_xy
+    far = np.arange(many) >= len(shore)
+    for parallax_px, stays in ((3.0, True), (85.0, False), (-85.0, False)):
+        metres = far * parallax_px / np.linalg.norm(metre, axis=1)
+        moved_xy = transfer(images[0].rpc, images[1].rpc, first_xy, height + metres)
+        matches = BlockMatches(np.arange(many), number, number + 1, first_xy, moved_xy, np.full(many, 0.05),
+                               np.ones(many), np.full(many, "automatic"), height + metres)  # fmt: skip
+        kept = np.isin(np.arange(many), without_outliers(matches, images).track)
+        assert kept[~far].all()
+        assert (kept[far] == stays).all()
 
 
 def test_mutual_matches_find_a_permutation():

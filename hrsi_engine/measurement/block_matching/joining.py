@@ -51,6 +51,7 @@ FEWEST_OF_A_PAIR = 8  # matches that a pair needs, to be judged and used
 #: cliffs, clouds, water and other bands have nearly all their false matches among these, and one good match of 200.
 VAGUE, VAGUE_PX = 3.0, 0.06
 ISLAND_NEIGHBOURS, ISLAND_SLOPE = 8, 0.5  # matches to step to, and pixels of parallax for each pixel of the way
+ISLAND_GAP = 3.0  # times the usual way to the farthest of them: over wider gaps no more parallax is allowed
 ISLAND_SHARE = 0.05  # of a pair's matches, below which a part of them without such steps to the others is an island
 REPEATED_PX = 3.0  # tracks of two references this close are the same place
 
@@ -124,11 +125,22 @@ def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     if len(xy) <= ISLAND_NEIGHBOURS:
         return np.ones(len(xy), dtype=bool)
     distance, near = cKDTree(xy).query(xy, k=ISLAND_NEIGHBOURS + 1)
-    step = np.abs(parallax[near] - parallax[:, None])
-    one, which = np.nonzero(step <= np.maximum(PARALLAX_JUMP_PX, ISLAND_SLOPE * distance))
+    # Over a gap the slope would excuse any step: where a pattern repeats itself, what is left of it lies beyond gaps
+    widest = ISLAND_GAP * float(np.median(distance[:, -1]))
+
+    def explained(step: np.ndarray, way: np.ndarray) -> np.ndarray:
+        return np.asarray(np.abs(step) <= np.maximum(PARALLAX_JUMP_PX, ISLAND_SLOPE * np.minimum(way, widest)))
+
+    one, which = np.nonzero(explained(parallax[near] - parallax[:, None], distance))
     links = sparse.coo_matrix((np.ones(len(one), bool), (one, near[one, which])), shape=(len(xy), len(xy)))
-    _, island = csgraph.connected_components(links, directed=False)
-    return np.asarray(np.bincount(island)[island] >= ISLAND_SHARE * len(xy))
+    _, part = csgraph.connected_components(links, directed=False)
+    many = np.asarray(np.bincount(part)[part] >= ISLAND_SHARE * len(xy))
+    if many.all() or not many.any():
+        return many
+    # A part beyond water or a cloud has all its neighbours in itself: most of it must fit the nearest of the mainland
+    distance, near = cKDTree(xy[many]).query(xy[~many])
+    fits = explained(parallax[~many] - parallax[many][near], distance)
+    return many | (2 * np.bincount(part[~many], fits, part.max() + 1) > np.bincount(part))[part]
 
 
 def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
