@@ -33,7 +33,8 @@ from .windows import ImageWindow, predicted_window, read_tile
 
 BAND_RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
 ROWS = 512  # compared at a time
-ENOUGH_AGREEING = 60  # matches that agree, from which on no other contrast is tried
+ENOUGH_AGREEING = 60  # matches that agree, from which on no other contrast is tried; and by the share of the features:
+ENOUGH_SHARE = 0.1  # with its negative an image agrees by chance in up to 0.03 of them
 CLEARLY_MORE = 1.5  # times as many as of the image as it is must agree in another contrast
 FEWEST_AGREEING = 10  # matches that agree, to believe them
 BAND_GROWTH = (1.0, 4.0, 16.0)  # of the band
@@ -106,7 +107,8 @@ def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
 def _agreeing_in_any_contrast(job: CoarseJob, first: Result, second: Result) -> Result:
     """Return the matches that agree, of the second image as it is; where they are few, of its negative or of both."""
     found = _agreeing(job, first, second) | {"contrasts": np.array([1])}
-    if len(found["first_xy"]) >= ENOUGH_AGREEING:
+    fewer = min(len(first["xy"]), len(second["xy"]))
+    if len(found["first_xy"]) >= max(ENOUGH_AGREEING, ENOUGH_SHARE * fewer):
         return found
     negative = second | {"descriptors": descriptors_of_negative(second["descriptors"])}
     both = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
