@@ -79,6 +79,8 @@ class Adjuster(Snooping):
             settled, solution = solution, self.without_wrong_control(solution, stage(progress, 0.9, 1.0))
             if solution is not settled:
                 precise = precision(self.problem.equations, self.loop, solution)
+        if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
+            self.judge_tie_variance(solution, solution.weighting)
         self.say()
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are

@@ -52,6 +52,17 @@ def sigmas(options: AdjustOptions, seeds: int = 5, **scene) -> dict[str, float]:
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
+@pytest.mark.parametrize("stated", [0.2, 1.0, 5.0])
+def test_tests_of_measurements_follow_the_sigmas_found(stated: float) -> None:
+    """Tests of good measurements on four rays have two conditions each: their squares are chi² of 2, mean 2."""
+    block = two_sensors(1, noise=(0.3,) * 4)
+    block = replace(block, measurements=replace(block.measurements, sigma_px=block.measurements.sigma_px * stated))
+    for options in (AdjustOptions(), AdjustOptions(variance_components=True), AdjustOptions(test_sigmas=False)):
+        squares = adjust(block, options).statistic ** 2
+        assert np.nanmean(squares) == pytest.approx(2.0, rel=0.15)  # 640 tests: 4 %, of points that share cameras
+        assert np.nanmax(squares) < 25.0
+
+
 def test_two_sensors_are_told_apart_by_their_pixels():
     """About 500 residuals a group in each block: a sigma is known to 3 %, the mean of five to 2 %."""
     found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True))

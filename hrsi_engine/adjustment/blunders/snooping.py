@@ -92,12 +92,8 @@ class Snooping:
     def _judged(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
         """Decide on the measurements of some ``points (m,)``; return whether more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
-        if problem.dem_heights is not None:  # rays are judged by rays, not by a DEM that may be wrong here
-            free = PointPriors.of(observations, solution.state.ground, self.survey_weight)
-            present = replace(present, points=free)
-        squares = point_squares(problem.equations, solution, present, observations)
-        rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
-        self.found.tie_variance, freedom = tie_variance(observations, squares, rays, self.ties)
+        present = self._by_rays(solution, present)
+        squares, freedom = self.judge_tie_variance(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
             squares = point_squares(problem.equations, solution, everything, observations)
@@ -111,6 +107,22 @@ class Snooping:
         changed = int((decision != self.found.decision).sum())
         self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
         return changed > RARE * len(decision)
+
+    def judge_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
+        """Find the ties' variance factor for the weights as they are; return the points' squares, and its freedom."""
+        observations = self.problem.observations
+        squares = point_squares(self.problem.equations, solution, self._by_rays(solution, present), observations)
+        rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
+        self.found.tie_variance, freedom = tie_variance(observations, squares, rays, self.ties)
+        return squares, freedom
+
+    def _by_rays(self, solution: Solution, present: Weighting) -> Weighting:
+        """Return weights by which rays are judged by rays, not by a DEM that may be wrong where they meet."""
+        if self.problem.dem_heights is None:
+            return present
+        return replace(
+            present, points=PointPriors.of(self.problem.observations, solution.state.ground, self.survey_weight)
+        )
 
     # ---- control ---------------------------------------------------------------------------------------------------
 
