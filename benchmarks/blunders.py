@@ -269,7 +269,8 @@ def masked_control(seeds: Sequence[int]) -> Section:
     text = (
         f"{len(seeds)} blocks a row, 200 tie points. Sigmas as stated; of GCPs of 0.2 and 20 m in turn, those of 0.2 m "
         "are wrong, and the errors of the others are as large as stated. Named: of the wrong GCPs. A wrong height of "
-        "one of three sharp GCPs (1 of 6 there) is a tilt, which drifting images explain as well: nobody can tell."
+        "one of three sharp GCPs (1 of 6 there) is a tilt, which drifting images explain as well; "
+        "shifts of single sharp GCPs, and of plan-only control, are often not told from drift either."
     )
     head = ("sensor, images", "wrong GCPs", "sigmas", "mistake", "named", "false names", "undecided")
     return "Wrong GCPs of unequal sigmas", text, head, rows
