@@ -90,23 +90,21 @@ class DirectRPC:
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""
-        root = self._root(image)
-
-        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            rpc = correct(image.rpc, root @ values)
-            computed, by_ground = rpc.project_with_metric_jacobian(ground)
-            return Equations(computed, by_coefficients(rpc, ground, computed) @ root, by_ground)
-
-        return linearise
+        return self._linearise(image, None)
 
     def linear_equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the equations times the denominators, over those of the values: see the module's text."""
+        return self._linearise(image, observed_px)
+
+    def _linearise(self, image: Image, derived_at_px: np.ndarray | None) -> Linearise:
+        """Return the equations with derivatives at image points ``(n, 2)``, or where the values compute them."""
         root = self._root(image)
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             rpc = correct(image.rpc, root @ values)
             computed, by_ground = rpc.project_with_metric_jacobian(ground)
-            return Equations(computed, by_coefficients(rpc, ground, observed_px) @ root, by_ground)
+            image_points = computed if derived_at_px is None else derived_at_px
+            return Equations(computed, by_coefficients(rpc, ground, image_points) @ root, by_ground)
 
         return linearise
 
