@@ -18,7 +18,6 @@ from ..hrsi_engine.adjustment.evaluation import (
     fit_tracks,
     known_differences_m,
     known_residuals_px,
-    with_cameras,
 )
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.precision import errors_90
@@ -86,7 +85,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     sets: list[EvaluatedSet] = []
     for done, (name, (source, rpcs)) in enumerate(cameras.items()):
         advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
-        seen = with_cameras(block, rpcs)
+        seen = block.with_cameras(rpcs)
         observations, fit = fit_tracks(seen, tracks)
         known_px, known_m = known_residuals_px(seen), known_differences_m(seen)
         sets.append(EvaluatedSet(name, source, seen, fit, fit_pairs(observations, fit), known_px, known_m))

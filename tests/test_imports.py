@@ -20,7 +20,7 @@ GROUND = FOUNDATION | {"hrsi_engine.ground"}
 CAMERA = GROUND | {"hrsi_engine.camera"}
 SURFACE = CAMERA | {"hrsi_engine.surface"}
 BLOCK = SURFACE | {"hrsi_engine.block"}
-ADJUSTMENT = BLOCK | {"hrsi_engine.refinement", "hrsi_engine.adjustment"}
+ADJUSTMENT = (BLOCK - {"hrsi_engine.camera"}) | {"hrsi_engine.refinement", "hrsi_engine.adjustment"}
 ALLOWED: dict[str, set[str]] = {
     "hrsi_engine.foundation": set(),
     "hrsi_engine.ground": FOUNDATION,

@@ -18,12 +18,11 @@ across the epipolar lines is n'e, whatever the ground point at which e was compu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..block.block import Block
-from ..camera.rpc import RPC
 from ..foundation.robust_scale import robust_sigma
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.models import MODELS
@@ -82,12 +81,6 @@ class PairFit:
     points: np.ndarray
     across_px: np.ndarray
     left_px: np.ndarray
-
-
-def with_cameras(block: Block, cameras: Sequence[RPC]) -> Block:
-    """Return the block seen by other cameras, one an image."""
-    images = tuple(replace(image, rpc=rpc) for image, rpc in zip(block.images, cameras, strict=True))
-    return replace(block, images=images)
 
 
 def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit]:

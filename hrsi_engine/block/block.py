@@ -265,6 +265,22 @@ class Block:
         """
         return replace(self, measurements=self.measurements.select(keep))
 
+    def with_cameras(self, cameras: Sequence[RPC]) -> Block:
+        """Return the block seen by other cameras.
+
+        Parameters
+        ----------
+        cameras : sequence of RPC
+            One an image, in their order.
+
+        Returns
+        -------
+        Block
+            The same points and measurements.
+        """
+        images = tuple(replace(image, rpc=rpc) for image, rpc in zip(self.images, cameras, strict=True))
+        return replace(self, images=images)
+
 
 def assemble(
     images: Sequence[Image],

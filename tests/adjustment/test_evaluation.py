@@ -15,7 +15,6 @@ from hrsi.hrsi_engine.adjustment.evaluation import (
     fit_tracks,
     known_differences_m,
     known_residuals_px,
-    with_cameras,
 )
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
@@ -95,7 +94,7 @@ def test_pairs_tell_the_bias_across_the_epipolar_lines():
 
 def moved(block: Block, sample: float, line: float) -> Block:
     first, *others = (image.rpc for image in block.images)
-    return with_cameras(block, [first.shift(sample, line), *others])
+    return block.with_cameras([first.shift(sample, line), *others])
 
 
 def test_wrong_tracks_are_those_that_are_wrong_under_every_set():
