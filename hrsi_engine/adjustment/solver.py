@@ -80,7 +80,7 @@ class Adjuster(Snooping):
             if solution is not settled:
                 precise = precision(self.problem.equations, self.loop, solution)
         if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
-            self.judge_tie_variance(solution, solution.weighting)
+            self.judge_tie_variance(solution)
         self.say()
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are

@@ -93,7 +93,7 @@ class Snooping:
         """Decide on the measurements of some ``points (m,)``; return whether more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
         present = self._by_rays(solution, present)
-        squares, freedom = self.judge_tie_variance(solution, present)
+        squares, freedom = self._find_tie_variance(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
             squares = point_squares(problem.equations, solution, everything, observations)
@@ -108,10 +108,14 @@ class Snooping:
         self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
         return changed > RARE * len(decision)
 
-    def judge_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
-        """Find the ties' variance factor for the weights as they are; return the points' squares, and its freedom."""
+    def judge_tie_variance(self, solution: Solution) -> None:
+        """Find the ties' variance factor for the weights of a solution."""
+        self._find_tie_variance(solution, self._by_rays(solution, solution.weighting))
+
+    def _find_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
+        """Find the ties' variance factor for weights by rays; return the points' squares, and the factor's freedom."""
         observations = self.problem.observations
-        squares = point_squares(self.problem.equations, solution, self._by_rays(solution, present), observations)
+        squares = point_squares(self.problem.equations, solution, present, observations)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
         self.found.tie_variance, freedom = tie_variance(observations, squares, rays, self.ties)
         return squares, freedom
