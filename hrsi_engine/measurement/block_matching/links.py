@@ -9,6 +9,7 @@ the worst goes first, and takes its open triangles with it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -94,22 +95,24 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
         pair: len(of_pair) >= WEAK_MATCHES or min(np.sum(strong == number) for number in pair) < HELD_WITHOUT
         for pair, of_pair in rows.items()
     }
-    bad, good = list(open_), list(closed)
+    in_open, in_closed = _count_triangles(open_), _count_triangles(closed)
+    bad, good = open_, closed
     while bad:
-        worst = max({pair for triangle in bad for pair in triangle}, key=lambda pair: (_excess(pair, bad, good), pair))
-        if _excess(worst, bad, good) < LEAST_EXCESS:
+        more_open = _count_triangles(bad)
+        more_open.subtract(_count_triangles(good))
+        worst = max({pair for triangle in bad for pair in triangle}, key=lambda pair: (more_open[pair], pair))
+        if more_open[worst] < LEAST_EXCESS:
             break
         sound[worst] = False
         bad, good = ([t for t in some if worst not in t] for some in (bad, good))
     return [
-        ImageLink(*pair, len(of_pair), sum(pair in t for t in closed), sum(pair in t for t in open_), sound[pair])
-        for pair, of_pair in rows.items()
+        ImageLink(*pair, len(of_pair), in_closed[pair], in_open[pair], sound[pair]) for pair, of_pair in rows.items()
     ]
 
 
-def _excess(pair: NumberPair, bad: Sequence[tuple[NumberPair, ...]], good: Sequence[tuple[NumberPair, ...]]) -> int:
-    """Return by how many more triangles of a link stay open than close."""
-    return sum(pair in triangle for triangle in bad) - sum(pair in triangle for triangle in good)
+def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[NumberPair]:
+    """Return how many of the triangles each link takes part in."""
+    return Counter(pair for triangle in triangles for pair in triangle)
 
 
 def _triangles(
@@ -121,7 +124,7 @@ def _triangles(
     stars: dict[int, list[int]] = {}
     for first, second in rows:
         stars.setdefault(first, []).append(second)
-    trees: dict[tuple[NumberPair, bool], cKDTree] = {}
+    trees: dict[NumberPair, cKDTree] = {}
     for centre, partners in stars.items():
         for j, k in combinations(sorted(partners), 2):
             third = next((pair for pair in ((j, k), (k, j)) if pair in rows), None)
@@ -140,16 +143,17 @@ def _closure(
     second: np.ndarray,
     third: NumberPair,
     between: np.ndarray,
-    trees: dict[tuple[NumberPair, bool], cKDTree],
+    trees: dict[NumberPair, cKDTree],
 ) -> float | None:
     """Return the median closure of a triangle in px; None where too few points tell."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
     if len(a) < FEWEST_CLOSURES:
         return None
-    tree = trees.setdefault((third, True), cKDTree(matches.first_xy[between]))
+    if third not in trees:
+        trees[third] = cKDTree(matches.first_xy[between])
     count = min(SPEAKING_NEIGHBOURS, len(between))
-    distance, near = tree.query(q, k=count, distance_upper_bound=SPEAKING_PX)
+    distance, near = trees[third].query(q, k=count, distance_upper_bound=SPEAKING_PX)
     distance, near = distance.reshape(len(q), count), near.reshape(len(q), count)
     told = np.isfinite(distance)
     usable = told[:, 0]
