@@ -11,7 +11,7 @@ The number of pairs tried is bounded by a multiple of the number of images.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -133,9 +133,9 @@ class PairChoice:
         return self.probes[pair].cells[0 if pair[0] == image else 1]
 
     @staticmethod
-    def _by_image(pairs: object) -> dict[int, list[NumberPair]]:
+    def _by_image(pairs: Iterable[NumberPair]) -> dict[int, list[NumberPair]]:
         by_image: dict[int, list[NumberPair]] = {}
-        for pair in pairs:  # type: ignore[attr-defined]
+        for pair in pairs:
             for number in pair:
                 by_image.setdefault(number, []).append(pair)
         return by_image
