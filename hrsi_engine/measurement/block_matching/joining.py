@@ -35,7 +35,7 @@ from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.scheduling import Result
-from ..tile_matching.epipolar import MIN_STRETCH, epipolar_miss
+from ..tile_matching.epipolar import MIN_STRETCH, EpipolarMiss, epipolar_miss
 from ..tile_matching.rpc_consistency import PARALLAX_JUMP_PX
 from ..tracks import spread_over_image
 
@@ -107,9 +107,7 @@ def without_outliers(matches: BlockMatches, images: Sequence[Image], islands: bo
     """
     keep = np.zeros(len(matches), dtype=bool)
     for rows in pair_rows(matches).values():
-        first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
-        middle = float(np.median(matches.height_m[rows]))
-        miss = epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
+        miss = _miss_of_pair(matches, rows, images)
         sigma = matches.sigma_px[rows]
         tolerance = np.maximum(DEVIATION_FLOOR_PX, SIGMAS * sigma)
         precise = sigma <= max(VAGUE_PX, VAGUE * float(np.median(sigma)))
@@ -118,6 +116,13 @@ def without_outliers(matches: BlockMatches, images: Sequence[Image], islands: bo
             rows, along = rows[keep[rows]], miss.along_px[keep[rows]]
             keep[rows] = _on_mainland(matches.first_xy[rows], along)
     return matches.select(keep)
+
+
+def _miss_of_pair(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarMiss:
+    """Return how far the matches of one pair are off its epipolar lines, at their median height."""
+    first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
+    middle = float(np.median(matches.height_m[rows]))
+    return epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
 
 
 def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
@@ -149,9 +154,7 @@ def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
     for rows in pair_rows(matches).values():
         if len(rows) < FEWEST_OF_A_PAIR:
             continue
-        first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
-        middle = float(np.median(matches.height_m[rows]))
-        miss = epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
+        miss = _miss_of_pair(matches, rows, images)
         terms = _trend_terms(matches.first_xy[rows])
         known = np.isfinite(miss.across_px)
         trend = terms @ np.linalg.lstsq(terms[known], miss.across_px[known], rcond=1e-10)[0]
