@@ -31,4 +31,4 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
     warnings, entries = [*warnings, *choice_warnings(result.choice)], choice_entries(how.model, result.choice)
-    return block_outputs.write_results("adjust", options, result, warnings, clock, rest, entries, reasons)
+    return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons)

@@ -29,7 +29,6 @@ from ..hrsi_engine.drawing.residual_plots import bars_svg
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.layer_styles import default_styles
 from ..hrsi_engine.io.layers import Layer, write_geopackage
@@ -37,7 +36,6 @@ from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages import write_page
 from ..hrsi_engine.io.point_files import measurements_of, read_points
 from ..hrsi_engine.io.report import write_report_json
-from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
@@ -50,7 +48,7 @@ from .files.image_files import open_images
 from .files.result_folder import check_folder, tell
 from .files.rpc_folders import rpcs_of_folder
 from .files.terrain import dem_surface
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a layer's name
 FEW_PREDICTIONS = 30  # below, the figures of a set say little
@@ -105,8 +103,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     warnings += _warnings(entries, len(images), len(predicted) > 0)
     clock.lap("evaluate")
     report: Report = {
-        "schema": 1, "algorithm": "evaluate", "version": VERSION, "seconds": {}, **entries,
-        "best": _best(entries["sets"]), "warnings": warnings, "versions": versions(), "settings": settings_of(options),
+        **context.record, "seconds": {}, **entries, "best": _best(entries["sets"]), "warnings": warnings,
     }  # fmt: skip
     tell(warnings, context)
     target = options.folder

@@ -42,7 +42,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         )
     height_warnings = [*few, *extrapolation_warnings(wanted, (low, high))]
     report: Report = {
-        "schema": 1, "algorithm": "fit-rpc", "output": str(Path(options.folder.output_dir) / name),
+        **context.record, "output": str(Path(options.folder.output_dir) / name),
         "points": len(table.ground), "max_px": fit.max_px, "rms_px": fit.rms_px,
         "check": None if check is None else {"points": check[0], "max_px": check[1].max_px, "rms_px": check[1].rms_px},
         "height_min_m": low, "height_max_m": high,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..hrsi_engine.foundation.errors import SolveError
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.layers import Layer
 from .block_steps import reference_control
@@ -14,7 +13,7 @@ from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromRefere
 from .files.image_files import open_images
 from .files.result_folder import check_folder, write_folder
 from .files.terrain import dem_surface
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 REJECTED = "rejected"
 
@@ -31,9 +30,8 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     if not len(ground):
         raise SolveError(f"{options.reference.reference}: no GCP was found: {'; '.join(found.warnings)}")
     report: Report = {
-        "schema": 1, "algorithm": "gcps-from-reference", "version": VERSION, "points": len(ground),
+        **context.record, "points": len(ground),
         "measurements": len(measured), "reference": found.entries, "warnings": found.warnings,
-        "settings": settings_of(options),
     }  # fmt: skip
     layers = [_layer(LAYER, found, used=True), _layer(REJECTED, found, used=False)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)

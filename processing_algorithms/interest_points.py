@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..hrsi_engine.foundation.progress import stage
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
@@ -18,7 +17,7 @@ from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
 from .files.result_folder import check_folder, tell, write_folder
 from .files.terrain import open_terrain
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 QUARTERS = ("upper left", "upper right", "lower left", "lower right")
 
@@ -43,10 +42,9 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     warnings += ground_warnings(images, grounds)
     tell(warnings, context)
     report: Report = {
-        "schema": 1, "algorithm": "interest-points", "version": VERSION, "detector": options.detector,
+        **context.record, "detector": options.detector,
         "images": {image.id: _summary(image, points) for image, points in zip(images, tables, strict=True)},
         "warnings": warnings,
-        "settings": settings_of(options),
     }  # fmt: skip
     layers = [_layer(images, tables, grounds)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)

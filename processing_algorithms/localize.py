@@ -31,7 +31,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
     columns, warnings = _localize(images, points, surface)
     tell(warnings, context)
     report: Report = {
-        "schema": 1, "algorithm": "localize", "images": ids, "from_file": bool(options.points),
+        **context.record, "images": ids, "from_file": bool(options.points),
         "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
     if not options.folder.output_dir:

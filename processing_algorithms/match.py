@@ -12,7 +12,6 @@ from ..hrsi_engine.drawing.pair_pictures import PictureSide, pair_svg
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.csv_tables import write_csv
 from ..hrsi_engine.io.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
@@ -26,7 +25,7 @@ from .declarations.match import LAYER, LAYERS_FILE, MatchAlgorithmOptions
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
 from .files.result_folder import check_folder, tell
 from .files.terrain import open_terrain
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 POINTS_LAYER = "matched_points"
 TABLE_FILE, PAGE_FILE = "correspondences.csv", "report.html"
@@ -49,7 +48,7 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     found = match_windows(
         images[0].raster, images[1].raster, options.matching, areas[0], areas[1], stage(context.progress, 0.0, 0.9)
     )
-    report = _report(images, areas, found, options, perf_counter() - started)
+    report = _report(images, areas, found, context.record, perf_counter() - started)
     _write(options, report, images, areas, found, context)
     return report
 
@@ -58,13 +57,13 @@ def _report(
     images: list[ImagePixels],
     areas: list[Area],
     found: ControlNetworkMatch,
-    options: MatchAlgorithmOptions,
+    record: Report,
     seconds: float,
 ) -> Report:
 
     made = found.positions
     return {
-        "schema": 1, "algorithm": "match", "version": VERSION, "seconds": {"total": seconds}, "status": found.status,
+        **record, "seconds": {"total": seconds}, "status": found.status,
         "first": images[0].id, "second": images[1].id, "correspondences": len(found),
         "rotation_deg": found.rotation_deg, "scale": found.scale, "affine": found.affine.tolist(),
         "sigma_px": _median(made.sigma_px), "residual_px": _median(made.residual_px),
@@ -77,7 +76,6 @@ def _report(
             for image, area, points in zip(images, areas, found.points, strict=True)
         ],
         "unsolved": f"{found.status}: {found.message}" if found.status != FOUND else None, "warnings": [],
-        "settings": settings_of(options),
     }  # fmt: skip
 
 

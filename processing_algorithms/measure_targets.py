@@ -11,7 +11,6 @@ from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import chip_svg
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages import write_page
@@ -25,7 +24,7 @@ from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
 from .files.result_folder import check_folder, tell
 from .files.target_chip import chip_of
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 PAGE_FILE = "report.html"
 MOST_PAGE_CHIPS = 200  # on the page
@@ -57,10 +56,9 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     warnings += _refused_everywhere(targets, {image_id(path): path for path in options.images})
     tell(warnings, context)
     report: Report = {
-        "schema": 1, "algorithm": "measure-targets", "version": VERSION, "measured": len(made),
+        **context.record, "measured": len(made),
         "refused": len(targets) - len(made), "targets": [_row(target) for target in targets],
         "chips_left_out": max(len(targets) - MOST_PAGE_CHIPS, 0), "warnings": warnings,
-        "settings": settings_of(options),
     }  # fmt: skip
     by_id = {image.id: image for image in images}
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:

@@ -34,7 +34,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
         warnings += [f"no point lies on {list_ids(bare)}: check the CRS and the columns of the points"] if bare else []
     tell(warnings, context)
     report: Report = {
-        "schema": 1, "algorithm": "project", "images": [image.id for image in images],
+        **context.record, "images": [image.id for image in images],
         "from_file": bool(options.points), "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
     if not options.folder.output_dir:

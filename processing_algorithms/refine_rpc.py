@@ -65,7 +65,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         more["models"] = _compare(block, refinements, context.stage(0.3, 0.6))
         clock.lap("compare")
     rest = context.stage(0.6, 1.0)
-    report = block_outputs.write_results("refine-rpc", options, result, warnings, clock, rest, more, reasons)
+    report = block_outputs.write_results(options, result, warnings, clock, rest, more, reasons)
     return report
 
 

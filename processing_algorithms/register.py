@@ -12,7 +12,6 @@ from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages import write_page
@@ -24,7 +23,7 @@ from ..hrsi_engine.surface.dem import ConstantHeight, intersect_surface
 from .declarations.register import LAYER, LAYERS_FILE, RegisterOptions
 from .files.result_folder import check_folder
 from .files.terrain import open_terrain
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 PAGE_FILE = "report.html"
 
@@ -57,7 +56,7 @@ def run(options: RegisterOptions, context: Context) -> Report:
     everything = result.registrations["all"]
     ratios = {name: result.ratio(name) for name in ("alone", "together")}
     report: Report = {
-        "schema": 1, "algorithm": "register", "version": VERSION, "model": options.registration.model, "first": first,
+        **context.record, "model": options.registration.model, "first": first,
         "second": second, "points": len(points["ids"]), "unit": "m" if options.gsd else "px",
         "alone": {kind: asdict(row) for kind, row in result.alone.items()},
         "together": {kind: asdict(row) for kind, row in result.together.items()},
@@ -65,7 +64,6 @@ def run(options: RegisterOptions, context: Context) -> Report:
         "matrix": everything.matrix.tolist(),
         "outliers": points["ids"][~everything.used].tolist(),
         "warnings": [*lost, *_warnings(points, everything.unknowns)],
-        "settings": settings_of(options),
     }  # fmt: skip
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])

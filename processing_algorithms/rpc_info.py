@@ -37,8 +37,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     advance(context.progress, 0.5, "pairs")
     pairs = all_pairs(views)
     report: Report = {
-        "schema": 1,
-        "algorithm": "rpc-info",
+        **context.record,
         "images": {
             view.image.id: _image_entry(view, geometry) for view, geometry in zip(views, geometries, strict=True)
         },

@@ -20,7 +20,7 @@ def run(options: SimulateOptions, context: Context) -> Report:
     check_output_dir(folder, options.folder.overwrite)
     views = simulation_inputs.make_views(options.views, options.vendor, options.scene)
     simulated = simulate_block(options.scene, views, options.points, options.noise, stage(context.progress, 0.0, 0.1))
-    report = simulation_outputs.report_simulated_block(simulated, options)
+    report = simulation_outputs.report_simulated_block(simulated, context.record)
     with stage_folder(folder, context.inputs, options.folder.overwrite) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))

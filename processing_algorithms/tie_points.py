@@ -10,20 +10,18 @@ import numpy as np
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.io.csv_tables import write_measurements
 from ..hrsi_engine.io.layer_styles import default_styles
 from ..hrsi_engine.io.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.io.report import write_report_json
-from ..hrsi_engine.io.versions import versions
 from ..hrsi_engine.measurement.tie_points import TiePoints
 from .block_steps.outputs import Clock
 from .block_steps.tie_search import find, held_entries
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
 from .files.image_files import open_images
 from .files.terrain import open_terrain
-from .interface.declare import Context, Report, settings_of
+from .interface.declare import Context, Report
 
 TABLE_FILE, MEASUREMENTS_LAYER = "tie_points.csv", "image_points"
 
@@ -65,7 +63,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
             names["csv"] = TABLE_FILE
             write_measurements(str(folder / TABLE_FILE), found.image_points)
         outputs = {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
-        report = _report(images, found, options) | {"seconds": clock.total(), "outputs": outputs}
+        report = _report(images, found, context.record) | {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
     for warning in found.warnings:
         context.log(f"warning: {warning}")
@@ -73,12 +71,12 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     return report
 
 
-def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions) -> Report:
+def _report(images: Sequence[Image], found: TiePoints, record: Report) -> Report:
     rows = found.image_points
     ids, track = np.unique(rows.ids, return_inverse=True)
     views = np.bincount(np.bincount(track, minlength=len(ids))) if len(ids) else np.zeros(0, int)
     return {
-        "schema": 1, "algorithm": "tie-points", "version": VERSION,
+        **record,
         "images": {
             image.id: {"path": image.path, "observations": int((rows.image_ids == image.id).sum()),
                        "cells": _cells_with_points(image, rows.xy[rows.image_ids == image.id])}
@@ -91,8 +89,7 @@ def _report(images: Sequence[Image], found: TiePoints, options: TiePointsOptions
         ],
         "ties": {"points": len(ids), "observations": len(rows),
                  "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]}},
-        **held_entries(found), "warnings": list(found.warnings), "versions": versions(),
-        "settings": settings_of(options),
+        **held_entries(found), "warnings": list(found.warnings),
     }  # fmt: skip
 
 

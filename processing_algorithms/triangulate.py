@@ -41,7 +41,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
     warnings += [*more, *choice_warnings(result.choice), *offset]
     entries |= choice_entries(how.model, result.choice) | held
-    return block_outputs.write_results("triangulate", options, result, warnings, clock, rest, entries, reasons, kept)
+    return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons, kept)
 
 
 def _automatic_ties(

@@ -30,7 +30,7 @@ Outcome = tuple[str, dict[str, Any], tuple[str, ...]]  # image id, entry of the 
 
 def run(options: WriteRpcOptions, context: Context) -> Report:
     """Find every image's RPC and its output first, then write; or restore."""
-    report: Report = {"schema": 1, "algorithm": "write-rpc", "images": {}, "warnings": []}
+    report: Report = {**context.record, "images": {}, "warnings": []}
     jobs = [] if options.restore else _jobs(options)
     steps = len(jobs) or len(options.images)
     for index in range(steps):

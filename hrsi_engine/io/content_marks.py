@@ -61,13 +61,13 @@ def files_mark(paths: Iterable[str]) -> str:
                     state.update(block)
                 continue
             state.update(_times(file.fileno()))
-            for start, length in _places(size, size / total):
+            for start, length in places_of(size, size / total):
                 file.seek(start)
                 state.update(file.read(length))
     return state.hexdigest()
 
 
-def _places(size: int, share: float) -> list[tuple[int, int]]:
+def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
     """Return start and length of the blocks of a file that count; ``share`` of all that is read falls to it."""
     edge = max(int(EDGE_BYTES * share), _LEAST_EDGE)
     count = max(int(SAMPLES * share), 1)

@@ -37,13 +37,18 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     left_over = residuals_table(result, left)
     footprints = images_table(result, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
-    crs = {"residuals_wgs84": WGS84, "residuals_utm": map_epsg(*middle[:2])}
+    crs = {"residuals_wgs84": WGS84, "residuals_utm": residuals_epsg(result)}
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         _point_layer("ground_points", ground_points_table(result), WGS84),
         _point_layer("image_points", image_points_table(result, left), WGS84),
         *(_point_layer(name, left_over, crs[name]) for name in chosen),
     ]
+
+
+def residuals_epsg(result: Adjustment) -> int:
+    """Return the EPSG code of the projected CRS of a block's middle, in which residuals are shown."""
+    return map_epsg(*middle_position(positions(result))[:2])
 
 
 def block_map(result: Adjustment, left: Residuals) -> BlockMap:

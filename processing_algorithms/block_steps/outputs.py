@@ -12,23 +12,21 @@ from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.layer_styles import default_styles
 from ...hrsi_engine.io.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
-from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
-from ...hrsi_engine.results.layers import block_layers, block_map
+from ...hrsi_engine.results.layers import block_layers, block_map, residuals_epsg
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
-from ..interface.declare import Context, Report, settings_of
+from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
     IN_PLACE,
@@ -82,7 +80,6 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
 
 
 def write_results(
-    algorithm: str,
     options: BlockOptions,
     result: Adjustment,
     warnings: Sequence[str],
@@ -103,13 +100,12 @@ def write_results(
     clock.lap("residuals")
     evidence = Evidence(result, left, refined)
     report = {
-        "schema": 1, "algorithm": algorithm, "version": VERSION, "verdict": {}, "seconds": {},
+        **context.record, "verdict": {}, "seconds": {},
+        "crs": {**context.record["crs"], "residuals": f"EPSG:{residuals_epsg(result)}"},
         **block_report(result, left, refined),
         **residual_statistics.entries(result, left),
         "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
                      *_fit_warnings(images, refined), *field_notes(evidence)],
-        "versions": versions(),
-        "settings": settings_of(options),
         **(more or {}),
     }  # fmt: skip
     verdict = Verdict.of(describe_reached(report), find_reasons(evidence, reasons))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -100,9 +101,12 @@ def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
     spelt = partial(spell_arguments, params=algorithm.params)
     try:
         with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-            report = algorithm.execute(
-                options, Context(terminal.progress, lambda message: terminal.log(spelt(message)))
+            told = Context(
+                terminal.progress,
+                lambda message: terminal.log(spelt(message)),
+                command=shlex.join(["hrsi", algorithm.name, *words]),
             )
+            report = algorithm.execute(options, told)
         terminal.finish()
     finally:
         terminal.break_line()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, fields, replace
+import shlex
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import Enum
 from functools import cached_property
 from importlib import import_module
@@ -22,6 +23,9 @@ _RASTERS = f"{_ROOT}.hrsi_engine.io.rasters"
 _DELIVERIES = f"{_ROOT}.hrsi_engine.io.deliveries"
 _JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
 _FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.folder_lock"
+_LINEAGE = f"{_ROOT}.hrsi_engine.io.lineage"
+POSITIONS_CRS = "EPSG:4979"  #: of all ground positions in results: longitude, latitude, ellipsoidal height
+SCHEMA = 1  #: of reports
 
 
 class Kind(Enum):
@@ -101,12 +105,16 @@ class Context:
     ----------
     progress : where it reports how far it is; False cancels
     log : where it tells messages, one line each
+    command : the run as a person typed it; made from the options where nobody did
     inputs : files that its options name for reading: no result may take their place
+    record : the entries that every report begins with: what ran, when, how, on which inputs
     """
 
     progress: Progress
     log: Log
+    command: str = ""
     inputs: tuple[str, ...] = ()
+    record: Report = field(default_factory=dict)
 
     def stage(self, begin: float, end: float) -> Context:
         """Return the context of a part of the work, between two fractions of the whole."""
@@ -181,7 +189,24 @@ def typed_value(param: Param) -> str | None:
     plain = _plain(param.default)
     if not isinstance(plain, list):
         return None if plain is None else str(plain)
-    return ",".join(f"{item:g}" if isinstance(item, float) else item for item in dict.fromkeys(plain)) or None
+    return _joined(dict.fromkeys(plain)) or None
+
+
+def _joined(items: Iterable[Any]) -> str:
+    return ",".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
+
+
+def typed_words(param: Param, value: Any) -> list[str]:
+    """Return an option with a value as words of a command line."""
+    plain = _plain(value)
+    if param.kind is Kind.IMAGES:
+        return list(plain)
+    if param.kind is Kind.FLAG:
+        return [f"--{param.name}" if plain else f"--no-{param.name}"]
+    if param.kind is Kind.FOLDERS:
+        return [word for folder in plain for word in (f"--{param.name}", folder)]
+    text = _joined(plain) if isinstance(plain, list) else str(plain)
+    return [f"--{param.name}={text}"] if text.startswith("-") else [f"--{param.name}", text]
 
 
 @dataclass(frozen=True)
@@ -221,16 +246,27 @@ class Algorithm:
         Folders, archives and lists among the images are replaced by the images that they hold. All images are closed
         in the end: nothing stays open when the work is done.
         """
-        modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES)
+        modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE)
         with quitting_on_signals():
-            work, rasters, values, lock, deliveries = map(import_module, modules)
-        named = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
-        images = {key: deliveries.named_images(names, context.log) for key, names in named.items() if names}
+            work, rasters, values, lock, deliveries, lineage = map(import_module, modules)
+        given = self.given(options)
+        typed = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
+        images = {key: deliveries.named_images(names, context.log) for key, names in typed.items() if names}
         options = {**options, **images}
-        context = replace(context, inputs=self.inputs(options))
+        made: Any = made_options(self.options, options)
+        named = self.named_files(options) if options.get("output_dir") else None  # only then is there a file to tell it
+        record = {
+            "schema": SCHEMA, "algorithm": self.name,
+            **lineage.run_record(context.command or self.command(given), named),
+            "options": {key: _plain(value) for key, value in given.items()}, "settings": settings_of(made),
+            "crs": {
+                "positions": POSITIONS_CRS, "heights": "ellipsoidal", "input_heights": options.get("height_datum"),
+            },
+        }  # fmt: skip
+        context = replace(context, inputs=self.inputs(options), record=lineage.without_secrets_in(record))
         try:
             with lock.only_writer(options.get("output_dir")):
-                report: Report = values.json_ready(work.run(made_options(self.options, options), context))
+                report: Report = values.json_ready(work.run(made, context))
             return report
         finally:
             rasters.close_images()
@@ -248,6 +284,29 @@ class Algorithm:
             for text in [value] if isinstance(value, str) else value or ():
                 files += [part.partition("|")[0].strip() for part in (text, *text.split(";"))]
         return tuple(dict.fromkeys(filter(None, files)))
+
+    def named_files(self, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+        """Return the files and folders that checked options name for reading, by the option's key."""
+        named: dict[str, tuple[str, ...]] = {}
+        for param in self.params:
+            value = options.get(param.key)
+            if param.kind is Kind.FOLDERS:
+                named[param.key] = tuple(word.partition("=")[2] for word in value or ())
+            elif param.kind in READ_KINDS:
+                named[param.key] = self.inputs({param.key: value})
+            elif isinstance(value, str) and "FILE" in param.metavar.split("|"):  # a geoid grid; words are no files
+                named[param.key] = (value,)
+        return {key: files for key, files in named.items() if files}
+
+    def given(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the checked options that are not at their defaults, by key."""
+        return {param.key: options[param.key] for param in self.params if options[param.key] != param.default}
+
+    def command(self, given: Mapping[str, Any]) -> str:
+        """Return the command line of checked options; images come last."""
+        params = sorted((param for param in self.params if param.key in given), key=lambda p: p.kind is Kind.IMAGES)
+        words = [word for param in params for word in typed_words(param, given[param.key])]
+        return shlex.join(["hrsi", self.name, *words])
 
     def defaults(self) -> dict[str, Any]:
         """Return every option at its default, by key."""

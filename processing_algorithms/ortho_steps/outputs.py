@@ -19,7 +19,6 @@ from ...hrsi_engine.foundation.errors import Cancelled, InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.threads import thread_count
-from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.io.json_files import read_json
 from ...hrsi_engine.io.ortho_warp import OrthoSource, Warp
 from ...hrsi_engine.io.orthoimages import (  # fmt: skip
@@ -38,7 +37,7 @@ from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.ortho.grid import MapGrid
 from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ..declarations.orthorectify import OrthorectifyOptions
-from ..interface.declare import Context, Report, settings_of
+from ..interface.declare import Context, Report
 from .inputs import BlockPlan
 
 ENDING = "_ortho.tif"
@@ -183,13 +182,13 @@ def write_report(
     warnings = [*plan.warnings, *_unknown_warnings(entries)]
     crs = pyproj.CRS.from_wkt(plan.crs)
     code = crs.to_epsg()
+    name = f"EPSG:{code}" if code else str(crs.name)
     report: Report = {
-        "schema": 1, "algorithm": "orthorectify", "version": VERSION, "seconds": {"total": round(seconds, 3)},
-        "grid": {"crs": (f"EPSG:{code}" if code else str(crs.name)), "wkt": plan.crs, "resolution": plan.resolution},
+        **context.record, "seconds": {"total": round(seconds, 3)}, "crs": {**context.record["crs"], "map": name},
+        "grid": {"crs": name, "wkt": plan.crs, "resolution": plan.resolution},
         "resampling": options.resampling, "error_px": options.error_px,
-        "images": {name: {"gsd_m": plan.gsd_m[name], **entry} for name, entry in entries.items()},
-        "warnings": warnings, "versions": versions(),
-        "settings": settings_of(options),
+        "images": {key: {"gsd_m": plan.gsd_m[key], **entry} for key, entry in entries.items()},
+        "warnings": warnings,
     }  # fmt: skip
     for text in warnings:
         context.log(f"warning: {text}")

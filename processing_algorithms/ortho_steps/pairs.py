@@ -15,7 +15,6 @@ from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.drawing.block_map import BlockMap, block_map_svg
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
-from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from ...hrsi_engine.io.layers import Layer, write_geopackage
@@ -23,7 +22,6 @@ from ...hrsi_engine.io.ortho_rasters import OrthoRaster, offset_of, open_ortho, 
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages import write_page
 from ...hrsi_engine.io.report import write_report_json
-from ...hrsi_engine.io.versions import versions
 from ...hrsi_engine.ortho.common_shift import common_shift
 from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     MisregistrationOptions,
@@ -35,7 +33,7 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     window_centres,
 )
 from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
-from ..interface.declare import Context, Report, settings_of
+from ..interface.declare import Context, Report
 
 MOST_MAPS = 12
 BEFORE, AFTER = "before", "after"
@@ -188,10 +186,9 @@ def write_pair_results(
 ) -> Report:
     """Write report, layers and maps; return the report."""
     report: Report = {
-        "schema": 1, "algorithm": "ortho-check", "version": VERSION, "states": list(found[0].matches),
+        **context.record, "states": list(found[0].matches),
         "pairs": [_entry(pair) for pair in found], "all": _together(found),
-        "warnings": [*warnings, *_poor(found)], "versions": versions(),
-        "settings": settings_of(options),
+        "warnings": [*warnings, *_poor(found)],
     }  # fmt: skip
     for text in report["warnings"]:
         context.log(f"warning: {text}")

@@ -9,7 +9,6 @@ import numpy as np
 from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.threads import thread_count
-from ...hrsi_engine.foundation.version import VERSION
 from ...hrsi_engine.ground.geodesy import WGS84_3D
 from ...hrsi_engine.io.layers import Layer, write_geopackage
 from ...hrsi_engine.io.report import write_report_json
@@ -25,16 +24,14 @@ from ...hrsi_engine.simulation.synthesis import SimulatedBlock
 from ...hrsi_engine.simulation.truth_tables import truth_document, truth_tables
 from ...hrsi_engine.simulation.vendor import multispectral_rpc
 from ..declarations.simulate import SimulateOptions
-from ..interface.declare import Report, settings_of
+from ..interface.declare import Report
 
 
-def report_simulated_block(simulated: SimulatedBlock, options: SimulateOptions) -> Report:
+def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
     """Return what the report says of the block: images with their RPC fits, and how many points there are."""
     truth, roles = simulated.truth, simulated.truth.role
     return {
-        "schema": 1,
-        "algorithm": "simulate",
-        "version": VERSION,
+        **record,
         "images": {
             view.id: {
                 "size": list(view.size),
@@ -48,7 +45,6 @@ def report_simulated_block(simulated: SimulatedBlock, options: SimulateOptions) 
         "observations": len(truth.image_points.point),
         "blunders": int(truth.blunder.sum()),
         "wrong_heights": int(truth.wrong_height.sum()),
-        "settings": settings_of(options),
     }
 
 

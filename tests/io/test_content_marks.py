@@ -87,7 +87,7 @@ def test_large_files_are_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     path, size = tmp_path / "large.bin", 16 * 2**20
     content = np.random.default_rng(4).integers(0, 256, size).astype(np.uint8)
     content.tofile(path)
-    places = content_marks._places(size, 1.0)
+    places = content_marks.places_of(size)
     starts = np.sort([start for start, _ in places])
     assert np.diff(starts).max() <= 2 * size / content_marks.SAMPLES
     monkeypatch.setattr(content_marks, "_times", lambda _file: b"")  # no time tells anything

@@ -1,0 +1,21 @@
+"""The date that results bear: that of the run, or one that is stated so that the same input gives the same bytes."""
+
+from __future__ import annotations
+
+import os
+from datetime import UTC, datetime
+
+EPOCH = "SOURCE_DATE_EPOCH"  #: environment variable: seconds since 1970 (reproducible-builds.org/specs)
+
+
+def stated_epoch() -> int | None:
+    """Return the seconds since 1970 that the environment states; None where it states none."""
+    text = os.environ.get(EPOCH, "").strip()
+    return int(text) if text.isdecimal() else None
+
+
+def run_date() -> str:
+    """Return the date of now in UTC, to the second, by ISO 8601: ``2026-03-01T12:00:00Z``."""
+    epoch = stated_epoch()
+    now = datetime.now(UTC) if epoch is None else datetime.fromtimestamp(epoch, UTC)
+    return now.strftime("%Y-%m-%dT%H:%M:%SZ")
