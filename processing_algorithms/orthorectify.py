@@ -8,6 +8,7 @@ from .declarations.orthorectify import OrthorectifyOptions
 from .files.image_files import open_images
 from .interface.declare import Context, Report
 from .ortho_steps import inputs as ortho_inputs
+from .ortho_steps import jobs as ortho_jobs
 from .ortho_steps import outputs as ortho_outputs
 
 
@@ -17,7 +18,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     images = open_images(options.images, context.log)
     terrain = ortho_inputs.open_ortho_terrain(options)
     plan = ortho_inputs.plan_block(images, terrain, options)
-    jobs = ortho_outputs.jobs_of(plan, options)
+    jobs = ortho_jobs.jobs_of(plan, options)
     ortho_outputs.check_ortho_folder(options, jobs)
     entries = ortho_outputs.make_all(jobs, options, context)
     return ortho_outputs.write_report(plan, entries, options, time.monotonic() - start, context)

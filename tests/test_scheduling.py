@@ -100,7 +100,7 @@ def test_error_of_a_part_is_the_error_of_the_run():
 
 
 def test_scheduler_that_does_not_answer(monkeypatch):
-    monkeypatch.setattr("hrsi.hrsi_engine.foundation.scheduling.CONNECT_S", 1)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.CONNECT_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_parts(squares(1), ["square-0"], open_scheduler("tcp://127.0.0.1:9"))
 

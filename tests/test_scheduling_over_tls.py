@@ -20,7 +20,7 @@ PARTS = [WorkPart(f"square-{k}", np.square, np.array([float(k)])) for k in range
 
 
 def configured(folder: Path, security: Any) -> dict[str, str]:
-    """Return Dask's configuration of a client with its certificates in files, as `docs/how-to/big-blocks.md` says."""
+    """Return Dask's configuration of a client with certificates in files, as `docs/how-to/many-machines.md` says."""
     folder.mkdir()
     texts = {"ca": security.tls_ca_file, "cert": security.tls_client_cert, "key": security.tls_client_key}
     for name, text in texts.items():
@@ -58,7 +58,7 @@ def test_a_client_without_the_certificates_is_not_let_in(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, client: str
 ):
     """One line that names the scheduler; nothing was run."""
-    monkeypatch.setattr("hrsi.hrsi_engine.foundation.scheduling.CONNECT_S", 3.0)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.CONNECT_S", 3.0)
     others = configured(tmp_path / "others", distributed.Security.temporary())
     address = cluster.scheduler_address
     if client == "no encryption":

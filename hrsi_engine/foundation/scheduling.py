@@ -8,25 +8,19 @@ whose result is kept is not run again. Results do not depend on who ran which pa
 from __future__ import annotations
 
 import hashlib
-import logging
-import os
-import socket
-from asyncio import CancelledError as AsyncCancelledError
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from .errors import InputError, SolveError
+from .certificates import CONFIGURED, Certificates
+from .cluster import OnWorker, connected
 from .progress import Progress, advance, silent
 from .threads import thread_count
 
 Result = dict[str, np.ndarray]
-CONNECT_S = 10  # that a scheduler has time to answer
-CLOSE_S = 2  # that it has to take leave
 
 
 @dataclass(frozen=True)
@@ -151,31 +145,10 @@ class _Call:
         return self.function(self.job, *needed)
 
 
-# ---- who runs them -------------------------------------------------------------------------------------------------
+# ---- who runs them ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Certificates:
-    """PEM files for a scheduler that encrypts; what is None comes from Dask's own configuration.
-
-    Parameters
-    ----------
-    authority : str, optional
-        Certificates of the authority that the scheduler's is signed by.
-    own : str, optional
-        The certificate that this side shows.
-    key : str, optional
-        Its private key, where that is not in the same file.
-    """
-
-    authority: str | None = None
-    own: str | None = None
-    key: str | None = None
-
-
-def open_scheduler(
-    address: str | None = None, threads: int = 0, certificates: Certificates = Certificates()
-) -> Scheduler:
+def open_scheduler(address: str | None = None, threads: int = 0, certificates: Certificates = CONFIGURED) -> Scheduler:
     """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
 
     Parameters
@@ -227,96 +200,16 @@ def _threads(count: int) -> Scheduler:
 
 def _run_distributed(address: str, certificates: Certificates) -> Scheduler:
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        try:
-            from distributed import KilledWorker, as_completed
-        except ImportError:
-            raise InputError(
-                "a `scheduler` needs the Python package distributed: install it here and on the workers "
-                "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
-            ) from None
-        client = _connect(address, certificates)
-        with _quiet_loggers():
-            try:
-                at_workers = {key: (_OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
-                futures = client.get(at_workers, list(wanted), sync=False)
-                for future in as_completed(futures, loop=client.loop):
-                    done(str(future.key), future.result())
-                    future.release()
-            except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
-                if client.status == "running" and not isinstance(error, KilledWorker):
-                    raise
-                reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
-                raise SolveError(
-                    f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes "
-                    "on with the rest, with this scheduler, another one or none"
-                ) from None
-            finally:
-                client.close(timeout=CLOSE_S)  # cancels what nobody waits for any more
+        with connected(address, certificates) as client:
+            from distributed import as_completed
+
+            at_workers = {key: (OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
+            futures = client.get(at_workers, list(wanted), sync=False)
+            for future in as_completed(futures, loop=client.loop):
+                done(str(future.key), future.result())
+                future.release()
 
     return run
-
-
-@contextmanager
-def _quiet_loggers() -> Iterator[None]:
-    """Keep Dask from telling with tracebacks of its own what becomes one line here."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
-@dataclass(frozen=True, eq=False)
-class _OnWorker:
-    """A call whose errors name the worker that it ran on."""
-
-    call: _Call
-
-    def __call__(self, *needed: Result) -> Result:
-        try:
-            return self.call(*needed)
-        except InputError as error:
-            from distributed import get_worker
-
-            worker = get_worker()
-            raise InputError(
-                f"{error} (on the Dask worker {worker.name} at {worker.address}, host {socket.gethostname()}: workers "
-                "must see the images under the same paths)"
-            ) from None
-
-
-def _connect(address: str, certificates: Certificates) -> Any:
-    """Return a client of the scheduler at an address; raise `InputError` where it cannot be reached."""
-    from distributed import Client, Security
-
-    for argument, file in (("scheduler_ca", certificates.authority), ("scheduler_certificate", certificates.own),
-                           ("scheduler_key", certificates.key)):  # fmt: skip
-        if file is not None and not os.path.isfile(file):
-            raise InputError(f"`{argument}` {file}: no such file: name a file in PEM format")
-    encrypted = address.startswith(("tls://", "wss://"))
-    advice = "start one with 'dask scheduler', or leave the option out"
-    try:
-        security = None
-        if encrypted:
-            advice = (
-                "check `scheduler_ca`, `scheduler_certificate` and `scheduler_key`, or distributed.comm.tls in Dask's "
-                "configuration"
-            )
-            given = {
-                "tls_ca_file": certificates.authority,
-                "tls_client_cert": certificates.own,
-                "tls_client_key": certificates.key or certificates.own,
-            }
-            known = {name: file for name, file in given.items() if file is not None}
-            security = Security(require_encryption=True, **known)
-        return Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
-    except (OSError, ValueError, TypeError, RuntimeError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"`scheduler` {address}: no Dask scheduler answers there ({reason}): {advice}") from None
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------

@@ -1,4 +1,7 @@
-"""Orthoimages on disk: made chunk by chunk by several threads, finished as COG or GeoTIFF, replaced in one step.
+"""Orthoimages on disk: made of chunks that come in their order, finished as COG or GeoTIFF, replaced in one step.
+
+Who makes the chunks, `warped_chunk`, does not matter: threads or other machines. As they are written in their order,
+the bytes of the file are the same.
 
 An orthoimage carries the fingerprint of what it was made from and how in its metadata: a later run with the same
 fingerprint keeps it.
@@ -11,11 +14,10 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from osgeo import gdal
@@ -35,7 +37,6 @@ ORTHO_TILE = 512
 WIDE = 2  # columns of a chunk for each row: what GDAL does once for a chunk costs as much as some 50 rows
 LEAST_ROWS = 128  # of a chunk
 SAME_SIZE = 1.5  # share by which a chunk's part of the image may be longer than a tile
-AHEAD = 2  # chunks in work per thread
 WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes into the finished format
 
 _PREDICTED = ("deflate", "lzw", "zstd")
@@ -78,6 +79,37 @@ class Grid(Protocol):
 
 
 MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where the image shows nothing
+
+
+class OrthoChunk(NamedTuple):
+    """A window of an orthoimage; the others are None, empty and 0 where the image shows nothing of it.
+
+    pixels : None where none of them shows the image
+    step : pixels between the nodes of its mapping
+    errors_px : (k,) distances between interpolated and exact positions
+    unknown : pixels within the image without terrain height
+    """
+
+    window: Any
+    pixels: Pixels | None
+    step: int
+    errors_px: np.ndarray
+    unknown: int
+
+
+def warped_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any) -> OrthoChunk:
+    """Return a window of an orthoimage."""
+    mapping = map_chunk(window)
+    if mapping is None:
+        return OrthoChunk(window, None, 0, np.empty(0), 0)
+    pixels = warp_chunk(source, mapping.positions, mapping.step, window.columns, window.rows, warp)
+    return OrthoChunk(window, pixels, mapping.step, mapping.errors_px, mapping.unknown)
+
+
+def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
+    """Yield the windows of an orthoimage's chunks in the order in which they are written: a tile at once."""
+    for tiles in grid.chunks(WIDE * ORTHO_TILE, ORTHO_TILE):
+        yield from tiles.parts(*chunk_size(warp.scale))
 
 
 @dataclass(frozen=True)
@@ -167,10 +199,10 @@ def file_state(path: str) -> list[Any]:
 
 
 def write_orthoimage(
-    path: str, source: OrthoSource, grid: Grid, map_chunk: MapChunk, warp: Warp, form: OrthoFormat,
+    path: str, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp, form: OrthoFormat,
     made_from: Mapping[str, Any], threads: int, progress: Progress,
 ) -> OrthoFigures:  # fmt: skip
-    """Make an orthoimage; return its figures.
+    """Write an orthoimage; return its figures.
 
     Parameters
     ----------
@@ -180,8 +212,8 @@ def write_orthoimage(
         The image.
     grid : Grid
         The pixels of the map.
-    map_chunk : callable
-        The image positions of a window of the grid.
+    chunks : iterator of OrthoChunk
+        Those of `chunk_windows`, in that order; so many are taken as the orthoimage has.
     warp : Warp
         How grey values are interpolated.
     form : OrthoFormat
@@ -189,7 +221,7 @@ def write_orthoimage(
     made_from : mapping
         What to note in the file: from what and how it was made.
     threads : int
-        That work side by side.
+        That compress.
     progress : Progress
         Callback; False cancels.
 
@@ -208,7 +240,7 @@ def write_orthoimage(
     figures = OrthoFigures()
 
     def fill(dataset: gdal.Dataset, part: Progress) -> None:
-        _fill(dataset, source, grid, map_chunk, warp, threads, figures, part)
+        _fill(dataset, source, grid, chunks, warp, figures, part)
         dataset.SetMetadata(_metadata(made_from, figures))
 
     options = form.creation_options(source.is_integer, threads)
@@ -289,33 +321,17 @@ def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, 
 
 
 def _fill(
-    dataset: gdal.Dataset, source: OrthoSource, grid: Grid, map_chunk: MapChunk, warp: Warp, threads: int,
+    dataset: gdal.Dataset, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp,
     figures: OrthoFigures, progress: Progress,
 ) -> None:  # fmt: skip
-    """Have threads warp the chunks, and write them as they come."""
-
-    def make(window: Any) -> tuple[Any, Any, Pixels | None]:
-        mapping = map_chunk(window)
-        if mapping is None:
-            return window, None, None
-        return window, mapping, warp_chunk(source, mapping.positions, mapping.step, window.columns, window.rows, warp)
-
-    columns, rows = chunk_size(warp.scale)
-    total = -(-grid.columns // columns) * -(-grid.rows // rows)
-    chunks = (
-        part for tiles in grid.chunks(WIDE * ORTHO_TILE, ORTHO_TILE) for part in tiles.parts(columns, rows)
-    )  # a tile at once
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            for done, (window, mapping, pixels) in enumerate(_in_turn(pool, make, chunks, AHEAD * threads)):
-                advance(progress, done / total, f"warping {os.path.basename(source.path)}")
-                if mapping is not None:
-                    _count(figures, window, mapping)
-                if pixels is not None:
-                    figures.shown += _write_chunk(dataset, window, pixels, warp)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    """Write the chunks of an orthoimage, as they come."""
+    total = sum(1 for _ in chunk_windows(grid, warp))
+    for done, chunk in enumerate(islice(chunks, total)):
+        advance(progress, done / total, f"warping {os.path.basename(source.path)}")
+        if chunk.step:
+            _count(figures, chunk)
+        if chunk.pixels is not None:
+            figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
 
 
 def chunk_size(scale: float) -> tuple[int, int]:
@@ -326,22 +342,11 @@ def chunk_size(scale: float) -> tuple[int, int]:
     return WIDE * rows, rows
 
 
-def _in_turn(pool: ThreadPoolExecutor, make: Callable[[Any], Any], jobs: Iterable[Any], ahead: int) -> Iterator[Any]:
-    """Yield results in the order in which they come, with no more than ``ahead`` jobs in the pool."""
-    waiting = iter(jobs)
-    running: set[Future[Any]] = {pool.submit(make, job) for job in islice(waiting, ahead)}
-    while running:
-        finished, running = wait(running, return_when=FIRST_COMPLETED)
-        running |= {pool.submit(make, job) for job in islice(waiting, len(finished))}
-        for future in finished:
-            yield future.result()
-
-
-def _count(figures: OrthoFigures, window: Any, mapping: Any) -> None:
-    figures.unknown += mapping.unknown
-    figures.errors_px.append(mapping.errors_px)
-    pixels = window.columns * window.rows
-    figures.pixels_by_step[mapping.step] = figures.pixels_by_step.get(mapping.step, 0) + pixels
+def _count(figures: OrthoFigures, chunk: OrthoChunk) -> None:
+    figures.unknown += chunk.unknown
+    figures.errors_px.append(chunk.errors_px)
+    pixels = chunk.window.columns * chunk.window.rows
+    figures.pixels_by_step[chunk.step] = figures.pixels_by_step.get(chunk.step, 0) + pixels
 
 
 def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp) -> int:

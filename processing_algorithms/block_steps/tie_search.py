@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.scheduling import Certificates, open_scheduler
+from ...hrsi_engine.foundation.scheduling import open_scheduler
 from ...hrsi_engine.io.finished_parts import FinishedParts
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface
@@ -25,8 +25,7 @@ def find(
     kept = len(finished.parts) if finished.parts is not None else 0
     if kept:
         context.log(f"continues with {kept} finished parts in {finished.parts.folder}")  # type: ignore[union-attr]
-    certificates = Certificates(options.scheduler_ca, options.scheduler_certificate, options.scheduler_key)
-    scheduler = open_scheduler(options.scheduler, options.threads, certificates)
+    scheduler = open_scheduler(options.workers.scheduler, options.threads, options.workers.certificates)
     found = find_tie_points(
         images, options.search, context.progress, surface=surface, scheduler=scheduler, keeper=finished.parts
     )

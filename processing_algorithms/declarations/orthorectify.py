@@ -9,6 +9,7 @@ from ..interface.option_groups import (
     Common,
     ResultFolder,
     TerrainOptions,
+    WorkerOptions,
     ground_crs_option,
     images_option,
     report_option,
@@ -82,6 +83,7 @@ class OrthorectifyOptions:
         "cog", "Cloud-optimised GeoTIFF with overviews, or a plain tiled GeoTIFF", choices=FORMAT_NAMES
     )
     compression: str = option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
+    workers: WorkerOptions = nested(WorkerOptions)
     folder: ResultFolder = nested(ResultFolder)
     report: bool = report_option()
     common: Common = nested(Common)
@@ -97,7 +99,8 @@ ALGORITHM = Algorithm(
         "cloud-optimised GeoTIFF. All pixels lie on one lattice, so that the orthoimages of a block register pixel to "
         "pixel. Heights of the DEM are brought to the ellipsoid. Positions are right to `error_px`; the report states "
         "what was found at random pixels. Orthoimages that were made before from the same files with the same options "
-        "are kept, so a stopped run goes on where it was. Ground hidden from the sensor shows what hides it."
+        "are kept, so a stopped run goes on where it was. With `scheduler` the tiles are warped by the workers "
+        "of a Dask scheduler and written here, the same bytes. Ground hidden from the sensor shows what hides it."
     ),
     options=OrthorectifyOptions,
     module=algorithm_module(__name__),

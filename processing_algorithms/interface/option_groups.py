@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...hrsi_engine.block.default_sigmas import Defaults
+from ...hrsi_engine.foundation.certificates import Certificates
 from ...hrsi_engine.foundation.options import nested, option, options, threads_option
 from ...hrsi_engine.measurement.reference.options import ReferenceOptions
 from ...hrsi_engine.measurement.tie_options import TieOptions
@@ -169,14 +170,13 @@ class PointFiles:
 
 
 @options
-class SearchOptions:
-    """How tie points are found, by whom, and where what is finished is kept."""
+class WorkerOptions:
+    """Who does the work: threads of this machine, or workers of a Dask scheduler."""
 
-    search: TieOptions = nested(TieOptions)
     scheduler: str | None = option(
         None,
-        "Address of a Dask scheduler whose workers find the tie points (they must see the images under the same "
-        "paths); by default threads of this machine do",
+        "Address of a Dask scheduler whose workers do the work (they must see the files under the same paths); by "
+        "default threads of this machine do",
         advanced=True,
         metavar="tcp://HOST:PORT",
     )
@@ -196,6 +196,19 @@ class SearchOptions:
         None, "Private key (PEM) of that certificate, where it is not in the same file", kind=Kind.FILE, advanced=True,
         metavar="FILE",
     )  # fmt: skip
+
+    @property
+    def certificates(self) -> Certificates:
+        """What is shown to a scheduler that encrypts."""
+        return Certificates(self.scheduler_ca, self.scheduler_certificate, self.scheduler_key)
+
+
+@options
+class SearchOptions:
+    """How tie points are found, by whom, and where what is finished is kept."""
+
+    search: TieOptions = nested(TieOptions)
+    workers: WorkerOptions = nested(WorkerOptions)
     work_dir: str | None = option(
         None,
         "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "

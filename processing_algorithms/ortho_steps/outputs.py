@@ -2,109 +2,30 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyproj
 
-from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import Cancelled, InputError
-from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.streams import open_calls
 from ...hrsi_engine.foundation.threads import thread_count
 from ...hrsi_engine.io.json_files import read_json
-from ...hrsi_engine.io.ortho_warp import OrthoSource, Warp
-from ...hrsi_engine.io.orthoimages import (  # fmt: skip
-    OrthoFigures,
-    OrthoFormat,
-    file_state,
-    fingerprint,
-    stamp_of,
-    stored_figures,
-    write_orthoimage,
-)
+from ...hrsi_engine.io.orthoimages import OrthoFigures, stamp_of, stored_figures, write_orthoimage
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages import write_page
 from ...hrsi_engine.io.report import write_report_json
-from ...hrsi_engine.io.versions import versions
-from ...hrsi_engine.ortho.grid import MapGrid
-from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..interface.declare import Context, Report
+from .chunks import chunks_of
 from .inputs import BlockPlan
+from .jobs import OrthoJob
 
-ENDING = "_ortho.tif"
-MASK = "mask"
 KEPT, MADE = "kept", "made"
-
-
-@dataclass(frozen=True, eq=False)
-class OrthoJob:
-    """One orthoimage: how its pixels map, how it is warped, and all that it is made from, for the fingerprint."""
-
-    image: Image
-    path: str
-    source: OrthoSource
-    mapping: OrthoMapping
-    warp: Warp
-    form: OrthoFormat
-    made_from: Mapping[str, Any]
-
-    @property
-    def grid(self) -> MapGrid:
-        return self.mapping.grid
-
-
-def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
-    """Return the orthoimages of a plan."""
-    form = OrthoFormat(options.format, options.compression)
-    jobs = []
-    for image in plan.images:
-        source = OrthoSource(image.path)
-        grid = plan.grids[image.id]
-        mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px)
-        scale = mapping.source_pixels_per_pixel()
-        warp = Warp(options.resampling, scale, _nodata(options.nodata, source))
-        path = os.path.join(options.folder.output_dir, image.id + ENDING)
-        made_from = _made_from(image, plan, warp, form, options.error_px)
-        jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
-    return jobs
-
-
-def _made_from(image: Image, plan: BlockPlan, warp: Warp, form: OrthoFormat, error_px: float) -> dict[str, Any]:
-    """Return everything on which the pixels and the file of an orthoimage depend."""
-    grid, used = plan.grids[image.id], versions()
-    coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
-    rpc = hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest()
-    return {
-        "image": file_state(image.path), "rpc": rpc, "terrain": plan.terrain.identity, "crs": grid.crs,
-        "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,
-        "nodata": str(warp.nodata), "error_px": error_px, "format": form.name, "compression": form.compression,
-        "versions": {name: used[name] for name in ("hrsi", "gdal", "proj")},
-    }  # fmt: skip
-
-
-def _nodata(given: str | None, source: OrthoSource) -> float | None:
-    """Return the value of pixels that the image does not show; None for a mask band."""
-    own = [value for value in source.nodata if value is not None]
-    if given == MASK or (given is None and not own and source.masked):
-        return None
-    if given is None:
-        return float(own[0]) if own else (0.0 if source.is_integer else math.nan)
-    try:
-        value = float(given)
-    except ValueError:
-        raise InputError(f"`nodata` {given!r} is neither a number nor mask") from None
-    if not source.holds(value):
-        raise InputError(f"`nodata` {given}: {source.path} has {source.type_name} pixels, which cannot hold it")
-    return value
 
 
 def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -> None:
@@ -136,7 +57,7 @@ def _foreign_report(folder: Path) -> bool:
 
 
 def _finish(job: OrthoJob) -> bool:
-    return stamp_of(job.path) == fingerprint(job.made_from)
+    return stamp_of(job.path) == job.key
 
 
 def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
@@ -146,22 +67,27 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
     sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
     share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
     entries: dict[str, Report] = {}
-    for number, job in enumerate(jobs):
-        part = stage(context.progress, float(share[number]), float(share[number + 1]))
-        if _finish(job):
-            entries[job.image.id] = _entry(job, KEPT, None, 0.0)
-            context.log(f"{job.image.id}: {os.path.basename(job.path)} is finished and kept")
-            continue
-        begin = time.monotonic()
-        try:
-            figures = write_orthoimage(
-                job.path, job.source, job.grid, job.mapping.chunk, job.warp, job.form, job.made_from, threads, part
-            )
-        except Cancelled:
-            raise Cancelled(
-                f"cancelled; {number} of {len(jobs)} orthoimages are finished: the same command goes on with the rest"
-            ) from None
-        entries[job.image.id] = _entry(job, MADE, figures, time.monotonic() - begin)
+    missing = {job.key for job in jobs if not _finish(job)}
+    workers = options.workers
+    with open_calls(workers.scheduler if missing else None, threads, workers.certificates) as calls:
+        chunks = chunks_of([job for job in jobs if job.key in missing], options, calls)
+        for number, job in enumerate(jobs):
+            part = stage(context.progress, float(share[number]), float(share[number + 1]))
+            if job.key not in missing:
+                entries[job.image.id] = _entry(job, KEPT, None, 0.0)
+                context.log(f"{job.image.id}: {os.path.basename(job.path)} is finished and kept")
+                continue
+            begin = time.monotonic()
+            try:
+                figures = write_orthoimage(
+                    job.path, job.source, job.grid, chunks, job.warp, job.form, job.made_from, threads, part
+                )
+            except Cancelled:
+                raise Cancelled(
+                    f"cancelled; {number} of {len(jobs)} orthoimages are finished: the same command goes on with the "
+                    "rest"
+                ) from None
+            entries[job.image.id] = _entry(job, MADE, figures, time.monotonic() - begin)
     return entries
 
 

@@ -1,0 +1,28 @@
+"""What a Dask scheduler that encrypts wants to see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """PEM files for a scheduler that encrypts; what is None comes from Dask's own configuration.
+
+    Parameters
+    ----------
+    authority : str, optional
+        Certificates of the authority that the scheduler's is signed by.
+    own : str, optional
+        The certificate that this side shows.
+    key : str, optional
+        Its private key, where that is not in the same file.
+    """
+
+    authority: str | None = None
+    own: str | None = None
+    key: str | None = None
+
+
+#: As Dask is configured.
+CONFIGURED = Certificates()
