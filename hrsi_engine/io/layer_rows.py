@@ -19,6 +19,7 @@ from .layer_styles import default_styles
 from .layers import Layer, create_layer, create_style_table, in_one_place, insert_rows, insert_styles, write_geopackage
 from .point_files.ogr_layer import open_vector
 from .sql import sql_text
+from .sqlite_rows import PythonRows
 
 _WAIT_S = 5.0  # for another program that is writing
 _SQL_TYPES = {"f": "REAL", "i": "INTEGER", "u": "INTEGER", "b": "BOOLEAN"}
@@ -73,7 +74,7 @@ def _replace(database: sqlite3.Connection, layer: Layer) -> None:
             sql_type = _SQL_TYPES.get(column.dtype.kind, "TEXT")
             added = sql_text("ALTER TABLE {table} ADD COLUMN {column}", table=layer.name, column=name)
             database.execute(f"{added} {sql_type}")
-    for _ in insert_rows(database, layer, empty_first=True):
+    for _ in insert_rows(database, layer, PythonRows(database), empty_first=True):
         pass
 
 

@@ -15,6 +15,8 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from .layer_words import Column, is_any
+
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
 DRAWN_AT_EVERY_SCALE = 2000  #: points that are drawn at every scale
 THINNING_SCALES = (10_000, 50_000, 250_000)  #: denominators from which one of 10, of 100, of 1000 is drawn
@@ -22,7 +24,7 @@ LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
 }  # fmt: skip
 
-LayerColumns = Mapping[str, np.ndarray]
+LayerColumns = Mapping[str, Column]
 
 
 @dataclass(frozen=True)
@@ -59,21 +61,21 @@ def shares(count: int) -> list[Share]:
 
 
 def _residuals(fields: LayerColumns) -> Style:
-    level = np.asarray(fields["level"])
-    good = np.asarray(fields["flag"]) != "outlier"
-    ground = _typical(fields["residual_east_m"], fields["residual_north_m"], (level == "ground") & good)
-    image = _typical(fields["residual_sample_px"], fields["residual_line_px"], (level == "image") & good)
+    ground, image = is_any(fields["level"], ("ground",)), is_any(fields["level"], ("image",))
+    good = ~is_any(fields["flag"], ("outlier",))
+    on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & good)
+    in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & good)
     return _render_style(
         "residuals.qml.j2", "Residual arrows (observed - computed)",
-        ground_scale=_scale(ground, GROUND_ARROW_MM), ground_key=_key(ground, GROUND_ARROW_MM, "m"),
-        image_scale=_scale(image, IMAGE_ARROW_MM), image_key=_key(image, IMAGE_ARROW_MM, "px"),
-        image_shares=shares(int(np.sum(level == "image"))),
-        has_ground=bool(np.any((level == "ground") & np.isfinite(fields["residual_east_m"]))),
+        ground_scale=_scale(on_ground, GROUND_ARROW_MM), ground_key=_key(on_ground, GROUND_ARROW_MM, "m"),
+        image_scale=_scale(in_image, IMAGE_ARROW_MM), image_key=_key(in_image, IMAGE_ARROW_MM, "px"),
+        image_shares=shares(int(np.sum(image))),
+        has_ground=bool(np.any(ground & np.isfinite(fields["residual_east_m"]))),
     )  # fmt: skip
 
 
 def _image_points(fields: LayerColumns) -> Style:
-    good = ~np.isin(fields["flag"], ("outlier", "rejected"))
+    good = ~is_any(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _render_style(
         "image_points.qml.j2", "Image residuals", image_shares=shares(len(good)),
@@ -92,7 +94,7 @@ def _misregistration(fields: LayerColumns) -> Style:
 
 
 def _ground_points(fields: LayerColumns) -> Style:
-    ties = int(np.sum(np.asarray(fields["role"]) == "tie"))
+    ties = int(np.sum(is_any(fields["role"], ("tie",))))
     return _render_style("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties))
 
 
@@ -142,7 +144,7 @@ STYLES: dict[str, Callable[[LayerColumns], Style]] = {
 }
 
 
-def _typical(x: np.ndarray, y: np.ndarray, rows: np.ndarray) -> float:
+def _typical(x: Column, y: Column, rows: np.ndarray) -> float:
     """Return the 90th percentile of the lengths of vectors; 1 without any."""
     length = np.hypot(np.asarray(x)[rows], np.asarray(y)[rows])
     length = length[np.isfinite(length)]

@@ -1,8 +1,9 @@
 """Vector layers out: one GeoPackage with several layers and the styles that QGIS draws them with.
 
-OGR makes the tables, so that every reader understands the file. The rows go in through SQLite itself: OGR's Python
-interface needs a call for each value and adds each row to the spatial index by itself, which takes a minute for a
-million residuals; here it is some seconds. The file is made under a temporary name and renamed at the end.
+OGR makes the tables, so that every reader understands the file. The rows go in through SQLite itself
+(`sqlite_rows`): OGR's Python interface needs a call for each value and adds each row to the spatial index by itself,
+which takes a minute for a million residuals; here it is a second or two. The file is made under a temporary name and
+renamed at the end.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import contextlib
 import os
 import sqlite3
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,9 +25,11 @@ from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes
 from .datasets import gdal_messages, quiet
 from .layer_styles import Style, default_styles
+from .layer_words import Column
 from .replacing import replacing
 from .rtree import empty_rtree, fill_rtree
 from .sql import insert_text, sql_text
+from .sqlite_rows import WITHOUT_SAFETY, Inserter, PythonRows, compiled_rows
 
 _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
@@ -50,7 +53,7 @@ class Layer:
         EPSG code.
     coordinates : (n, 2) or (n, 3) ndarray, or sequence of shapely.geometry.Polygon
         Points or polygons. NaN, an empty polygon: no geometry.
-    fields : mapping of str to (n,) ndarray
+    fields : mapping of str to (n,) ndarray or Words
         Columns by name: text, integers, floats (NaN is written as NULL) or bools.
     """
 
@@ -58,7 +61,7 @@ class Layer:
     geometry: str
     crs: int
     coordinates: np.ndarray | Sequence[Polygon]
-    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+    fields: Mapping[str, Column] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
@@ -101,16 +104,16 @@ def write_geopackage(
         _create_tables(path, temporary, layers, with_styles=bool(styles))
         try:
             with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:
-                database.execute("PRAGMA synchronous = OFF")  # the file is flushed and renamed when it is complete
-                database.execute("PRAGMA journal_mode = OFF")
-                database.execute("BEGIN")
+                for pragma in WITHOUT_SAFETY:
+                    database.execute(pragma)
                 done = 0
                 for layer in layers:
-                    for _ in insert_rows(database, layer):
-                        done += 1
-                        advance(progress, min(1.0, done * _CHUNK_ROWS / total), f"writing layer {layer.name}")
+                    rows = compiled_rows(temporary, len(layer), _columns(layer)) or PythonRows(database)
+                    with contextlib.closing(rows):
+                        for _ in insert_rows(database, layer, rows):
+                            done += _CHUNK_ROWS
+                            advance(progress, min(1.0, done / total), f"writing layer {layer.name}")
                 insert_styles(database, layers, styles)
-                database.execute("COMMIT")
         except sqlite3.Error as error:
             raise OutputError(f"{path}: cannot be written ({error}): check free space and permissions") from None
         remove_old_journal(path)
@@ -189,24 +192,47 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
         table.CreateField(definition)
 
 
-def insert_rows(database: sqlite3.Connection, layer: Layer, empty_first: bool = False) -> Iterator[None]:
-    """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows."""
-    columns = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
-    statement = insert_text(layer.name, columns)
+def insert_rows(
+    database: sqlite3.Connection, layer: Layer, rows: Inserter, empty_first: bool = False
+) -> Iterator[None]:
+    """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows.
+
+    Parameters
+    ----------
+    database : of the file
+    layer : whose table is there
+    rows : what they are inserted through
+    empty_first : whether the table has rows, which are to go
+    """
+    statement = insert_text(
+        layer.name, ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
+    )
+    rtree, bounds = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _bounds(layer)
+    here = np.flatnonzero(np.isfinite(bounds).all(axis=1))
     with _without_triggers(database, layer.name):
         if empty_first:
             database.execute(sql_text("DELETE FROM {table}", table=layer.name))
-            empty_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}")
+            empty_rtree(database, rtree)
+        rows.begin()
         for start in range(0, len(layer), _CHUNK_ROWS):
-            rows = slice(start, min(start + _CHUNK_ROWS, len(layer)))
-            values: list[Iterable] = [np.asarray(column)[rows].tolist() for column in layer.fields.values()]
-            if layer.geometry != "None":
-                values.insert(0, _blobs(layer, rows))
-            database.executemany(statement, zip(range(rows.start + 1, rows.stop + 1), *values, strict=True))
+            part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
+            rows.insert(statement, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
             yield
+        fill_rtree(rows, rtree, here + 1, bounds[here])
+        rows.commit()
     database.execute("UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = ?", (len(layer), layer.name))
-    if layer.geometry != "None":
-        _set_bounds(database, layer)
+    if len(here):
+        low, high = bounds[here].min(axis=0).tolist(), bounds[here].max(axis=0).tolist()
+        database.execute(
+            "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
+            (low[0], high[1], low[2], high[3], layer.name),
+        )
+
+
+def _columns(layer: Layer, rows: slice = slice(0)) -> list[Column]:
+    """Return the columns of some rows of a layer, geometries first."""
+    columns: list[Column] = [column[rows] for column in layer.fields.values()]
+    return columns if layer.geometry == "None" else [_geometries(layer, rows), *columns]
 
 
 @contextlib.contextmanager
@@ -222,22 +248,10 @@ def _without_triggers(database: sqlite3.Connection, table: str) -> Iterator[None
         database.execute(sql)
 
 
-def _set_bounds(database: sqlite3.Connection, layer: Layer) -> None:
-    """Write the layer's extent and its spatial index."""
-    bounds = _bounds(layer)
-    here = np.flatnonzero(np.isfinite(bounds).all(axis=1))
-    if not len(here):
-        return
-    low, high = bounds[here].min(axis=0).tolist(), bounds[here].max(axis=0).tolist()
-    database.execute(
-        "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
-        (low[0], high[1], low[2], high[3], layer.name),
-    )
-    fill_rtree(database, f"rtree_{layer.name}_{GEOMETRY_COLUMN}", here + 1, bounds[here])
-
-
 def _bounds(layer: Layer) -> np.ndarray:
     """Return min x, max x, min y, max y of each geometry, ``(n, 4)``; NaN where there is none."""
+    if layer.geometry == "None":
+        return np.empty((0, 4))
     if layer.geometry != "Polygon":
         xy = np.asarray(layer.coordinates, dtype=np.float64)
         return xy[:, [0, 0, 1, 1]]
@@ -245,9 +259,11 @@ def _bounds(layer: Layer) -> np.ndarray:
     return np.array(extremes).reshape(-1, 4)[:, [0, 2, 1, 3]]
 
 
-def _blobs(layer: Layer, rows: slice) -> list[bytes | None]:
+def _geometries(layer: Layer, rows: slice) -> np.ndarray:
+    """Return geometries as bytes (dtype ``V``); as objects where some have none, or where they are polygons."""
     if layer.geometry == "Polygon":
-        return [_polygon_blob(polygon, layer.crs) for polygon in layer.coordinates[rows]]
+        polygons = layer.coordinates[rows]
+        return _objects([_polygon_blob(polygon, layer.crs) for polygon in polygons])
     # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
     # Source: OGC 12-128r18, clause 2.1.3.
     xyz = np.asarray(layer.coordinates, dtype=np.float64)[rows]
@@ -258,10 +274,19 @@ def _blobs(layer: Layer, rows: slice) -> list[bytes | None]:
     blobs["magic"], blobs["flags"], blobs["srs"], blobs["order"] = b"GP", 1, layer.crs, 1
     blobs["type"] = 1001 if has_z else 1
     blobs["coordinates"] = xyz[:, :axes]
-    values: list[bytes | None] = blobs.view(f"V{blobs.itemsize}").tolist()
-    for row in np.flatnonzero(~np.isfinite(xyz[:, :2]).all(axis=1)):
-        values[row] = None
+    content = blobs.view(f"V{blobs.itemsize}")
+    here = np.isfinite(xyz[:, :2]).all(axis=1)
+    if here.all():
+        return content
+    values = _objects(content.tolist())
+    values[~here] = None
     return values
+
+
+def _objects(values: Sequence[object]) -> np.ndarray:
+    array = np.empty(len(values), dtype=object)
+    array[:] = values
+    return array
 
 
 def _polygon_blob(polygon: Polygon, crs: int) -> bytes | None:

@@ -12,6 +12,7 @@ import sqlite3
 import numpy as np
 
 from .sql import insert_text, sql_text
+from .sqlite_rows import Inserter
 
 _MOST_CELLS = 51  # SQLite's limit
 _CELL = np.dtype([("id", ">i8"), ("bounds", ">f4", (4,))])
@@ -20,11 +21,12 @@ _ROOT = 1
 _REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"
 
 
-def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bounds: np.ndarray) -> None:
+def fill_rtree(rows: Inserter, rtree: str, rowids: np.ndarray, bounds: np.ndarray) -> None:
     """Fill an empty R-tree of two dimensions.
 
     Parameters
     ----------
+    rows : what its nodes are inserted through
     rtree : name of the virtual table
     rowids : (n,) int
     bounds : (n, 4) min x, max x, min y, max y
@@ -53,12 +55,11 @@ def fill_rtree(database: sqlite3.Connection, rtree: str, rowids: np.ndarray, bou
         row, place = node - node[0], np.arange(len(node)) - starts[node - node[0]]
         content["cell"]["id"][row, place] = child
         content["cell"]["bounds"][row, place] = boxes
-        nodes = list(zip(node[starts].tolist(), content.view(f"V{_NODE.itemsize}").tolist(), strict=True))
-        database.executemany(insert_text(f"{rtree}_node", ("nodeno", "data"), _REPLACE), nodes)
+        nodes = [node[starts], content.view(f"V{_NODE.itemsize}")]
+        rows.insert(insert_text(f"{rtree}_node", ("nodeno", "data"), _REPLACE), nodes)
         ascending = np.argsort(child)  # SQLite appends to the table's end
         table, key, value = ("rowid", "rowid", "nodeno") if depth == 0 else ("parent", "nodeno", "parentnode")
-        numbers = zip(child[ascending].tolist(), node[ascending].tolist(), strict=True)
-        database.executemany(insert_text(f"{rtree}_{table}", (key, value)), numbers)
+        rows.insert(insert_text(f"{rtree}_{table}", (key, value)), [child[ascending], node[ascending]])
 
 
 def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:

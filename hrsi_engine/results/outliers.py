@@ -13,6 +13,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
+from ..io.layer_words import Words
 from .residuals import Residuals
 
 OUTLIER_SIGMAS = 4.0  # of a normal error in an image 1 in 3000 is larger
@@ -41,19 +42,19 @@ def is_outlier(statistics: np.ndarray) -> np.ndarray:
     return np.nan_to_num(statistics) > OUTLIER_SIGMAS
 
 
-def measurement_flags(result: Adjustment, left: Residuals) -> np.ndarray:
+def measurement_flags(result: Adjustment, left: Residuals) -> Words:
     """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie left out) or ``unused``."""
     role = result.block.points.role[result.block.measurements.point]
     unused = ~np.isfinite(result.residual_px).all(axis=1)
     outlier = is_outlier(measurement_statistic(left))
     which = np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0)
-    return np.array(["ok", "rejected", "outlier", "unused"], dtype=object)[which]
+    return Words(np.array(["ok", "rejected", "outlier", "unused"]), which.astype(np.int8))
 
 
-def ground_flags(left: Residuals) -> np.ndarray:
+def ground_flags(left: Residuals) -> Words:
     """Return ``ok`` or ``outlier`` for the ground residual of each point."""
     outlier = is_outlier(statistic(left.ground_m, left.ground_sigma_m))
-    return np.array(["ok", "outlier"], dtype=object)[outlier.astype(np.int64)]
+    return Words(np.array(["ok", "outlier"]), outlier.astype(np.int8))
 
 
 def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """An adjusted block as tables for a GIS: footprints, points, measurements and residuals, each with a position.
 
 Every table is its positions and a dict of columns of equal length, in the names of `docs/outputs`; residuals are in
-pixels and metres, positions in longitude, latitude and height. Words that many rows share are objects, each there once:
-as arrays of text those of a million measurements take hundreds of megabytes.
+pixels and metres, positions in longitude, latitude and height. Words that many rows share are there once (`Words`): as
+arrays of text those of a million measurements take hundreds of megabytes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import Block
 from ..block.footprints import footprint
 from ..block.points import ROLE_LABELS
+from ..io.layer_words import Column, Words, is_any, shared_word
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
@@ -27,7 +29,7 @@ class Table:
     """Positions ``(n, 3)`` lon, lat, height (or a list of polygons) and columns of length n."""
 
     positions: Any
-    columns: dict[str, np.ndarray]
+    columns: Mapping[str, Column]
 
 
 def images_table(result: Adjustment, height_m: float) -> Table:
@@ -58,9 +60,9 @@ def ground_points_table(result: Adjustment) -> Table:
     here = np.isfinite(place).all(axis=1)
     surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
     sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
-    columns = {
+    columns: dict[str, Column] = {
         "id": points.ids,
-        "role": ROLE_LABELS.astype(object)[points.role],
+        "role": Words(ROLE_LABELS, points.role),
         "height": place[:, 2],
         "sigma_east_m": result.ground_sigma_m[:, 0],
         "sigma_north_m": result.ground_sigma_m[:, 1],
@@ -117,11 +119,11 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     ]
 
 
-def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, np.ndarray]:
+def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, Column]:
     return {
-        "id": block.points.ids.astype(object)[point],
-        "role": ROLE_LABELS.astype(object)[block.points.role[point]],
-        "image": np.array([image.id for image in block.images], dtype=object)[image],
+        "id": Words(block.points.ids, point),
+        "role": Words(ROLE_LABELS, block.points.role[point]),
+        "image": Words(np.array([image.id for image in block.images]), image),
     }
 
 
@@ -130,10 +132,10 @@ def _ground_rows(result: Adjustment, left: Residuals) -> Table:
     here = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
     nothing = np.full(len(here), np.nan)
     columns = {
-        "id": points.ids[here],
-        "role": ROLE_LABELS[points.role[here]],
-        "image": np.full(len(here), ""),
-        "level": np.full(len(here), "ground", dtype=object),
+        "id": Words(points.ids, here),
+        "role": Words(ROLE_LABELS, points.role[here]),
+        "image": shared_word("", len(here)),
+        "level": shared_word("ground", len(here)),
         "residual_sample_px": nothing,
         "residual_line_px": nothing,
         "residual_east_m": left.ground_m[here, 0],
@@ -156,13 +158,13 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     here = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1))
     flags = measurement_flags(result, left)
     if len(here) > most:
-        shown = (flags[here] != "ok") | result.block.known[rows.point[here]]
+        shown = ~is_any(flags[here], ("ok",)) | result.block.known[rows.point[here]]
         shown[:: -(-len(here) // most)] = True
         here = here[shown]
     nothing = np.full(len(here), np.nan)
     columns = {
         **_identity(result.block, rows.point[here], rows.image[here]),
-        "level": np.full(len(here), "image", dtype=object),
+        "level": shared_word("image", len(here)),
         "residual_sample_px": residual[here, 0],
         "residual_line_px": residual[here, 1],
         "residual_east_m": nothing,
@@ -179,5 +181,11 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
 
 
 def _stack(first: Table, second: Table) -> Table:
-    columns = {name: np.concatenate([first.columns[name], second.columns[name]]) for name in first.columns}
+    columns = {name: _one_column(column, second.columns[name]) for name, column in first.columns.items()}
     return Table(np.vstack([first.positions, second.positions]), columns)
+
+
+def _one_column(first: Column, second: Column) -> Column:
+    if isinstance(first, Words) and isinstance(second, Words):
+        return first.then(second)
+    return np.concatenate([first, second])
