@@ -48,7 +48,7 @@ def require_sound(path: str) -> None:
     """Raise `InputError` for a database whose pages contradict each other; other files pass."""
     if not is_database(path):
         return
-    with _looked_through(path) as database:
+    with sound_database(path) as database:
         found = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
         if found != ["ok"]:
             raise sqlite3.DatabaseError(" ".join(" ".join(found).split()))
@@ -61,13 +61,13 @@ def widths(path: str, table: str, columns: Sequence[str]) -> Widths:
     """
     places = {f"column_{number}": column for number, column in enumerate(columns)}
     asked = ", ".join(["SELECT count(*)", *(f"max(length(CAST({{{place}}} AS BLOB)))" for place in places)])
-    with _looked_through(path) as database:
+    with sound_database(path) as database:
         found = database.execute(sql_text(asked + " FROM {table}", table=table, **places)).fetchone()
     return Widths(int(found[0]), {column: int(size or 0) for column, size in zip(columns, found[1:], strict=True)})
 
 
 @contextlib.contextmanager
-def _looked_through(path: str) -> Iterator[sqlite3.Connection]:
+def sound_database(path: str) -> Iterator[sqlite3.Connection]:
     """Open a database for reading; what SQLite says of it, and no answer in time, become `InputError`."""
     most = database_seconds(file_bytes(path) or 0)
     end = time.thread_time() + most

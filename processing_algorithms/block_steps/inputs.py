@@ -155,6 +155,27 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     return ImagePoints.create(names, image[rows], xy[rows], source=tables[0].source)
 
 
+def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
+    """Return the matches of files of another program as tracks; raise `InputError` where they hold none."""
+    ids = [image.id for image in images]
+    tables = [read_points(measurements_of(file), image_ids=ids) for file in several_specs(spec)]
+    pairs = [of_block(table.image, images)[0] for table in tables if table.pairwise and table.image is not None]
+    tracks = [of_block(table.image, images)[0] for table in tables if not table.pairwise and table.image is not None]
+    if not pairs and not tracks:
+        raise InputError(f"{spec}: holds no positions in images: name matches of two images or points on several")
+    if pairs and tracks:
+        raise InputError(f"{spec}: holds both matches of pairs and points with ids: name files of one kind")
+    return join_image_points(pairs) if pairs else joined_tracks(tracks)
+
+
+def joined_tracks(tables: Sequence[ImagePoints]) -> ImagePoints:
+    """Return tables of points that the same ids join, under each other."""
+    return ImagePoints.create(
+        np.concatenate([table.ids for table in tables]), np.concatenate([table.image_ids for table in tables]),
+        np.concatenate([table.xy for table in tables]), source=tables[0].source,
+    )  # fmt: skip
+
+
 def with_dem(options: AdjustOptions, dem: DemOptions, height_datum: str) -> AdjustOptions:
     """Return options of an adjustment with the DEM opened that is to hold the heights of tie points."""
     if options.sigma_dem_m is None:

@@ -9,10 +9,12 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.scheduling import open_scheduler
 from ...hrsi_engine.io.finished_parts import FinishedParts
+from ...hrsi_engine.measurement.given_matches import refine_given_matches
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import SearchOptions
+from .inputs import read_matches
 
 UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while the search is at work or was stopped
 
@@ -26,9 +28,13 @@ def find(
     if kept:
         context.log(f"continues with {kept} finished parts in {finished.parts.folder}")  # type: ignore[union-attr]
     scheduler = open_scheduler(options.workers.scheduler, options.threads, options.workers.certificates)
-    found = find_tie_points(
-        images, options.search, context.progress, surface=surface, scheduler=scheduler, keeper=finished.parts
-    )
+    if options.matches:
+        given = read_matches(options.matches, images)
+        found = refine_given_matches(images, given, options.search, context.progress, scheduler=scheduler)
+    else:
+        found = find_tie_points(
+            images, options.search, context.progress, surface=surface, scheduler=scheduler, keeper=finished.parts
+        )
     for pair in found.pairs:
         context.log(f"{pair.first} - {pair.second}: {pair.matches} matches")
     for hold in found.holds:

@@ -208,6 +208,14 @@ class SearchOptions:
     """How tie points are found, by whom, and where what is finished is kept."""
 
     search: TieOptions = nested(TieOptions)
+    matches: str | None = option(
+        None,
+        "Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text; each is "
+        "measured anew by least-squares matching and judged as those found here",
+        kind=Kind.POINTS,
+        advanced=True,
+        metavar="FILE",
+    )
     workers: WorkerOptions = nested(WorkerOptions)
     work_dir: str | None = option(
         None,

@@ -472,5 +472,7 @@ def test_every_reader_is_described() -> None:
         "asp-gcp",
         "asp-match",
         "asp-match-text",
+        "colmap",
+        "hloc",
     } == set(POINT_READERS)
     assert all(reader.title for reader in POINT_READERS.values())

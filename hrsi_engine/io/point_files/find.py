@@ -11,7 +11,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ..datasets import check_advice
-from . import asp_gcp, asp_match, csv_text, image_gcps, micmac, ogr_layer, orthority, qgis_points
+from . import asp_gcp, asp_match, colmap, csv_text, hloc, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
 from .interpret import PointTables, interpret
 from .positions import Reference, Surface
@@ -25,12 +25,14 @@ POINT_READERS: dict[str, PointReader] = {
     "qgis-points": qgis_points.READER,
     "asp-gcp": asp_gcp.READER,
     "asp-match": asp_match.READER,
+    "colmap": colmap.READER,
+    "hloc": hloc.READER,
     "orthority": orthority.READER,
     "ogr": ogr_layer.READER,
     "image-gcps": image_gcps.READER,
 }
 _HEAD_BYTES = 65536
-_SPEC_OPTIONS = ("layername", "layerid", "geometrytype", "image")
+_SPEC_OPTIONS = ("layername", "layerid", "geometrytype", "image", "features")
 
 
 def read_points(
@@ -48,7 +50,8 @@ def read_points(
     ----------
     spec : str
         ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|image=ID`` says on which image
-        the points were measured, where the file does not say it.
+        the points were measured, where the file does not say it, ``MATCHES.h5|features=FILE`` which keypoints are
+        matched.
     ground_crs : str, optional
         CRS of positions in a file that names none, anything PROJ reads.
     height_datum : str
@@ -104,10 +107,13 @@ def several_specs(text: str) -> list[str]:
 
 
 def split_spec(spec: str) -> tuple[str, str]:
-    """Return file and layer (its name, ``#number``, or empty) of a point file as the user names it."""
+    """Return file and layer (its name, ``#number``, or empty) of a point file as the user names it.
+
+    Of matches that point at keypoints of another file, that file is what has the place of the layer.
+    """
     options = _options(spec)
     number = f"#{options['layerid']}" if "layerid" in options else ""
-    return str(spec).split("|")[0], options.get("layername", number)
+    return str(spec).split("|")[0], options.get("features", options.get("layername", number))
 
 
 def _options(spec: str) -> dict[str, str]:
@@ -116,7 +122,10 @@ def _options(spec: str) -> dict[str, str]:
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
         if key.lower() not in _SPEC_OPTIONS or not value:
-            raise InputError(f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER or FILE|image=ID")
+            raise InputError(
+                f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID or "
+                "MATCHES.h5|features=FILE"
+            )
         options[key.lower()] = value
     return options
 

@@ -80,7 +80,11 @@ def match_stars(job: StarJob) -> Result:
     ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` the number of the second image, ``sigma_px``, ``quality``,
     ``kind``, ``height_m (n,)`` apparent heights of the pair. Rows with equal ``first_xy`` are one point.
     """
-    rows = [row for cell in job.cells for row in _match_cell(job, cell)]
+    return columns_of([row for cell in job.cells for row in _match_cell(job, cell)])
+
+
+def columns_of(rows: Sequence[Rows]) -> Result:
+    """Return the matches of windows as the columns that `match_stars` explains."""
     if not rows:
         nothing = np.empty(0)
         return {"first_xy": np.empty((0, 2)), "second_xy": np.empty((0, 2)), "partner": np.empty(0, np.int64),

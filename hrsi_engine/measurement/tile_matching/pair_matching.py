@@ -38,6 +38,7 @@ __all__ = [
     "TilePairGeometry",
     "match_tile",
     "no_matches",
+    "refine_points",
     "transfer_points",
 ]  # fmt: skip
 PAIR_NEIGHBOURS = 8
@@ -97,12 +98,41 @@ def transfer_points(
     if len(task.points) < FEWEST:
         return no_matches()
     shift = frame.displacements(task.points, frame.predict(task.points, heights_m=np.asarray(height_m)[inside]))
+    return _judge(task, _find_near(task, shift))
+
+
+def refine_points(
+    first: ImageTile,
+    second: ImageTile,
+    geometry: TilePairGeometry,
+    first_xy: np.ndarray,
+    second_xy: np.ndarray,
+    options: TileMatchOptions | None = None,
+) -> TileMatches:
+    """Return matches made elsewhere, measured anew; those that stand the tests of `match_tile`.
+
+    Points are the whole pixels of the first tile next to ``first_xy (n, 2)``; they are sought a few pixels around
+    where ``second_xy (n, 2)`` has them.
+    """
+    options = options or TileMatchOptions()
+    frame = TileFrame(first, second, geometry)
+    at = first.to_tile(first_xy)
+    points, rows = np.unique(np.round(at).astype(np.int64), axis=0, return_index=True)
+    inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
+    task = _Task(frame, options, points[inside])
+    if len(task.points) < FEWEST:
+        return no_matches()
+    return _judge(task, _find_near(task, frame.displacements(at, second.to_tile(second_xy))[rows[inside]]))
+
+
+def _find_near(task: _Task, shift: np.ndarray) -> _Matched:
+    """Return what is found of the points a few pixels around known displacements ``(n, 2)``."""
     found = _Matched.nothing(len(task.points))
-    for window in dict.fromkeys(options.windows_px):
+    reach_px = task.options.reach_px[0], task.options.across_px
+    for window in dict.fromkeys(task.options.windows_px):
         rows = np.flatnonzero(~found.done)
-        reach = np.tile([options.reach_px[0], options.across_px], (len(rows), 1))
-        found.add(rows, *_find(task, rows, _Expected(shift[rows], reach), window))
-    return _judge(task, found)
+        found.add(rows, *_find(task, rows, _Expected(shift[rows], np.tile(reach_px, (len(rows), 1))), window))
+    return found
 
 
 # ---- what the steps hand on ----------------------------------------------------------------------------------------

@@ -1,0 +1,158 @@
+"""`match` at scales and rotations that it is not told: all real pairs, with OpenCV's SIFT in the same run.
+
+    python benchmarks/matching_unknown.py [--pairs NAME] [--seed 41] [--scales 0.6,0.8,1,1.25,1.7] [--docs]
+
+The second image of each real pair is resampled by a known map: a scale, and a rotation drawn at random. Points found
+are carried back by that map and judged by what knows nothing of either matcher's work on the resampled pair: the RPCs'
+epipolar lines, whose constant bias SIFT tells on the pair as it is. SIFT as it is commonly used stands beside it: ratio
+test 0.8, RANSAC of a fundamental matrix with 2 px. It has found a pair where at least `LEAST_FOUND` matches are left of
+which nine in ten lie within `FAR_PX` of the line. --docs writes the table into docs/matching.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hrsi.benchmarks.matching import PAIRS, RealPair, timed
+from hrsi.benchmarks.pages import put_between
+from hrsi.hrsi_engine.block.block import ArrayRaster, Image
+from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.measurement.control_network import match_windows
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss
+from hrsi.tests.conftest import TEST_DATA
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "matching.md"
+FAR_PX, LEAST_FOUND, FOUND_SHARE = 2.0, 15, 0.9
+SIFT_RATIO, RANSAC_PX = 0.8, 2.0
+STRETCH_PERCENT = (1.0, 99.0)
+
+
+class Seen(NamedTuple):
+    """Resampled pixels of an image, and the map from the original's pixels to them."""
+
+    raster: ArrayRaster
+    matrix: np.ndarray
+    shift: np.ndarray
+
+    def back(self, xy: np.ndarray) -> np.ndarray:
+        """Return where points ``(n, 2)`` are in the image as it was."""
+        return (xy - self.shift) @ np.linalg.inv(self.matrix).T
+
+
+def main() -> None:
+    """Print one row a pair and scale."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pairs", default="", help="only pairs whose name begins so")
+    parser.add_argument("--seed", type=int, default=41, help="of the rotations")
+    parser.add_argument("--scales", default="0.6,0.8,1,1.25,1.7")
+    parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
+    parser.add_argument("--docs", action="store_true", help="write the table into docs/matching.md")
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    rng = np.random.default_rng(given.seed)
+    rows = [
+        "| pair | scale | turned | `match` | beyond 2 px | CPU s | SIFT | beyond 2 px | CPU s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    print("\n".join(rows), flush=True)
+    verdicts = []
+    for pair in PAIRS:
+        images = [open_image(str(given.data / pair.folder / name)) for name in pair.files]
+        bias = None
+        for scale in map(float, given.scales.split(",")):
+            turn = float(rng.uniform(0.0, 360.0))
+            if not pair.name.startswith(given.pairs):
+                continue
+            bias = _bias(images, pair) if bias is None else bias
+            row, verdict = _row(images, pair, scale, turn, bias)
+            rows.append(row)
+            verdicts.append(verdict)
+            print(row, flush=True)
+    ours, sift, both = (sum(flags) for flags in zip(*((a, b, a and b) for a, b, _ in verdicts), strict=True))
+    far = sum(beyond for *_, beyond in verdicts)
+    summary = (
+        f"`match` finds {ours} of {len(verdicts)}, SIFT {sift}; {both} of SIFT's {sift} are found by `match`. "
+        f"Correspondences of `match` beyond {FAR_PX:g} px: {far}."
+    )
+    print(summary)
+    if given.docs:
+        put_between(PAGE, "unknown scale and rotation", "\n".join([*rows, "", summary]))
+
+
+def _row(images: list[Image], pair: RealPair, scale: float, turn: float, bias: float) -> tuple[str, tuple]:
+    """Return the row of a case, whether `match` and SIFT found it, and how many of `match` are beyond the limit."""
+    first = ArrayRaster(*images[0].raster.read(0, 0, *images[0].raster.size))
+    second = resampled(ArrayRaster(*images[1].raster.read(0, 0, *images[1].raster.size)), scale, turn)
+    found, seconds = timed(partial(match_windows, first, second.raster))
+    (sift_xy, sift_other), sift_seconds = timed(partial(sift_matches, first, second.raster))
+
+    def far(xy: np.ndarray, other: np.ndarray) -> int:
+        miss = epipolar_miss(images[0].rpc, images[1].rpc, xy, second.back(other), pair.height_m)
+        return int(np.sum(~(np.abs(miss.across_px - bias) <= FAR_PX)))
+
+    beyond = far(found.positions.first, found.positions.second) if len(found) else 0
+    sift_beyond = far(sift_xy, sift_other) if len(sift_xy) else 0
+    sift_found = len(sift_xy) >= LEAST_FOUND and sift_beyond <= (1.0 - FOUND_SHARE) * len(sift_xy)
+    ours = str(len(found)) if len(found) else found.status
+    row = (
+        f"| {pair.name} | {scale:g} | {turn:.0f}° | {ours} | {beyond if len(found) else '-'} | {seconds:.1f} "
+        f"| {len(sift_xy) if sift_found else 'not found'} | {sift_beyond if sift_found else '-'} | {sift_seconds:.1f} |"
+    )
+    return row, (len(found) > 0, sift_found, beyond)
+
+
+def _bias(images: list[Image], pair: RealPair) -> float:
+    """Return the RPCs' constant bias across the epipolar lines, from SIFT on the pair as it is."""
+    rasters = [ArrayRaster(*image.raster.read(0, 0, *image.raster.size)) for image in images]
+    xy, other = sift_matches(*rasters)
+    return float(np.median(epipolar_miss(images[0].rpc, images[1].rpc, xy, other, pair.height_m).across_px))
+
+
+def resampled(image: ArrayRaster, scale: float, degrees: float) -> Seen:
+    """Return an image turned from sample towards line and scaled, in a frame that holds all of it."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    matrix = scale * np.array([[cos, -sin], [sin, cos]])
+    samples, lines = image.size
+    corners = np.array([[0, 0], [samples - 1, 0], [0, lines - 1], [samples - 1, lines - 1]]) @ matrix.T
+    low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0))
+    frame = tuple(int(length) for length in high - low + 1)
+    affine = np.column_stack([matrix, -low])
+    grey = image.grey.astype(np.float32)
+    if scale < 1.0:  # the blur of a pixel to that of a larger one
+        grey = cv2.GaussianBlur(grey, (0, 0), 0.5 * np.sqrt(scale**-2 - 1.0))
+    grey = cv2.warpAffine(grey, affine, frame, flags=cv2.INTER_CUBIC)
+    valid = cv2.warpAffine(image.valid.astype(np.uint8), affine, frame, flags=cv2.INTER_NEAREST)
+    valid = cv2.erode(valid, np.ones((9, 9), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
+    grey = np.where(valid, np.clip(np.rint(grey), 1, 65535), 0).astype(np.uint16)
+    return Seen(ArrayRaster(grey, valid), matrix, -low)
+
+
+def sift_matches(first: ArrayRaster, second: ArrayRaster) -> tuple[np.ndarray, np.ndarray]:
+    """Return what SIFT with ratio test and RANSAC matches, positions ``(n, 2)`` in both."""
+    described = []
+    for raster in (first, second):
+        low, high = np.percentile(raster.grey[raster.valid], STRETCH_PERCENT)
+        byte = np.clip((raster.grey.astype(np.float32) - low) * (255.0 / (high - low)), 0, 255).astype(np.uint8)
+        mask = cv2.erode(raster.valid.astype(np.uint8), np.ones((9, 9), np.uint8))
+        points, descriptors = cv2.SIFT_create(10000).detectAndCompute(byte, mask)
+        described.append((np.array([point.pt for point in points]), descriptors))
+    (xy1, d1), (xy2, d2) = described
+    near = cv2.BFMatcher().knnMatch(d1, d2, k=2)
+    chosen = np.array([(a.queryIdx, a.trainIdx) for a, b in near if a.distance < SIFT_RATIO * b.distance], dtype=int)
+    if len(chosen) < LEAST_FOUND:
+        return np.empty((0, 2)), np.empty((0, 2))
+    xy1, xy2 = xy1[chosen[:, 0]], xy2[chosen[:, 1]]
+    cv2.setRNGSeed(1)
+    _, inliers = cv2.findFundamentalMat(xy1, xy2, cv2.FM_RANSAC, RANSAC_PX, 0.999, 20000)
+    keep = inliers.ravel().astype(bool) if inliers is not None else np.zeros(len(xy1), bool)
+    return xy1[keep], xy2[keep]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""Matches of another program, measured anew by least-squares matching and judged as those found here.
+
+Learned matchers find pairs where others fail, to a pixel or two; half-precision files round them further. So only
+where to look is taken from them. Matches are joined to tracks by the keypoints that they share; the image of a track
+with the coarsest pixels is its reference, whose whole pixel next to the keypoint is matched in all others. What comes
+out goes through the tests of windows (`tile_matching`), pairs, links and tracks (`block_matching`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..block.block import Image
+from ..block.points import ImagePoints
+from ..foundation.errors import InputError
+from ..foundation.progress import Progress, silent
+from ..foundation.scheduling import Result, Scheduler, WorkPart, open_scheduler, run_parts
+from .block_matching import joining
+from .block_matching.links import hold_images, judge_links, without_links
+from .block_matching.overlaps import coarseness, resolution_step
+from .block_matching.star import Rows, columns_of
+from .block_matching.windows import ImageWindow, read_tile
+from .tie_options import TieOptions
+from .tie_points import EVERY, PairSummary, TiePoints
+from .tile_matching.epipolar import epipolar_miss, transfer
+from .tile_matching.options import TileMatchOptions
+from .tile_matching.pair_matching import refine_points
+from .tile_matching.rpc_consistency import rpc_consistency
+from .tile_matching.types import TilePairGeometry
+
+GIVEN_WINDOW_PX = 1024  # of the reference, matched at a time
+TILE_BORDER_PX = 40  # around the matches of a window: half a window of least-squares matching and some room
+GIVEN_REACH_PX, GIVEN_ACROSS_PX = (6.0, 6.0), 4.0  # how far given positions may be off
+GIVEN_ROOM_M = 10.0  # beyond the heights that given matches stand for
+
+
+@dataclass(frozen=True, eq=False)
+class GivenPair:
+    """Given matches of a window of the reference with one other image; ``number`` is the other's in the block."""
+
+    number: int
+    image: Image
+    first_xy: np.ndarray
+    second_xy: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class GivenJob:
+    """A window of a reference image, and what other programs matched in it."""
+
+    number: int
+    reference: Image
+    window: ImageWindow
+    pairs: tuple[GivenPair, ...]
+
+
+def refine_given_matches(
+    images: Sequence[Image],
+    given: ImagePoints,
+    options: TieOptions | None = None,
+    progress: Progress = silent,
+    *,
+    scheduler: Scheduler | None = None,
+) -> TiePoints:
+    """Measure given matches anew and judge them.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        The block, with pixels.
+    given : ImagePoints
+        Tracks of approximate positions, to some pixels.
+    options : TieOptions, optional
+        What is kept of them.
+    progress : Progress
+        Callback; False cancels.
+    scheduler : Scheduler, optional
+        Who does the work; threads without.
+
+    Returns
+    -------
+    TiePoints
+        Tracks over two images or more.
+
+    Raises
+    ------
+    InputError
+        No match is between two images with pixels.
+    Cancelled
+        When ``progress`` asks to stop.
+    """
+    options, scheduler = options or TieOptions(), scheduler or open_scheduler()
+    jobs = list(_jobs(images, given))
+    if not jobs:
+        raise InputError(f"{given.source}: holds no match between two images of the block that have pixels: "
+                         "check its images' names")  # fmt: skip
+    parts = [
+        WorkPart(f"given-{number}", measure_given, job, keep=False, label=f"measuring matches of {job.reference.id}")
+        for number, job in enumerate(jobs)
+    ]
+    done = run_parts(parts, [part.key for part in parts], scheduler, None, progress)
+    matches = joining.collect_matches([(job.number, done[part.key]) for job, part in zip(jobs, parts, strict=True)])
+    good = joining.without_contradictions(joining.without_outliers(matches, images, options.dense), images)
+    links = judge_links(good)
+    good = without_links(good, links)
+    room = dict.fromkeys(range(len(images)), options.per_cell or EVERY)  # what is given is kept, unless told otherwise
+    points, ground = joining.to_image_points(good, images, options.cells, room)
+    tried: dict[tuple[int, int], int] = {}
+    for job in jobs:
+        for pair in job.pairs:
+            tried[job.number, pair.number] = tried.get((job.number, pair.number), 0) + len(pair.first_xy)
+    kept = {pair: len(rows) for pair, rows in joining.pair_rows(good).items()}
+    pairs = [
+        PairSummary(images[a].id, images[b].id, kept.get((a, b), 0), float("nan")) for a, b in sorted(tried)
+    ]  # fmt: skip
+    usable = [number for number, image in enumerate(images) if image.raster is not None]
+    of_image = {number: sum(number in pair for pair in tried) for number in usable}
+    holds = hold_images(images, usable, links, of_image, {})
+    total = sum(tried.values())
+    warnings = [f"{hold.image}: none of the given matches stands the tests" for hold in holds if not hold.links]
+    if 2 * sum(kept.values()) < total:
+        warnings.append(
+            f"{given.source}: {sum(kept.values())} of {total} given matches stand the tests: check that they are of "
+            "these images, in pixels of the full images"
+        )
+    return TiePoints(points, ground, tuple(pairs), tuple(warnings), holds)
+
+
+def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
+    """Yield the windows of reference images with the matches in them."""
+    number_of = {image.id: number for number, image in enumerate(images) if image.raster is not None}
+    given = given.select(np.isin(given.image_ids, list(number_of)))
+    if not len(given):
+        return
+    _, track = np.unique(given.ids, return_inverse=True)
+    number = np.array([number_of[name] for name in given.image_ids.tolist()])
+    # Of each track the coarsest image is the reference, the first of several such
+    rank = np.array([(-coarseness(image), k) for k, image in enumerate(images)])
+    order = np.lexsort((*rank[number].T[::-1], track))
+    heads = np.r_[True, track[order][1:] != track[order][:-1]]
+    reference = np.empty(track.max() + 1, dtype=np.int64)
+    reference[track[order][heads]] = order[heads]
+    head = reference[track]
+    rows = np.flatnonzero(number != number[head])
+    cell = np.floor(given.xy[head[rows]] / GIVEN_WINDOW_PX).astype(np.int64)
+    keys, job = np.unique(np.column_stack([number[head[rows]], cell]), axis=0, return_inverse=True)
+    for index, (first, column, row) in enumerate(keys.tolist()):
+        here = rows[job.ravel() == index]
+        window = ImageWindow(column * GIVEN_WINDOW_PX, row * GIVEN_WINDOW_PX, GIVEN_WINDOW_PX, GIVEN_WINDOW_PX)
+        pairs = tuple(
+            GivenPair(second, images[second], given.xy[head[own]], given.xy[own])
+            for second in np.unique(number[here]).tolist()
+            for own in (here[number[here] == second],)
+        )
+        yield GivenJob(first, images[first], window, pairs)
+
+
+def measure_given(job: GivenJob) -> Result:
+    """Return the matches of a job that are found again, as `block_matching.star.match_stars` does."""
+    rows = []
+    tile = read_tile(job.reference, job.window.grown(TILE_BORDER_PX))
+    for pair in () if tile is None else job.pairs:
+        geometry = _geometry(job.reference, pair)
+        low, high = (np.floor(limit(pair.second_xy, axis=0)) for limit in (np.min, np.max))
+        border = TILE_BORDER_PX * resolution_step(job.reference, pair.image)
+        place = ImageWindow(int(low[0]), int(low[1]), *(int(side) + 1 for side in high - low)).grown(border)
+        other = read_tile(pair.image, place, resolution_step(job.reference, pair.image)) if geometry else None
+        if tile is None or geometry is None or other is None:
+            continue
+        options = TileMatchOptions(reach_px=GIVEN_REACH_PX, across_px=GIVEN_ACROSS_PX)
+        rows.append(Rows(pair.number, refine_points(tile, other, geometry, pair.first_xy, pair.second_xy, options)))
+    return columns_of(rows)
+
+
+def _geometry(reference: Image, pair: GivenPair) -> TilePairGeometry | None:
+    """Return where the matches that agree with one another say that the pair lies; None where too few agree."""
+    first, second = reference.rpc, pair.image.rpc
+    start = float(np.mean(first.height_range))
+    agreed = rpc_consistency(first, second, pair.first_xy, pair.second_xy, start, floor_px=GIVEN_ACROSS_PX).good
+    if not agreed.any():
+        return None
+    xy, other = pair.first_xy[agreed], pair.second_xy[agreed]
+    heights = epipolar_miss(first, second, xy, other, start).height_m
+    low, high = float(heights.min()) - GIVEN_ROOM_M, float(heights.max()) + GIVEN_ROOM_M
+    away = other - transfer(first, second, xy, heights)
+    bias = np.median(away, axis=0)
+    margin = float(np.abs(away - bias).max()) + max(GIVEN_REACH_PX)
+    return TilePairGeometry(first, second, low, high, (float(bias[0]), float(bias[1])), (margin, margin))
