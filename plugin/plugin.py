@@ -21,6 +21,7 @@ class HrsiPlugin:
         self.provider: HrsiProvider | None = None
         self.dock: Any = None
         self._action: Any = None
+        self._exit_guard: Any = None
 
     def initProcessing(self) -> None:
         """Register the provider; ``qgis_process`` calls only this."""
@@ -32,16 +33,20 @@ class HrsiPlugin:
         self.initProcessing()
         try:
             from .points_panel.dock import PointsDock
+            from .points_panel.guards import ExitGuard, offer_unsaved
         except ImportError as error:  # the provider has said what is missing
             QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
             return
-        self.dock = PointsDock(self.iface.mainWindow())
+        self.dock = PointsDock(self.iface.mainWindow(), self.iface.mapCanvas())
         self.iface.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.dock)
         self.dock.hide()
         self._action = self.dock.toggleViewAction()
         self._action.setIcon(QIcon(str(icon_path("measure-targets"))))
         self.iface.addPluginToMenu("HRSI", self._action)
         self.iface.addToolBarIcon(self._action)
+        self._exit_guard = ExitGuard(self.dock)
+        self.iface.registerApplicationExitBlocker(self._exit_guard)
+        offer_unsaved(self.dock, self.iface.messageBar())
 
     def unload(self) -> None:
         """Remove the provider, which the registry deletes, and the panel."""
@@ -49,6 +54,7 @@ class HrsiPlugin:
             QgsApplication.processingRegistry().removeProvider(self.provider)
             self.provider = None
         if self.dock is not None:
+            self.iface.unregisterApplicationExitBlocker(self._exit_guard)
             self.iface.removePluginMenu("HRSI", self._action)
             self.iface.removeToolBarIcon(self._action)
             self.iface.removeDockWidget(self.dock)

@@ -294,7 +294,7 @@ def assemble(
 
     A known point is a GCP unless its role says otherwise; with ``gcp_ids`` those are the GCPs and every other known
     point a check point; ``check_ids`` are check points in any case, and with both given all other known points take no
-    part. Points that are only measured are tie points.
+    part. Nor does a point whose role is off, unless it is named. Points that are only measured are tie points.
 
     Parameters
     ----------
@@ -326,6 +326,7 @@ def assemble(
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
     rows = _concatenate([table for table in image_points if len(table)])
+    known, rows = _without_points_off(known, rows, [*(gcp_ids or ()), *(check_ids or ())])
     if gcp_ids and check_ids:
         known, rows = _only_chosen(known, rows, [*gcp_ids, *check_ids])
     warnings: list[str] = []
@@ -429,6 +430,14 @@ def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
             f"{list_ids(position)}): name the image file too, correct the 'image' field, or write FILE|image=ID"
         )
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
+
+
+def _without_points_off(
+    known: GroundPoints, rows: ImagePoints, named: Sequence[str]
+) -> tuple[GroundPoints, ImagePoints]:
+    """Return the points without those that are off, unless they are named; these take no part, as ties neither."""
+    off = (known.role == Role.OFF) & ~np.isin(known.ids, named)
+    return (known.select(~off), rows.select(~np.isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
 
 
 def _only_chosen(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:

@@ -20,6 +20,7 @@ class Role(IntEnum):
     GCP = 0  #: weighted observation of the adjustment
     CHECK = 1  #: compared with the result, never used
     TIE = 2  #: not known, or only a starting value
+    OFF = 3  #: set aside with its measurements: in files and tables of points, never in a block
 
     @classmethod
     def parse(cls, text: str) -> Role | None:
@@ -28,7 +29,7 @@ class Role(IntEnum):
         Parameters
         ----------
         text : str
-            ``gcp``, ``check``, ``tie`` and their like in any case; may be empty.
+            ``gcp``, ``check``, ``tie``, ``off`` and their like in any case; may be empty.
 
         Returns
         -------
@@ -51,7 +52,7 @@ class Role(IntEnum):
 ROLE_LABELS = np.array([role.label for role in Role])
 _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
-    "tie": Role.TIE,
+    "tie": Role.TIE, "off": Role.OFF,
 }  # fmt: skip
 UNSET = -1  #: role column of `GroundPoints`: the file says nothing
 

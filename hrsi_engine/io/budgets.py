@@ -30,6 +30,7 @@ MOST_BYTES = {
     "matches": 2048 * MIB,  # binary records
     "report": 128 * MIB,  # of ten thousand images and points: some 20 MB
     "names": 32 * MIB,  # a list of images
+    "journal": 256 * MIB,  # of what somebody measured by hand, point by point
     "result": 2048 * MIB,  # of one finished part of a search
 }
 LONGEST_LINE = 4 * MIB  # characters of a line of text

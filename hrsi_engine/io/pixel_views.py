@@ -16,7 +16,7 @@ _STRETCH_PERCENT = (1.0, 99.0)
 
 
 def pixel_view(path: str) -> str:
-    """Return a virtual image of the first band, without RPC, whose map coordinates are (sample, -line).
+    """Return a virtual image, without RPC, whose map coordinates are (sample, -line).
 
     It lives in memory, for this process. Raises `InputError` where the image cannot be opened.
     """
@@ -24,7 +24,7 @@ def pixel_view(path: str) -> str:
     source = open_raster(path)
     view = None
     with gdal_messages() as messages:
-        view = gdal.Translate(name, source, options=gdal.TranslateOptions(format="VRT", bandList=[1], nogcp=True))
+        view = gdal.Translate(name, source, options=gdal.TranslateOptions(format="VRT", nogcp=True))
         if view is not None:
             view.SetProjection("")
             view.SetGeoTransform((-0.5, 1.0, 0.0, 0.5, 0.0, -1.0))

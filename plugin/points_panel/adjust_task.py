@@ -8,15 +8,19 @@ from qgis.core import QgsTask
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ...processing_algorithms import point_session
-from ...processing_algorithms.point_session import PointSession
+from ...processing_algorithms.point_session import PointSession, Snapshot
 from ..dependencies import missing_package_message
 
 
 class AdjustTask(QgsTask):
-    """Adjusts a snapshot of a session; ``adjusted`` holds the result, or ``failure`` why not (empty: cancelled)."""
+    """Adjusts what a session held when it was made (``seen``).
 
-    def __init__(self, session: PointSession, model: str) -> None:
+    ``adjusted`` holds the result, or ``failure`` why there is none (empty: cancelled).
+    """
+
+    def __init__(self, session: PointSession, model: str, save: bool) -> None:
         super().__init__("HRSI: adjusting the block", QgsTask.Flag.CanCancel)
+        self.seen, self.is_to_be_saved = Snapshot(session), save
         self._block, self._model = point_session.block_of(session), model
         self.adjusted: Any = None
         self.failure = ""

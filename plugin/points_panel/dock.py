@@ -1,13 +1,16 @@
-"""The dock "HRSI Points": tables on the left, two images on the right, and what their buttons do."""
+"""The dock "HRSI Points": tables on the left, images on the right, and what their buttons do."""
 
 from __future__ import annotations
 
+import itertools
+import math
+import os
 from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
 from qgis.core import QgsApplication, QgsProject, QgsVectorLayer
-from qgis.PyQt.QtCore import QModelIndex, pyqtSignal
+from qgis.PyQt.QtCore import QModelIndex, QTimer, pyqtSignal
 from qgis.PyQt.QtWidgets import QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
 from ...hrsi_engine.foundation.errors import HrsiError
@@ -17,12 +20,16 @@ from ...processing_algorithms.point_session import PointSession
 from ..dependencies import missing_package_message
 from ..layer_or_file import LayerOrFile
 from .adjust_task import AdjustTask
+from .image_view import ImageView
 from .layout import PanelLayout
+from .map_link import MapLink
 from .markers import Marker
 from .new_block import NewBlockDialog
+from .new_point import NewPointDialog
 from .project_state import PanelState, restore_state, store
 from .table_models import MeasurementsModel, PointsModel
 
+LIVE_DELAY_MS = 300
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
 
 
@@ -30,9 +37,9 @@ def told(method: Callable[..., Any]) -> Callable[..., Any]:
     """Show the errors that a user can act on in the panel instead of raising them."""
 
     @wraps(method)
-    def run(self: PointsDock, *arguments: Any) -> Any:
+    def run(self: PointsDock, *arguments: Any, **options: Any) -> Any:
         try:
-            return method(self, *arguments)
+            return method(self, *arguments, **options)
         except HrsiError as error:
             self.tell(str(error), is_error=True)
         except ImportError as error:
@@ -46,19 +53,31 @@ def told(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class PointsDock(QDockWidget):
-    """Shows a `PointSession` and passes on what the user does to it."""
+    """Shows a `PointSession` and passes on what the user does to it.
+
+    ``canvas`` is the map of the main window, if there is one; below ``unsaved_root`` lies what is not saved yet.
+    """
 
     adjusted = pyqtSignal(bool)  #: an adjustment has ended, well or not
 
-    def __init__(self, parent: Any = None) -> None:
+    def __init__(self, parent: Any = None, canvas: Any = None, unsaved_root: str = "") -> None:
         super().__init__("HRSI Points", parent)
         self.setObjectName("HrsiPoints")
         self.ui = PanelLayout(self)
         self.setWidget(self.ui)
         self.session = PointSession()
         self.points_model, self.measurements_model = PointsModel(self.session), MeasurementsModel(self.session)
+        self.map = MapLink(canvas)
+        self.unsaved_root = unsaved_root or os.path.join(QgsApplication.qgisSettingsDirPath(), "hrsi", "unsaved")
+        self.keeper: Any = None  # made with the first session: it needs the engine
         self._task: AdjustTask | None = None
+        self._active: ImageView | None = None
+        self._again = QTimer(self)  # a live adjustment waits until the user is done with a series of edits
+        self._again.setSingleShot(True)
+        self._again.setInterval(LIVE_DELAY_MS)
+        self._again.timeout.connect(self._adjust_live)
         self._connect()
+        self._show_views()
         self.show_session(PointSession())
         self.restore()
 
@@ -67,45 +86,82 @@ class PointsDock(QDockWidget):
         actions = {
             ui.new: self.new, ui.open: self.open, ui.add: self.add_points, ui.remove: self.remove_point,
             ui.save: self.save, ui.save_as: self.save_as, ui.adjust: self.adjust, ui.cancel: self.cancel,
+            ui.undo: self.undo, ui.redo: self.redo, ui.next: self.next_point, ui.previous: self.previous_point,
+            ui.take: self.take_prediction, ui.forget: self.forget_measurement, ui.pick: self.pick_point,
+            ui.go_to: self.go_to_place, ui.live: self._adjust_live,
         }  # fmt: skip
         for action, slot in actions.items():
             action.triggered.connect(lambda _checked=False, slot=slot: slot())
-        for view in ui.views:
-            view.clicked.connect(self.measure)
-            view.image_chosen.connect(lambda _name: self._show_images())
         for box in (ui.model, ui.kind):
             box.currentTextChanged.connect(lambda _text: self._store())
+        ui.number.currentTextChanged.connect(lambda _text: self._show_views())
         project = QgsProject.instance()
         project.readProject.connect(self._on_project)
         project.cleared.connect(self._on_project)
 
     def close_for_good(self) -> None:
-        """Let go of the project and of a running task, before the plugin is taken away."""
+        """Let go of the project and of a running task, before the plugin is taken away; what is unsaved is kept."""
         self.cancel()
+        self._task = None  # its end finds no panel any more
+        self._again.stop()
+        self.map.stop()
+        self.map.mark(None)
+        if self.keeper is not None:
+            self.keeper.leave()
         project = QgsProject.instance()
         project.readProject.disconnect(self._on_project)
         project.cleared.disconnect(self._on_project)
         for view in self.ui.views:
             view.let_go()
 
+    def give_up(self) -> None:
+        """Keep nothing of what is not saved: the user has said so."""
+        if self.keeper is not None:
+            self.keeper.discard()
+
     # ---- showing -----------------------------------------------------------------------------------------------
 
     def show_session(self, session: PointSession, point: str = "") -> None:
-        """Show another block."""
+        """Show another block; the one shown is given up."""
+        self._again.stop()
+        self.cancel()
+        self._task = None
         self.session = session
+        self._keep(session)
         self.points_model, self.measurements_model = PointsModel(session), MeasurementsModel(session)
         for model in (self.points_model, self.measurements_model):
             model.refused.connect(lambda message: self.tell(message, is_error=True))
-            model.edited.connect(self.refresh)
+            model.edited.connect(self._on_edit)
         self.ui.show_models(self.points_model, self.measurements_model)
         self.ui.points.selectionModel().currentRowChanged.connect(self._on_point)
         self.points_model.refresh()
-        names = list(session.images)
-        for number, view in enumerate(self.ui.views):
-            view.show_choice(names, names[min(number, len(names) - 1)] if names else "")
-            view.setVisible(number < max(len(names), 1))
+        self._choose_images("")
         self.choose(point or next(iter(session.points), ""))
         self.refresh()
+
+    def _keep(self, session: PointSession) -> None:
+        """Let what is edited in a session outlive the program."""
+        if self.keeper is None and not session.images:
+            return
+        if self.keeper is None:
+            self.keeper = point_session.Keeper(self.unsaved_root)
+        self.keeper.follow(session)
+
+    def _show_views(self) -> None:
+        """Show as many images as the user wants."""
+        for view in self.ui.show_views(int(self.ui.number.currentText())):
+            view.clicked.connect(self.measure)
+            view.image_chosen.connect(lambda _name, view=view: self._show_image(view))
+            view.whole_asked.connect(lambda name, view=view: self._show_whole(view))
+        self._choose_images(self.point())
+        self._show_images()
+        self.activate(self.ui.views[0])
+
+    def activate(self, view: ImageView) -> None:
+        """Let the keyboard act on a view."""
+        self._active = view
+        for other in self.ui.views:
+            other.mark_active(other is view)
 
     def choose(self, name: str) -> None:
         """Choose a point: its images are shown where it should be."""
@@ -122,10 +178,11 @@ class PointsDock(QDockWidget):
         """Show tables and markers as the session is now."""
         self.points_model.refresh()
         self.measurements_model.refresh()
-        for view in self.ui.views:
+        for view in self.ui.shown_views():
             view.markers.show_markers(self._markers(view.image()))
         self.setWindowTitle(f"HRSI Points{' *' if self.session.changed else ''}")
-        self.ui.enable(bool(self.session.images), bool(self.point()), self._task is not None)
+        has_point = self.point() in self.session.points
+        self.ui.enable(self.session, has_point, self._task is not None, self.map.canvas is not None)
 
     def tell(self, text: str, is_error: bool = False) -> None:
         self.ui.tell(text, is_error)
@@ -135,41 +192,57 @@ class PointsDock(QDockWidget):
         self.measurements_model.show_point(name)
         self._choose_images(name)
         self._show_images()
+        point = self.session.points.get(name)
+        self.map.mark((point.lon, point.lat) if point else None)
         self._store()
+        self.refresh()
 
     def _choose_images(self, name: str) -> None:
-        """Bring forward images in which the point lies, those measured already first."""
+        """Bring forward images in which the point lies, those measured already first; none is shown twice."""
+        names, views = list(self.session.images), self.ui.shown_views()
         rows = [row for row in self.session.measurements(name) if row.is_inside or row.measured] if name else []
-        fitting = [row.image for row in sorted(rows, key=lambda row: row.measured is None)]
-        shown = [view.image() for view in self.ui.views]
-        kept = [image for image in shown if image in fitting]
-        free = iter([image for image in fitting if image not in kept])
-        for view in self.ui.views:
-            if view.image() not in fitting:
-                view.show_choice(list(self.session.images), next(free, view.image()))
+        fitting = [row.image for row in sorted(rows, key=lambda row: row.measured is None)] if rows else names
+        shown = [view.image() for view in views]
+        kept = {image for image in shown if image in fitting}
+        others = [image for image in names if image not in fitting]
+        free = iter([*(image for image in fitting if image not in kept), *others])
+        taken = set[str]()
+        for view in views:
+            image = view.image()
+            if image not in fitting or image in taken:
+                image = next(free, "")
+            taken.add(image)
+            view.show_choice(names if image else [], image)
 
     @told
     def _show_images(self) -> None:
-        for view in self.ui.views:
-            view.chip.clear()
-            shown = self.point() and view.image()
-            view.show_view(
-                point_session.view_of(self.session, self.point(), view.image()) if shown else None,
-                self._markers(view.image()),
-            )
+        for view in self.ui.shown_views():
+            self._show_image(view)
+
+    def _show_image(self, view: ImageView) -> None:
+        view.chip.clear()
+        shown = self.point() in self.session.points and view.image()
+        view.show_view(
+            point_session.view_of(self.session, self.point(), view.image()) if shown else None,
+            self._markers(view.image()),
+        )
+
+    def _show_whole(self, view: ImageView) -> None:
+        if view.image() in self.session.images:
+            first_sample, last_sample, first_line, last_line = self.session.images[view.image()].domain_px
+            middle = ((first_sample + last_sample) / 2.0, (first_line + last_line) / 2.0)
+            view.show_place(middle, ((last_sample - first_sample) / 2.0, (last_line - first_line) / 2.0))
 
     def _markers(self, image: str) -> list[Marker]:
         """Return all points that lie on an image."""
         if image not in self.session.images:
             return []
         markers = []
-        for name in self.session.points:
-            row = next(row for row in self.session.measurements(name) if row.image == image)
-            if not (row.is_inside or row.measured):
-                continue
+        for name, row in self.session.on_image(image).items():
             measured = (row.measured.sample, row.measured.line) if row.measured else None
-            residual = None if row.residual_px[0] != row.residual_px[0] else row.residual_px  # NaN: none
-            markers.append(Marker(name, row.predicted, measured, residual, bool(row.suspicion)))
+            residual = None if math.isnan(row.residual_px[0]) else row.residual_px
+            is_off = self.session.points[name].role == "off"
+            markers.append(Marker(name, row.predicted, measured, residual, bool(row.suspicion), is_off))
         return markers
 
     # ---- what the user does ------------------------------------------------------------------------------------
@@ -177,31 +250,111 @@ class PointsDock(QDockWidget):
     @told
     def measure(self, image: str, sample: float, line: float) -> None:
         """Measure the chosen point near a click on an image."""
-        if not self.point():
+        view = next(view for view in self.ui.shown_views() if view.image() == image)
+        self.activate(view)
+        if self.point() not in self.session.points:
             self.tell("Choose a ground point in the list first")
             return
         fit = self.session.measure(self.point(), image, (sample, line), self.ui.kind.currentText())
-        quality = f"sigma {fit.measured.sigma:.2f} px" if fit.measured.sigma == fit.measured.sigma else "as clicked"
+        quality = "as clicked" if math.isnan(fit.measured.sigma) else f"sigma {fit.measured.sigma:.2f} px"
         text = fit.refusal or f"{fit.measured.sample:.2f} {fit.measured.line:.2f}, {quality}"
-        next(view for view in self.ui.views if view.image() == image).chip.show_chip(fit.chip_svg, text)
+        view.chip.show_chip(fit.chip_svg, text)
         self.tell(f"{self.point()} on {image}: {text}", is_error=bool(fit.refusal))
+        self._on_edit()
+
+    def _on_edit(self) -> None:
+        """Show what was edited; where residuals are live, adjust again."""
         self.refresh()
+        if self.keeper is not None and self.keeper.failure:
+            self.tell(self.keeper.failure, is_error=True)
+        if self.ui.live.isChecked():
+            self._again.start()
+
+    @told
+    def take_prediction(self) -> None:
+        """Measure the chosen point where it is predicted in the active view, as if it had been clicked there."""
+        if self._active is not None and self._active.image() in self.session.images:
+            self.measure(self._active.image(), *self.session.predicted(self.point(), self._active.image()))
+
+    @told
+    def forget_measurement(self) -> None:
+        """Take the chosen point's measurement in the active view away."""
+        if self._active is not None:
+            self.session.remove_measurement(self.point(), self._active.image())
+            self._on_edit()
+
+    def undo(self) -> None:
+        """Take the last edit back."""
+        self._after_history(self.session.undo(), "taken back")
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self._after_history(self.session.redo(), "done again")
+
+    def _after_history(self, title: str, what: str) -> None:
+        if not title:
+            return
+        if self.point() not in self.session.points:
+            self.measurements_model.show_point("")
+        self.tell(f"{title}: {what}")
+        self._on_edit()
+
+    def next_point(self) -> None:
+        """Choose the next point that is not measured on all images which show it."""
+        self.choose(self.session.next_unmeasured(self.point(), 1))
+
+    def previous_point(self) -> None:
+        """Choose the point before that is not measured on all images which show it."""
+        self.choose(self.session.next_unmeasured(self.point(), -1))
+
+    def pick_point(self) -> None:
+        """Ask for a place in the map, and make a ground point of it."""
+        self.ui.go_to.setChecked(False)
+        if self.ui.pick.isChecked():
+            self.tell("Click in the map where the new point is")
+            self.map.ask(self._add_point_at)
+        else:
+            self.map.stop()
+
+    @told
+    def _add_point_at(self, lonlat: tuple[float, float]) -> None:
+        names = self.session.points
+        name = next(name for name in (f"P{number}" for number in itertools.count(1)) if name not in names)
+        dialog = NewPointDialog(lonlat, name, self.session.middle_height_m(), self)
+        if dialog.exec() and dialog.point().id:
+            self.session.add_points([dialog.point()])
+            self._on_edit()
+            self.choose(dialog.point().id)
+
+    def go_to_place(self) -> None:
+        """Ask for places in the map, and show them in all images."""
+        self.ui.pick.setChecked(False)
+        if self.ui.go_to.isChecked():
+            self.tell("Click in the map: the images show that place, at the points' middle height")
+            self.map.ask(self._show_ground)
+        else:
+            self.map.stop()
+
+    def _show_ground(self, lonlat: tuple[float, float]) -> None:
+        height = self.session.middle_height_m()
+        for view in self.ui.shown_views():
+            if view.image():
+                view.show_place(point_session.place_on(self.session, view.image(), lonlat, height))
 
     @told
     def new(self) -> None:
         """Begin a block with images and points."""
         dialog = NewBlockDialog(self)
-        if self._may_leave() and dialog.exec():
+        if self.may_leave() and dialog.exec():
             self.show_session(point_session.new_session(**dialog.sources()))
+            self._show_measured()
 
     @told
     def open(self, path: str = "") -> None:
         """Open a block's GeoPackage."""
         path = path or QFileDialog.getOpenFileName(self, "Open block", "", BLOCK_FILTER)[0]
-        if path and self._may_leave():
-            self.show_session(point_session.open_block(path))
-            self.tell(f"{len(self.session.points)} points, {len(self.session.images)} images: {path}")
-            self._store()
+        if path and self.may_leave():
+            self._open(path)
 
     @told
     def add_points(self) -> None:
@@ -213,15 +366,17 @@ class PointsDock(QDockWidget):
             field = LayerOrFile()
             field.box.setEditText(name)
             self.session.add_points(point_session.read_ground_points(source_of(field.value(), "gcps")))
-            self.refresh()
+            self._on_edit()
 
     @told
     def remove_point(self) -> None:
         """Remove the chosen point with its measurements."""
+        row = self.points_model.row_of(self.point())
         self.session.remove_point(self.point())
         self.measurements_model.show_point("")
-        self.refresh()
-        self.choose(next(iter(self.session.points), ""))
+        self._on_edit()
+        names = list(self.session.points)
+        self.choose(names[min(row, len(names) - 1)] if names else "")
 
     @told
     def save(self) -> bool:
@@ -253,11 +408,11 @@ class PointsDock(QDockWidget):
                 layer.triggerRepaint()
 
     @told
-    def adjust(self) -> None:
-        """Adjust the block in the background; `adjusted` is emitted at the end."""
+    def adjust(self, save: bool = True) -> None:
+        """Adjust the block in the background, and save it where it has a file; `adjusted` is emitted at the end."""
         if self._task is not None:
             return
-        task = AdjustTask(self.session, self.ui.model.currentText())
+        task = AdjustTask(self.session, self.ui.model.currentText(), save)
         task.progressChanged.connect(self.ui.show_progress)
         task.taskCompleted.connect(lambda: self._on_adjusted(task))
         task.taskTerminated.connect(lambda: self._on_adjusted(task))
@@ -265,6 +420,16 @@ class PointsDock(QDockWidget):
         self.refresh()
         self.tell("adjusting …")
         QgsApplication.taskManager().addTask(task)
+
+    def _adjust_live(self) -> None:
+        """Adjust what has changed since the last adjustment; after the one that runs."""
+        if self.ui.live.isChecked() and self._task is None and not self.session.is_adjusted:
+            self.adjust(save=False)
+
+    def _show_measured(self) -> None:
+        """Show residuals, and predict with adjusted cameras, where a block comes with measurements."""
+        if self.session.measured:
+            self.adjust(save=False)
 
     def is_adjusting(self) -> bool:
         return self._task is not None
@@ -283,11 +448,13 @@ class PointsDock(QDockWidget):
         if task.adjusted is None:
             self.tell(task.failure or "cancelled", is_error=bool(task.failure))
         else:
-            self.session.accept(task.adjusted)
-            if self.session.path:
-                point_session.save_adjusted(self.session)
+            self.session.accept(task.adjusted, task.seen)
+            if task.is_to_be_saved and self.session.path and self.session.is_adjusted:
+                point_session.save(self.session)
                 self._after_save()
             self.tell(task.adjusted.told, is_error=task.adjusted.verdict.level is Level.UNUSABLE)
+            if self.ui.live.isChecked() and not self.session.is_adjusted:
+                self._again.start()
         self.refresh()
         self.adjusted.emit(task.adjusted is not None)
 
@@ -295,7 +462,9 @@ class PointsDock(QDockWidget):
 
     def restore(self) -> None:
         """Show the block that the project names, if there is one."""
-        state = restore_state(QgsProject.instance())
+        self._show_state(restore_state(QgsProject.instance()))
+
+    def _show_state(self, state: PanelState) -> None:
         self.ui.model.setCurrentText(state.model)
         self.ui.kind.setCurrentText(state.kind)
         if state.path and state.path != self.session.path:
@@ -303,19 +472,49 @@ class PointsDock(QDockWidget):
 
     @told
     def _restore_block(self, state: PanelState) -> None:
-        self.show_session(point_session.open_block(state.path), state.point)
+        self._open(state.path, state.point)
+        self.ui.model.setCurrentText(state.model)
+
+    def _open(self, path: str, point: str = "") -> None:
+        self.show_session(point_session.open_block(path), point)
+        if self.ui.model.findText(self.session.model) >= 0:
+            self.ui.model.setCurrentText(self.session.model)
+        self.tell(f"{len(self.session.points)} points, {len(self.session.images)} images: {path}")
+        self._store()
+        self._show_measured()
 
     def _on_project(self, _document: Any = None) -> None:
-        if not restore_state(QgsProject.instance()).path:
+        """Show the block of another project; what is not saved stays unless the user gives it up."""
+        state = restore_state(QgsProject.instance())  # now: saving writes the old block's path into the project
+        if self.session.changed:
+            if not state.path or state.path == self.session.path or not self.may_leave():
+                self.tell("the measurements of the block before are still here; they are not saved yet")
+                return
+        elif not state.path:
             self.show_session(PointSession())
-        self.restore()
+        self._show_state(state)
+
+    # ---- what another session left -----------------------------------------------------------------------------
+
+    def find_unsaved(self) -> list[Any]:
+        """Return what programs left unsaved that have ended; quick where there is nothing."""
+        return point_session.find_unsaved(self.unsaved_root) if os.path.isdir(self.unsaved_root) else []
+
+    @told
+    def recover(self, unsaved: Any) -> None:
+        """Go on with what another program left unsaved."""
+        if self.may_leave():
+            self.show_session(point_session.recover(unsaved))  # from here on a journal of its own keeps it
+            point_session.forget(unsaved)
+            self.tell(f"{len(self.session.measured)} measurements are back; save them")
+            self._show_measured()
 
     def _store(self) -> None:
         if self.session.path:
             state = PanelState(self.session.path, self.ui.model.currentText(), self.ui.kind.currentText(), self.point())
             store(state, QgsProject.instance())
 
-    def _may_leave(self) -> bool:
+    def may_leave(self) -> bool:
         """Ask what to do with unsaved measurements."""
         if not self.session.changed:
             return True

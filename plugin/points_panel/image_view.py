@@ -15,7 +15,7 @@ from qgis.core import (
 )
 from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint
 from qgis.PyQt.QtCore import Qt, pyqtSignal
-from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QToolButton, QVBoxLayout, QWidget
 
 from .chip_label import ChipLabel
 from .markers import Marker, PointMarkers
@@ -24,37 +24,53 @@ if TYPE_CHECKING:
     from ...processing_algorithms.point_session.views import View
 
 HALF_VIEW_PX = 60.0  # image pixels around the predicted position
+STRETCH_PIXELS = 20_000
 STRETCH = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum
 
 
 class ImageView(QWidget):
-    """A chooser for the image, its canvas with the points, and the chip of the last fit."""
+    """A chooser for the image and its band, its canvas with the points, and the chip of the last fit.
+
+    The wheel zooms, the middle button or the space bar pans.
+    """
 
     clicked = pyqtSignal(str, float, float)  #: image id, sample, line
     image_chosen = pyqtSignal(str)
+    whole_asked = pyqtSignal(str)  #: image id: to be seen as a whole
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.chooser, self.note, self.chip = QComboBox(), QLabel(), ChipLabel()
+        self.band, self.whole = QSpinBox(), QToolButton()
         self.canvas = QgsMapCanvas(self)
         self.canvas.setCanvasColor(Qt.GlobalColor.black)
         self.canvas.setDestinationCrs(QgsCoordinateReferenceSystem())
-        self.canvas.setMinimumSize(220, 200)
+        self.canvas.setMinimumSize(160, 130)
         self.canvas.enableAntiAliasing(True)
         self.markers = PointMarkers(self.canvas)
         self._tool = QgsMapToolEmitPoint(self.canvas)
         self._tool.canvasClicked.connect(self._on_click)
         self.canvas.setMapTool(self._tool)
         self.chooser.currentTextChanged.connect(self.image_chosen)
+        self.band.valueChanged.connect(lambda _band: self._stretch())
+        self.whole.clicked.connect(lambda: self.whole_asked.emit(self.image()))
         self._layer: QgsRasterLayer | None = None
+        self._grey_range = (0.0, 1.0)
         self._arrange()
 
     def _arrange(self) -> None:
+        self.band.setMinimum(1)
+        self.band.setPrefix("band ")
+        self.band.setToolTip("The band that is shown; targets are measured on the first")
+        self.whole.setText("Whole image")
+        self.whole.setToolTip("Show the whole image; choosing the point again comes back")
         top = QHBoxLayout()
         top.addWidget(self.chooser, 1)
-        top.addWidget(self.note)
+        for widget in (self.note, self.band, self.whole):
+            top.addWidget(widget)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
         layout.addLayout(top)
         layout.addWidget(self.canvas, 1)
         layout.addWidget(self.chip)
@@ -65,8 +81,9 @@ class ImageView(QWidget):
     def show_choice(self, images: Sequence[str], chosen: str) -> None:
         """Offer these images without telling anyone."""
         self.chooser.blockSignals(True)
-        self.chooser.clear()
-        self.chooser.addItems(list(images))
+        if [self.chooser.itemText(row) for row in range(self.chooser.count())] != list(images):
+            self.chooser.clear()
+            self.chooser.addItems(list(images))
         self.chooser.setCurrentText(chosen)
         self.chooser.blockSignals(False)
 
@@ -76,11 +93,19 @@ class ImageView(QWidget):
         self.markers.show_markers(markers)
         if view is None:
             return
-        sample, line = view.middle
         self.note.setText("" if view.source else "no pixels")
-        half = HALF_VIEW_PX
-        self.canvas.setExtent(QgsRectangle(sample - half, -line - half, sample + half, -line + half))
+        self.show_place(view.middle)
+
+    def show_place(self, middle: tuple[float, float], half: tuple[float, float] = (HALF_VIEW_PX, HALF_VIEW_PX)) -> None:
+        """Show the surroundings of a place (sample, line), ``half`` pixels to each side."""
+        (sample, line), (across, down) = middle, half
+        self.canvas.setExtent(QgsRectangle(sample - across, -line - down, sample + across, -line + down))
         self.canvas.refresh()
+
+    def mark_active(self, is_active: bool) -> None:
+        """Show whether the keyboard acts on this view."""
+        self.canvas.setFrameShape(QgsMapCanvas.Shape.Box if is_active else QgsMapCanvas.Shape.NoFrame)
+        self.canvas.setLineWidth(2 if is_active else 0)
 
     def let_go(self) -> None:
         """Stop drawing, and drop the image, before the view is deleted: its threads would outlive it."""
@@ -89,6 +114,9 @@ class ImageView(QWidget):
         self._layer = None
 
     def _set_layer(self, view: View | None) -> None:
+        has_pixels = view is not None and bool(view.source)
+        for widget in (self.band, self.whole):
+            widget.setEnabled(has_pixels)
         if view is None or not view.source:
             self.canvas.setLayers([])
             self._layer = None
@@ -97,18 +125,27 @@ class ImageView(QWidget):
             options = QgsRasterLayer.LayerOptions(False)  # without looking at the pixels: that reads a whole scene
             options.skipCrsValidation = True
             self._layer = QgsRasterLayer(view.source, self.image(), "gdal", options)
+            self.band.setMaximum(max(self._layer.bandCount(), 1))
             self.canvas.setLayers([self._layer])
-        self._stretch(self._layer, *view.grey_range)
+        self._grey_range = view.grey_range
+        self._stretch()
 
-    def _stretch(self, layer: QgsRasterLayer, low: float, high: float) -> None:
+    def _stretch(self) -> None:
         """Stretch the contrast to the surroundings of the point."""
-        renderer = QgsSingleBandGrayRenderer(layer.dataProvider(), 1)
-        contrast = QgsContrastEnhancement(layer.dataProvider().dataType(1))
+        layer, band = self._layer, self.band.value()
+        if layer is None:
+            return
+        low, high = self._grey_range  # of the band that is measured on
+        if band > 1:
+            low, high = layer.dataProvider().cumulativeCut(band, 0.01, 0.99, self.canvas.extent(), STRETCH_PIXELS)
+        renderer = QgsSingleBandGrayRenderer(layer.dataProvider(), band)
+        contrast = QgsContrastEnhancement(layer.dataProvider().dataType(band))
         contrast.setMinimumValue(low)
         contrast.setMaximumValue(high)
         contrast.setContrastEnhancementAlgorithm(STRETCH)
         renderer.setContrastEnhancement(contrast)
         layer.setRenderer(renderer)
+        self.canvas.refresh()
 
     def _on_click(self, point: QgsPointXY, button: Qt.MouseButton) -> None:
         if button == Qt.MouseButton.LeftButton and self.image():

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from qgis.PyQt.QtCore import QAbstractItemModel, QModelIndex, Qt
+from qgis.PyQt.QtGui import QKeySequence
 from qgis.PyQt.QtWidgets import (
     QAbstractItemView,
     QAction,
     QComboBox,
+    QGridLayout,
     QHeaderView,
     QLabel,
     QProgressBar,
@@ -22,11 +25,14 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ...processing_algorithms.point_session import MODEL
+from ...processing_algorithms.point_session import MODEL, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
 from .image_view import ImageView
 
-VIEWS = 2
+VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
+FIRST_VIEWS = 2
+EMPTY = "New… begins a block with images and points; Open… goes on with the block.gpkg of a result or of a session."
+SIZED_ROWS = 30  # of a table, that the widths of its columns are made for
 KIND_TIP = "What is clicked: a round or closed object (center), two straight edges (corner), or just this place (point)"
 
 
@@ -54,18 +60,21 @@ class PanelLayout(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.model, self.kind = QComboBox(), QComboBox()
+        self.model, self.kind, self.number = QComboBox(), QComboBox(), QComboBox()
         self.model.addItems(MODEL.choices)
         self.model.setCurrentText(MODEL.default)
         self.kind.addItems(CLICK_KINDS)
         self.kind.setToolTip(KIND_TIP)
+        self.number.addItems([str(number) for number in VIEW_NUMBERS])
+        self.number.setCurrentText(str(FIRST_VIEWS))
         self.message, self.progress = QLabel(), QProgressBar()
         self.message.setWordWrap(True)
         self.message.setTextFormat(Qt.TextFormat.PlainText)  # ids of points may look like HTML
         self.message.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.points, self.measurements = QTableView(), QTableView()
-        self.views = [ImageView(self) for _ in range(VIEWS)]
-        self.bar = self._tool_bar()
+        self.views: list[ImageView] = []
+        self.empty, self.grid = QLabel(EMPTY), QWidget()
+        self.bar, self.second_bar = self._tool_bar(), self._second_bar()
         self._arrange()
         self.show_progress(0.0)
 
@@ -73,18 +82,40 @@ class PanelLayout(QWidget):
         bar = QToolBar(self)
         self.new = _action(bar, "New…", "Begin a block with images and points")
         self.open = _action(bar, "Open…", "Open the block.gpkg of a result, or a block saved here")
-        self.save = _action(bar, "Save", "Save points and measurements in the block's GeoPackage")
+        self.save = _action(bar, "Save", "Save points and measurements in the block's GeoPackage", "Ctrl+S")
         self.save_as = _action(bar, "Save as…", "Save under another name")
         bar.addSeparator()
+        self.undo = _action(bar, "Undo", "", "Ctrl+Z")
+        self.redo = _action(bar, "Redo", "", "Ctrl+Shift+Z")
+        bar.addSeparator()
+        bar.addWidget(QLabel(" Model: "))
+        bar.addWidget(self.model)
+        self.adjust = _action(bar, "Adjust", "Adjust the block with what is measured so far", "F5")
+        self.live = _action(bar, "Live", "Adjust again after every change: the residuals follow at once")
+        self.live.setCheckable(True)
+        self.cancel = _action(bar, "Cancel", "Stop the adjustment")
+        return bar
+
+    def _second_bar(self) -> QToolBar:
+        bar = QToolBar(self)
         self.add = _action(bar, "Add points…", "Add the ground points of a layer or file")
+        self.pick = _action(
+            bar, "Point from map", "Click in the map: a new ground point there, with the height of a DEM"
+        )
+        self.pick.setCheckable(True)
+        self.go_to = _action(bar, "Go to map place", "Click in the map: the images show that place")
+        self.go_to.setCheckable(True)
         self.remove = _action(bar, "Remove point", "Remove the chosen point and its measurements")
+        bar.addSeparator()
+        self.previous = _action(bar, "Previous", "The point before that is not measured everywhere", "P")
+        self.next = _action(bar, "Next", "The next point that is not measured on all images that show it", "N")
+        self.take = _action(bar, "Take prediction", "Measure where the point is predicted, in the active view", "A")
+        self.forget = _action(bar, "Forget", "Take the measurement in the active view away", "Del")
         bar.addSeparator()
         bar.addWidget(QLabel(" Click on: "))
         bar.addWidget(self.kind)
-        bar.addWidget(QLabel(" Model: "))
-        bar.addWidget(self.model)
-        self.adjust = _action(bar, "Adjust", "Adjust the block with what is measured so far")
-        self.cancel = _action(bar, "Cancel", "Stop the adjustment")
+        bar.addWidget(QLabel(" Images: "))
+        bar.addWidget(self.number)
         return bar
 
     def _arrange(self) -> None:
@@ -94,19 +125,43 @@ class PanelLayout(QWidget):
             table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
             table.verticalHeader().hide()
             table.verticalHeader().setDefaultSectionSize(22)
+            table.horizontalHeader().setResizeContentsPrecision(SIZED_ROWS)
             tables.addWidget(table)
         tables.setSizes([300, 150])
-        whole = QSplitter(Qt.Orientation.Horizontal)
-        whole.addWidget(tables)
-        for view in self.views:
-            whole.addWidget(view)
-        whole.setSizes([430, 300, 300])
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.empty.setWordWrap(True)
+        self.empty.setMargin(20)
+        self.places = QGridLayout(self.grid)
+        self.places.setContentsMargins(0, 0, 0, 0)
+        self.whole = QSplitter(Qt.Orientation.Horizontal)
+        for widget in (tables, self.grid):
+            self.whole.addWidget(widget)
+        self.whole.setSizes([430, 600])
+        self.whole.setStretchFactor(1, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2, 2, 2, 2)
-        layout.addWidget(self.bar)
-        layout.addWidget(whole, 1)
+        for bar in (self.bar, self.second_bar):
+            layout.addWidget(bar)
+        layout.addWidget(self.whole, 1)
+        layout.addWidget(self.empty, 1)
         layout.addWidget(self.progress)
         layout.addWidget(self.message)
+
+    def show_views(self, number: int) -> list[ImageView]:
+        """Arrange so many images in a grid, about as wide as high; return those that are new."""
+        new = [ImageView(self.grid) for _ in range(len(self.views), number)]
+        self.views += new
+        grid = self.places
+        columns = max(math.ceil(math.sqrt(number)), 1)
+        for index, view in enumerate(self.views):
+            grid.removeWidget(view)
+            view.setVisible(index < number)
+            if index < number:
+                grid.addWidget(view, index // columns, index % columns)
+        return new
+
+    def shown_views(self) -> list[ImageView]:
+        return [view for view in self.views if view.isVisibleTo(self.grid)]
 
     def show_models(self, points: Any, measurements: Any) -> None:
         """Show these tables, with a choice of words where a cell takes one of a few."""
@@ -126,16 +181,33 @@ class PanelLayout(QWidget):
         self.message.setStyleSheet("color: #b3261e;" if is_error else "")
         self.message.setText(text)
 
-    def enable(self, has_images: bool, has_point: bool, is_adjusting: bool) -> None:
+    def enable(self, session: PointSession, has_point: bool, is_adjusting: bool, has_map: bool) -> None:
         """Offer what can be done now."""
-        for action in (self.save, self.save_as, self.add):
+        has_images, history = bool(session.images), session.history
+        self.whole.setVisible(has_images)
+        self.empty.setVisible(not has_images)
+        for action in (self.save, self.save_as, self.add, self.live):
             action.setEnabled(has_images)
-        self.remove.setEnabled(has_point and not is_adjusting)
+        for action in (self.remove, self.previous, self.next, self.take, self.forget):
+            action.setEnabled(has_point)
+        for action in (self.pick, self.go_to):
+            action.setEnabled(has_images and has_map)
         self.adjust.setEnabled(has_images and not is_adjusting)
         self.cancel.setEnabled(is_adjusting)
+        for action, word, title in (
+            (self.undo, "Undo", history.undo_title),
+            (self.redo, "Redo", history.redo_title),
+        ):
+            action.setEnabled(bool(title))
+            action.setToolTip(f"{word}: {title}" if title else f"Nothing to {word.lower()}")
 
 
-def _action(bar: QToolBar, text: str, tip: str) -> QAction:
+def _action(bar: QToolBar, text: str, tip: str, keys: str = "") -> QAction:
+    """Return a new action of a tool bar; its keys work wherever the panel has the focus."""
     action = bar.addAction(text)
-    action.setToolTip(tip)
+    action.setToolTip(f"{tip} ({keys})" if keys else tip)
+    if keys:
+        action.setShortcut(QKeySequence(keys))
+        action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        bar.parentWidget().addAction(action)
     return action

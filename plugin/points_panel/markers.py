@@ -9,7 +9,7 @@ from qgis.gui import QgsMapCanvas, QgsMapCanvasItem
 from qgis.PyQt.QtCore import QPointF, QRectF, Qt
 from qgis.PyQt.QtGui import QColor, QPainter, QPen
 
-from .table_models import SUSPICIOUS
+from .table_models import FAINT, SUSPICIOUS
 
 ARROW_PX = 30.0  # on the screen, of a residual of one pixel
 _ARM = 9.0
@@ -25,6 +25,7 @@ class Marker:
     measured: tuple[float, float] | None
     residual_px: tuple[float, float] | None
     is_suspicious: bool
+    is_off: bool = False
 
 
 class PointMarkers(QgsMapCanvasItem):
@@ -37,8 +38,7 @@ class PointMarkers(QgsMapCanvasItem):
 
     def show_markers(self, markers: list[Marker]) -> None:
         self.markers = markers
-        self.update()
-        self._canvas.refresh()
+        self.update()  # the pixels below stay
 
     def boundingRect(self) -> QRectF:
         return QRectF(0.0, 0.0, self._canvas.width(), self._canvas.height())
@@ -55,7 +55,7 @@ class PointMarkers(QgsMapCanvasItem):
         at = self._place(marker.predicted)
         painter.setPen(QPen(PREDICTED, 1.2, Qt.PenStyle.DashLine))
         painter.drawEllipse(at, _ARM, _ARM)
-        colour = SUSPICIOUS if marker.is_suspicious else GOOD
+        colour = FAINT if marker.is_off else SUSPICIOUS if marker.is_suspicious else GOOD
         if marker.measured is not None:
             at = self._place(marker.measured)
             painter.setPen(QPen(colour, 1.8))

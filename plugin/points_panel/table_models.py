@@ -147,7 +147,7 @@ class PointsModel(RowsModel):
             self.session.set_sigma(row.point.id, _SIGMAS[title], number_of(value))
 
     def colour(self, row: PointRow) -> QColor | None:
-        return None if row.images else FAINT
+        return None if row.images and row.point.role != "off" else FAINT
 
     def row_of(self, name: str) -> int:
         """Return the row of a point, -1 where it is not in the list."""

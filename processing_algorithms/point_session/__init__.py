@@ -1,7 +1,8 @@
 """Measuring ground points on the images of a block: the state behind the panel of the QGIS plugin, without any GUI.
 
 `PointSession` holds images, known points and measurements and edits them; `files` opens and saves it as a block's
-GeoPackage; `targets` measures where the user clicked; `adjusting` adjusts a snapshot, in a thread of its own.
+GeoPackage; `recovery` keeps what is not saved yet; `targets` measures where the user clicked; `adjusting` adjusts a
+snapshot, in a thread of its own.
 Importing this package is quick: its functions, and what they need, are imported when they are first called.
 """
 
@@ -20,8 +21,14 @@ if TYPE_CHECKING:
     from .files import open_block as open_block
     from .files import read_ground_points as read_ground_points
     from .files import save as save
-    from .files import save_adjusted as save_adjusted
+    from .recovery import Keeper as Keeper
+    from .recovery import find_unsaved as find_unsaved
+    from .recovery import forget as forget
+    from .recovery import recover as recover
     from .session import PointSession as PointSession
+    from .session import Snapshot as Snapshot
+    from .views import dem_height as dem_height
+    from .views import place_on as place_on
     from .views import view_of as view_of
 
 #: The adjustment's option that the panel offers; all others are at their defaults.
@@ -30,9 +37,10 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "session": "PointSession",
-        "files": "new_session open_block read_ground_points save save_adjusted",
-        "views": "view_of",
+        "session": "PointSession Snapshot",
+        "files": "new_session open_block read_ground_points save",
+        "recovery": "Keeper find_unsaved forget recover",
+        "views": "dem_height place_on view_of",
         "adjusting": "adjust_block block_of",
     },
 )

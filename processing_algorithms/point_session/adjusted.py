@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,14 @@ class Adjusted:
     warnings: tuple[str, ...]
     result: Adjustment
     left: Residuals
+
+    @cached_property
+    def measurement_suspicions(self) -> dict[str, list[str]]:
+        """Why measurements of a point are suspicious, by the point."""
+        found: dict[str, list[str]] = {}
+        for (point, _), reason in self.image_suspicions.items():
+            found.setdefault(point, []).append(reason)
+        return found
 
     @property
     def told(self) -> str:

@@ -12,6 +12,7 @@ from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.layer_rows import layer_names, replace_layers, text_columns
 from ...hrsi_engine.io.layers import Layer
+from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.rasters import close_images, open_image
 from ...hrsi_engine.results.layers import block_layers
@@ -20,9 +21,13 @@ from .rows import ROLES, KnownPoint, Measured
 from .session import PointSession
 from .tables import images_layer, point_layers
 
+_ROLES = {Role.CHECK: "check", Role.OFF: "off"}
+
 
 def open_block(path: str) -> PointSession:
     """Open the GeoPackage of a session or of a result of `triangulate`, `adjust` or `refine-rpc`.
+
+    The session's ``model`` is that of the report beside it, if there is one.
 
     Raises `InputError` where it has not the layers, or an image is not where it was.
     """
@@ -34,7 +39,10 @@ def open_block(path: str) -> PointSession:
     ids = [image.id for image in images]
     ground = read_points(f"{path}|layername=ground_points", image_ids=ids).ground if names["ground_points"] else None
     image = read_points(f"{path}|layername=image_points", image_ids=ids).image if names["image_points"] else None
-    return _session(images, ground, image, path)
+    session = _session(images, ground, image, path)
+    report = read_report(os.path.join(os.path.dirname(path), "report.json")) or {}
+    session.model = str(report.get("model") or "")
+    return session
 
 
 def new_session(
@@ -51,7 +59,12 @@ def new_session(
     ]
     ground = tables[0].ground if gcps and tables else None
     measured = [table.image for table in tables if table.image is not None]
-    return _session(opened, ground, measured[-1] if measured else None, "")
+    session = _session(opened, ground, measured[-1] if measured else None, "")
+    session.sources = {
+        "images": [os.path.abspath(path) for path in images], "gcps": gcps, "image_points": image_points,
+        "ground_crs": ground_crs, "height_datum": height_datum,
+    }  # fmt: skip
+    return session
 
 
 def read_ground_points(source: str, ground_crs: str | None = None, height_datum: str = "layer") -> list[KnownPoint]:
@@ -68,32 +81,39 @@ def save(session: PointSession, path: str = "") -> None:
     if not target:
         raise InputError("the block has no file yet: name one")
     layers = [images_layer(session), *point_layers(session)]
-    if session.adjusted is not None and not session.changed:
+    if session.adjusted is not None and session.is_adjusted:
         layers = _adjusted_layers(session, session.adjusted)
     replace_layers(target, layers)
-    session.path, session.changed = target, False
+    session.mark_saved(target)
 
 
-def save_adjusted(session: PointSession) -> None:
-    """Save a session with the residuals of the adjustment that it has just taken over."""
-    session.changed = False
-    save(session)
-
-
-def _adjusted_layers(session: PointSession, adjusted: Adjusted) -> list:
-    """Return all layers of the adjustment, and the points that it left out because no image shows them."""
+def _adjusted_layers(session: PointSession, adjusted: Adjusted) -> list[Layer]:
+    """Return all layers of the adjustment, and what took no part in it: points that are off, or that no image shows."""
     layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
-    plain, full = point_layers(session)[0], layers["ground_points"]
-    more = ~np.isin(plain.fields["id"], full.fields["id"])
+    for plain in point_layers(session):
+        layers[plain.name] = _with_others(layers[plain.name], plain)
+    return list(layers.values())
+
+
+def _with_others(full: Layer, plain: Layer) -> Layer:
+    """Return a layer of an adjustment with the rows of the session that it has not, told by point and image."""
+    named = [name for name in ("id", "image") if name in plain.fields]
+    there = set(zip(*(full.fields[name].tolist() for name in named), strict=True))
+    keys = zip(*(plain.fields[name].tolist() for name in named), strict=True)
+    more = np.array([key not in there for key in keys], dtype=bool)
+    if not more.any():
+        return full
     columns = {
-        name: np.concatenate(
-            [column, plain.fields[name][more] if name in plain.fields else np.zeros(more.sum(), column.dtype)]
-        )
+        name: np.concatenate([column, plain.fields[name][more] if name in plain.fields else _empty(column, more.sum())])
         for name, column in full.fields.items()
     }
     place = np.vstack([np.asarray(full.coordinates), np.asarray(plain.coordinates)[more]])
-    layers["ground_points"] = Layer("ground_points", full.geometry, full.crs, place, columns)
-    return list(layers.values())
+    return Layer(full.name, full.geometry, full.crs, place, columns)
+
+
+def _empty(column: np.ndarray, rows: int) -> np.ndarray:
+    """Return rows that hold no value."""
+    return np.full(rows, np.nan) if column.dtype.kind == "f" else np.zeros(rows, column.dtype)
 
 
 def _found_paths(block: str, paths: Sequence[str]) -> list[str]:
@@ -148,7 +168,7 @@ def _known_points(ground: GroundPoints) -> list[KnownPoint]:
             float(ground.ground[row, 0]),
             float(ground.ground[row, 1]),
             float(ground.ground[row, 2]),
-            role=ROLES[1] if ground.role[row] == Role.CHECK else ROLES[0],
+            role=_ROLES.get(ground.role[row], ROLES[0]),
             sigma_xy=float(ground.sigma_m[row, 0]),
             sigma_h=float(ground.sigma_m[row, 1]),
         )

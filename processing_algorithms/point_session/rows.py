@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import nan
 
-ROLES = ("gcp", "check")
+#: A point that is ``off`` keeps its measurements and takes no part.
+ROLES = ("gcp", "check", "off")
 CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
 
 
-@dataclass
+@dataclass(frozen=True)
 class KnownPoint:
     """A ground point with a surveyed position; NaN sigmas take the default of the adjustment."""
 
@@ -22,7 +23,7 @@ class KnownPoint:
     sigma_h: float = nan
 
 
-@dataclass
+@dataclass(frozen=True)
 class Measured:
     """Where a point was measured on an image; a NaN sigma takes the default."""
 

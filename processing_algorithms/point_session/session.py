@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
+from .history import Change, Edit, History, Key
 from .rows import CLICK_KINDS, ROLES, KnownPoint, Measured, MeasurementRow, PointRow
 
 if TYPE_CHECKING:
@@ -23,25 +25,52 @@ NO_POSITION = (math.nan, math.nan, math.nan)
 class PointSession:
     """Images, known points with their measurements, tie points (which are not edited), and the last adjustment.
 
-    ``path`` is the GeoPackage that it was opened from or saved to, empty before. ``changed`` tells of edits since.
+    ``path`` is the GeoPackage that it was opened from or saved to, empty before; ``model`` that of the adjustment found
+    there; ``sources`` the arguments of `files.new_session` where it was begun by that. ``on_change`` is told of every
+    change of points and measurements.
     """
 
     def __init__(
         self,
         images: Sequence[Image] = (),
         points: Sequence[KnownPoint] = (),
-        measured: Mapping[tuple[str, str], Measured] | None = None,
+        measured: Mapping[Key, Measured] | None = None,
         ties: ImagePoints | None = None,
         path: str = "",
+        model: str = "",
     ) -> None:
         self.images: dict[str, Image] = {image.id: image for image in images}
         self.points: dict[str, KnownPoint] = {point.id: point for point in points}
-        self.measured: dict[tuple[str, str], Measured] = dict(measured or {})
+        self.measured: dict[Key, Measured] = dict(measured or {})
         self.ties = ties
-        self.path = path
-        self.changed = False
+        self.path, self.model = path, model
+        self.sources: dict[str, Any] = {}
+        self.on_change: Callable[[Change], None] = lambda change: None
+        self.history = History(self._apply)
+        self._saved: int | None = 0  # the state that the file holds
         self.adjusted: Adjusted | None = None
-        self._edited: set[tuple[str, str]] = set()  # measurements whose residuals are not of this adjustment any more
+        self._adjusted_from = Snapshot(self)  # what the adjustment saw
+        self._edited: set[Key] = set()  # measurements that are others than those adjusted
+        self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
+
+    @property
+    def changed(self) -> bool:
+        """Whether there are edits that the file does not hold."""
+        return self.history.state != self._saved
+
+    @property
+    def is_adjusted(self) -> bool:
+        """Whether the adjustment is of the points and measurements as they are now."""
+        return self.adjusted is not None and self.history.state == self._adjusted_from.state
+
+    def mark_saved(self, path: str) -> None:
+        """Remember that a file holds the session as it is now."""
+        self.path, self._saved = path, self.history.state
+        self.on_change(Change({}))
+
+    def mark_unsaved(self) -> None:
+        """Remember that no file holds the session as it is now."""
+        self._saved = None
 
     # ---- what the tables show ----------------------------------------------------------------------------------
 
@@ -50,50 +79,100 @@ class PointSession:
         counts: dict[str, int] = {}
         for name, _ in self.measured:
             counts[name] = counts.get(name, 0) + 1
+        stale = self._edited_points()
         return [
-            PointRow(point, counts.get(name, 0), self._ground_residual(name), self.suspicion(name))
+            PointRow(
+                point,
+                counts.get(name, 0),
+                NO_POSITION if name in stale else self._ground_residual(name),
+                "" if name in stale else self._suspicion(name),
+            )
             for name, point in self.points.items()
         ]
 
     def measurements(self, name: str) -> list[MeasurementRow]:
         """Return a point on every image; those in which it does not lie are told by ``is_inside``."""
-        return [self._measurement(name, image) for image in self.images]
+        return [self.measurement(name, image) for image in self.images]
 
-    def suspicion(self, name: str) -> str:
-        """Return why a point is suspicious, empty where it is not."""
-        if self.adjusted is None or self._is_edited(name):
-            return ""
-        reasons = [self.adjusted.point_suspicions.get(name, "")]
-        reasons += [self.adjusted.image_suspicions.get((name, image), "") for image in self.images]
-        return "; ".join(dict.fromkeys(reason for reason in reasons if reason))
+    def on_image(self, image_id: str) -> dict[str, MeasurementRow]:
+        """Return the points that lie on an image, or are measured there."""
+        rows = {name: self.measurement(name, image_id) for name in self.points}
+        return {name: row for name, row in rows.items() if row.is_inside or row.measured}
 
-    def predicted(self, name: str, image_id: str) -> tuple[float, float]:
-        """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
-        point, image = self._point(name), self.images[image_id]
-        ground = np.array([[point.lon, point.lat, point.height]])
-        if self.adjusted is not None and image_id in self.adjusted.corrections:
-            xy = self.adjusted.model.project(image, self.adjusted.corrections[image_id], ground)[0]
-        else:
-            xy = image.rpc.project(ground)[0]
-        return float(xy[0]), float(xy[1])
-
-    def _measurement(self, name: str, image_id: str) -> MeasurementRow:
+    def measurement(self, name: str, image_id: str) -> MeasurementRow:
+        """Return a point on one image."""
         sample, line = self.predicted(name, image_id)
         first_sample, last_sample, first_line, last_line = self.images[image_id].domain_px
         inside = first_sample <= sample <= last_sample and first_line <= line <= last_line
         key = (name, image_id)
-        known = self.adjusted is not None and key not in self._edited
-        residual = self.adjusted.residual_px.get(key, NO_POSITION[:2]) if known and self.adjusted else NO_POSITION[:2]
-        suspicion = self.adjusted.image_suspicions.get(key, "") if known and self.adjusted else ""
+        residual, suspicion = NO_POSITION[:2], ""
+        if self.adjusted is not None and key not in self._edited:
+            residual = self.adjusted.residual_px.get(key, residual)
+            suspicion = self.adjusted.image_suspicions.get(key, "")
         return MeasurementRow(image_id, (sample, line), inside, self.measured.get(key), residual, suspicion)
 
-    def _ground_residual(self, name: str) -> tuple[float, float, float]:
-        if self.adjusted is None or self._is_edited(name):
-            return NO_POSITION
-        return self.adjusted.residual_m.get(name, NO_POSITION)
+    def suspicion(self, name: str) -> str:
+        """Return why a point is suspicious, empty where it is not."""
+        return "" if name in self._edited_points() else self._suspicion(name)
 
-    def _is_edited(self, name: str) -> bool:
-        return any(point == name for point, _ in self._edited)
+    def predicted(self, name: str, image_id: str) -> tuple[float, float]:
+        """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
+        if image_id not in self._predicted:  # all points at once: one by one takes seconds with many images and points
+            self._predicted[image_id] = self._predictions(image_id)
+        return self._predicted[image_id][self._point(name).id]
+
+    def next_unmeasured(self, name: str, step: int) -> str:
+        """Return the next point (``step`` 1; -1: the one before) that is not measured on an image which shows it.
+
+        Points that are off are passed over. The point itself where there is no other.
+        """
+        names = list(self.points)
+        if not names:
+            return name
+        start = names.index(name) if name in self.points else 0
+        for away in range(1, len(names) + 1):
+            other = names[(start + step * away) % len(names)]
+            if self.points[other].role != "off" and any(
+                row.is_inside and row.measured is None for row in self.measurements(other)
+            ):
+                return other
+        return name
+
+    def project(self, image_id: str, ground: np.ndarray) -> np.ndarray:
+        """Return where an image sees ground points ``(n, 3)``, by the last adjustment, else by the image's own RPC."""
+        image = self.images[image_id]
+        if self.adjusted is not None and image_id in self.adjusted.corrections:
+            return self.adjusted.model.project(image, self.adjusted.corrections[image_id], ground)
+        return image.rpc.project(ground)
+
+    def middle_height_m(self) -> float:
+        """Return the middle height of the points; without any that of the images' RPCs."""
+        heights = [point.height for point in self.points.values()]
+        return float(np.median(heights or [image.middle_height_m for image in self.images.values()] or [0.0]))
+
+    def _predictions(self, image_id: str) -> dict[str, tuple[float, float]]:
+        points = list(self.points.values())
+        ground = np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3)
+        xy = self.project(image_id, ground).tolist()
+        return {point.id: (sample, line) for point, (sample, line) in zip(points, xy, strict=True)}
+
+    def _suspicion(self, name: str) -> str:
+        if self.adjusted is None:
+            return ""
+        own = self.adjusted.measurement_suspicions.get(name, ())
+        return "; ".join(
+            dict.fromkeys(reason for reason in (self.adjusted.point_suspicions.get(name, ""), *own) if reason)
+        )
+
+    def _ground_residual(self, name: str) -> tuple[float, float, float]:
+        return NO_POSITION if self.adjusted is None else self.adjusted.residual_m.get(name, NO_POSITION)
+
+    def _edited_points(self) -> set[str]:
+        """Return the points that are not as the adjustment saw them."""
+        before = self._adjusted_from.points
+        return {name for name, _ in self._edited} | {
+            name for name, point in self.points.items() if before.get(name) is not point
+        }
 
     # ---- edits -------------------------------------------------------------------------------------------------
 
@@ -102,43 +181,39 @@ class PointSession:
         for point in points:
             if point.id in self.points:
                 raise InputError(f"ground point {point.id} is in the list already: rename one of them")
-        self.points |= {point.id: point for point in points}
-        self.changed = True
+        many = f"{len(points)} points" if len(points) != 1 else points[0].id
+        self._edit(f"add {many}", points=self.points | {point.id: point for point in points})
 
     def remove_point(self, name: str) -> None:
         """Remove a known point and its measurements."""
-        del self.points[self._point(name).id]
-        for key in [key for key in self.measured if key[0] == name]:
-            del self.measured[key]
-        self.changed = True
+        kept = {other: point for other, point in self.points.items() if other != self._point(name).id}
+        self._edit(f"remove {name}", {key: None for key in self.measured if key[0] == name}, kept)
 
     def set_role(self, name: str, role: str) -> None:
-        """Make a point control or check point."""
+        """Make a point control or check point, or take it off."""
         if role not in ROLES:
-            raise InputError(f"ground point {name}: role {role!r} is unknown: use {' or '.join(ROLES)}")
-        self._point(name).role = role
-        self.changed = True
+            raise InputError(
+                f"ground point {name}: role {role!r} is unknown: use {', '.join(ROLES[:-1])} or {ROLES[-1]}"
+            )
+        self._set_point(f"{name} as {role}", replace(self._point(name), role=role))
 
     def set_sigma(self, name: str, field: str, sigma_m: float | None) -> None:
         """Set ``sigma_xy`` or ``sigma_h`` of a point; None takes the default of the adjustment."""
-        setattr(self._point(name), field, _sigma(f"ground point {name}", field, sigma_m))
-        self.changed = True
+        sigma: dict[str, Any] = {field: _sigma(f"ground point {name}", field, sigma_m)}
+        self._set_point(f"{field} of {name}", replace(self._point(name), **sigma))
 
     def set_measurement(self, name: str, image_id: str, measured: Measured) -> None:
         """Enter where a point is on an image; raise `InputError` for coordinates that are no numbers."""
         where = f"ground point {self._point(name).id} on {image_id}"
         if not (math.isfinite(measured.sample) and math.isfinite(measured.line)):
             raise InputError(f"{where}: sample and line must be numbers: enter both")
-        measured.sigma = _sigma(where, "sigma", measured.sigma)
-        self.measured[(name, image_id)] = measured
-        self._edited.add((name, image_id))
-        self.changed = True
+        new = replace(measured, sigma=_sigma(where, "sigma", measured.sigma))
+        self._edit(f"{name} on {image_id}", {(name, image_id): new})
 
     def remove_measurement(self, name: str, image_id: str) -> None:
         """Forget where a point is on an image, if that was known."""
-        self.measured.pop((name, image_id), None)
-        self._edited.add((name, image_id))
-        self.changed = True
+        if (name, image_id) in self.measured:
+            self._edit(f"forget {name} on {image_id}", {(name, image_id): None})
 
     def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str) -> Fit:
         """Measure the target near a click; where it is refused, nothing changes and the fit says why."""
@@ -151,15 +226,77 @@ class PointSession:
             self.set_measurement(name, image_id, fit.measured)
         return fit
 
-    def accept(self, adjusted: Adjusted) -> None:
-        """Take over an adjustment: its cameras predict, its residuals are shown."""
-        self.adjusted = adjusted
-        self._edited = set()
+    def undo(self) -> str:
+        """Take the last edit back; return what it was, empty without any."""
+        edit = self.history.undo()
+        if edit is None:
+            return ""
+        self.on_change(edit.back)
+        return edit.title
+
+    def redo(self) -> str:
+        """Do again what was taken back last; return what it was, empty without any."""
+        edit = self.history.redo()
+        if edit is None:
+            return ""
+        self.on_change(edit.forth)
+        return edit.title
+
+    def restore(self, points: Mapping[str, KnownPoint], measured: Mapping[Key, Measured]) -> None:
+        """Take other points and measurements in one edit."""
+        gone = {key: None for key in self.measured.keys() - measured.keys()}
+        self._edit("recover", gone | dict(measured), points)
+
+    def accept(self, adjusted: Adjusted, seen: Snapshot | None = None) -> None:
+        """Take over an adjustment of what was ``seen`` (as it is now): its cameras predict, its residuals are shown."""
+        self.adjusted, self._adjusted_from = adjusted, seen or Snapshot(self)
+        before = self._adjusted_from.measured
+        self._edited = {
+            key for key in self.measured.keys() | before.keys() if self.measured.get(key) is not before.get(key)
+        }
+        self._predicted.clear()
+
+    def _set_point(self, title: str, point: KnownPoint) -> None:
+        self._edit(title, points={name: point if name == point.id else old for name, old in self.points.items()})
+
+    def _edit(
+        self,
+        title: str,
+        measured: Mapping[Key, Measured | None] | None = None,
+        points: Mapping[str, KnownPoint] | None = None,
+    ) -> None:
+        new = measured or {}
+        back = Change({key: self.measured.get(key) for key in new}, None if points is None else self.points)
+        edit = Edit(title, back, Change(new, points))
+        self.history.do(edit)
+        self.on_change(edit.forth)
+
+    def _apply(self, change: Change) -> None:
+        for key, measured in change.measured.items():
+            if measured is None:
+                self.measured.pop(key, None)
+            else:
+                self.measured[key] = measured
+            if self._adjusted_from.measured.get(key) is measured:
+                self._edited.discard(key)
+            else:
+                self._edited.add(key)
+        if change.points is not None:
+            self.points = dict(change.points)
+            self._predicted.clear()
 
     def _point(self, name: str) -> KnownPoint:
         if name not in self.points:
             raise InputError(f"there is no ground point {name!r}: choose one of the list")
         return self.points[name]
+
+
+class Snapshot:
+    """Points and measurements of a session at one moment; later edits do not change it."""
+
+    def __init__(self, session: PointSession) -> None:
+        self.state = session.history.state
+        self.points, self.measured = dict(session.points), dict(session.measured)
 
 
 def _sigma(where: str, field: str, sigma: float | None) -> float:

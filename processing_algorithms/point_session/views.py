@@ -1,10 +1,15 @@
-"""What a viewer needs to show a point on an image."""
+"""What a viewer needs to show places on the ground on an image, and what it needs to know of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.dems import open_dem
 from ...hrsi_engine.io.pixel_views import grey_range, pixel_view
+from ...hrsi_engine.surface.dem import surface_heights
 from .session import PointSession
 
 STRETCH_HALF_PX = 128
@@ -30,3 +35,17 @@ def view_of(session: PointSession, name: str, image_id: str) -> View:
     if image.raster is None:
         return View("", middle, (0.0, 1.0))
     return View(pixel_view(image.path), middle, grey_range(image.raster, middle, STRETCH_HALF_PX))
+
+
+def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], height_m: float) -> tuple[float, float]:
+    """Return where an image sees a place on the ground (sample, line), by the last adjustment if there is one."""
+    (xy,) = session.project(image_id, np.array([[*lonlat, height_m]]))
+    return float(xy[0]), float(xy[1])
+
+
+def dem_height(dem: str, height_datum: str, lonlat: tuple[float, float]) -> float:
+    """Return the ellipsoidal height (m) of a DEM at a place; raise `InputError` where it has none."""
+    (height,) = surface_heights(open_dem(dem, height_datum), np.array([lonlat]))
+    if not np.isfinite(height):
+        raise InputError(f"{dem}: has no height at {lonlat[0]:.6f}, {lonlat[1]:.6f}: type one")
+    return float(height)

@@ -342,7 +342,7 @@ DAMAGED = [
     ("id,lon,lat,height\nA,519653,5259759,1\n", "no degrees"),
     ("id,lon,lat\nA,5,44\n", "has no height"),
     ("lon,lat,height\n5,44,1\n", "has no field 'id'"),
-    ("id,lon,lat,height,role\nA,5,44,1,contrl\n", "role 'contrl' is unknown: use gcp, check or tie"),
+    ("id,lon,lat,height,role\nA,5,44,1,contrl\n", "role 'contrl' is unknown: use gcp, check, tie or off"),
     ("id,lon,lat,height,sigma_xy\nA,5,44,1,0\n", "field 'sigma_xy' is 0"),
     ("id,lon,lat,height\n", "holds no points"),
     ("id,x,y,z\nA,5,44,1\n", "ground_crs"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,15 @@ from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.point_session import PointSession, files
+from hrsi.processing_algorithms.point_session import (
+    Keeper,
+    PointSession,
+    Snapshot,
+    files,
+    find_unsaved,
+    forget,
+    recover,
+)
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of
 from hrsi.processing_algorithms.point_session.rows import KnownPoint, Measured
 from hrsi.processing_algorithms.point_session.targets import IDENTIFICATION_PX, fit_target
@@ -71,8 +80,7 @@ def test_result_of_an_algorithm_can_be_opened(session: PointSession, folder: Pat
 def test_saved_block_serves_the_command_line(session: PointSession, folder: Path, tmp_path: Path) -> None:
     path = str(tmp_path / "block.gpkg")
     session.accept(adjust_block(block_of(session), "shift"))
-    session.path = path
-    files.save_adjusted(session)
+    files.save(session, path)
     given = {
         "images": sources(folder)["images"], "gcps": f"{path}|layername=ground_points",
         "image_points": f"{path}|layername=image_points", "model": "shift",
@@ -85,7 +93,7 @@ def test_points_that_no_image_shows_are_kept(session: PointSession, tmp_path: Pa
     session.add_points([KnownPoint("NEW", 147.3, -42.9, 50.0, "check", 0.4)])
     session.accept(adjust_block(block_of(session), "shift"))
     files.save(session, str(tmp_path / "block.gpkg"))
-    files.save_adjusted(session)
+    assert (session.is_adjusted, session.changed) == (True, False)
     point = files.open_block(session.path).points["NEW"]
     assert (point.lon, point.height, point.role, point.sigma_xy) == (147.3, 50.0, "check", 0.4)
     assert math.isnan(point.sigma_h)
@@ -105,7 +113,7 @@ def test_edits_take_their_residuals_away(session: PointSession) -> None:
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda s, n, i: s.set_role(n, "control"), "role 'control' is unknown: use gcp or check"),
+        (lambda s, n, i: s.set_role(n, "control"), "role 'control' is unknown: use gcp, check or off"),
         (lambda s, n, i: s.set_sigma(n, "sigma_h", 0.0), "sigma_h 0: give a number above 0"),
         (lambda s, n, i: s.set_measurement(n, i, Measured(math.inf, 0.0)), "must be numbers"),
         (lambda s, n, i: s.set_role("X99", "gcp"), "no ground point 'X99'"),
@@ -171,3 +179,170 @@ def test_sigma_of_a_click_knows_more_than_the_fit(folder: Path) -> None:
     assert "closed object" in nothing.refusal
     by_hand = fit_target(image, (15.0, 105.0), "point")
     assert (by_hand.measured.sample, by_hand.measured.line, by_hand.refusal) == (15.0, 105.0, "")
+
+
+def test_edits_are_undone_and_done_again(session: PointSession) -> None:
+    """Every kind of edit comes back to the letter, the order of the points too; saved and adjusted states are known."""
+    name, image = measured_name(session)
+    session.accept(adjust_block(block_of(session), "shift"))
+    session.mark_saved("somewhere.gpkg")
+    start = (dict(session.points), dict(session.measured))
+    names = list(session.points)
+    edits = [
+        lambda: session.set_measurement(name, image, Measured(1.0, 2.0)),
+        lambda: session.remove_measurement(name, image),
+        lambda: session.set_role(names[3], "off"),
+        lambda: session.set_sigma(names[4], "sigma_h", 0.7),
+        lambda: session.remove_point(names[1]),
+        lambda: session.add_points([KnownPoint("NEW", 147.3, -42.9, 50.0)]),
+    ]
+    states = [start]
+    for edit in edits:
+        edit()
+        states.append((dict(session.points), dict(session.measured)))
+    assert session.changed and not session.is_adjusted
+    for before in states[-2::-1]:
+        assert session.undo()
+        assert (session.points, session.measured) == before
+        assert list(session.points) == list(before[0])
+    assert (session.changed, session.is_adjusted) == (False, True)
+    assert session.rows()[0].residual_m[0] == session.adjusted.residual_m[names[0]][0]
+    for after in states[1:]:
+        assert session.redo()
+        assert (session.points, session.measured) == after
+    assert session.redo() == ""
+    session.undo()
+    assert PointSession().undo() == ""
+    session.set_role(names[5], "off")  # what was undone is gone
+    assert session.history.redo_title == "" and session.changed
+
+
+def test_edits_made_while_adjusting_have_no_residuals(session: PointSession) -> None:
+    """The adjustment is of what it saw, not of what was measured while it ran."""
+    name, image = measured_name(session)
+    seen, block = Snapshot(session), block_of(session)
+    session.set_measurement(name, image, Measured(session.measured[(name, image)].sample + 1.0, 5.0))
+    session.accept(adjust_block(block, "shift"), seen)
+    assert not session.is_adjusted
+    assert math.isnan(session.measurement(name, image).residual_px[0])
+    assert math.isnan(next(row for row in session.rows() if row.point.id == name).residual_m[0])
+    others = [row for row in session.rows() if row.images and row.point.id != name]
+    assert others and all(math.isfinite(row.residual_m[0]) for row in others)
+
+
+def test_points_off_take_no_part_and_are_kept(session: PointSession, folder: Path, tmp_path: Path) -> None:
+    """A point that is off counts neither as GCP nor as tie, in the panel and in files; its measurements stay."""
+    name = GCPS.split(",")[0]
+    with_it = adjust_block(block_of(session), "shift")
+    session.set_role(name, "off")
+    block = block_of(session)
+    assert name not in block.points.ids.tolist()
+    without = adjust_block(block, "shift")
+    assert without.check["ce90_m"] != with_it.check["ce90_m"]
+    session.accept(without)
+    path = str(tmp_path / "block.gpkg")
+    files.save(session, path)
+    opened = files.open_block(path)
+    assert opened.points[name].role == "off"
+    assert {key for key in opened.measured if key[0] == name} == {key for key in session.measured if key[0] == name}
+    given = {"images": sources(folder)["images"], "gcps": f"{path}|layername=ground_points",
+             "image_points": f"{path}|layername=image_points", "model": "shift"}  # fmt: skip
+    report = run("adjust", **given, output_dir=str(tmp_path / "out"))
+    assert report["check"]["ce90_m"] == pytest.approx(without.check["ce90_m"], rel=1e-9)
+    assert report["ties"]["points"] == 0
+    named = run("adjust", **given, gcp_ids=GCPS, output_dir=str(tmp_path / "named"))  # who names it wants it
+    assert named["check"]["ce90_m"] == pytest.approx(with_it.check["ce90_m"], rel=1e-9)
+
+
+def test_next_point_to_measure(session: PointSession) -> None:
+    """Around the list, over points that are off, measured everywhere, or seen by no image."""
+    names = list(session.points)
+    away = [name for name in names if not any(row.is_inside for row in session.measurements(name))]
+    session.measured.clear()
+    assert session.next_unmeasured(names[0], 1) == next(name for name in names[1:] if name not in away)
+    session.set_role(names[1], "off")
+    assert session.next_unmeasured(names[0], 1) == next(name for name in names[2:] if name not in away)
+    assert session.next_unmeasured(names[0], -1) == next(name for name in names[::-1] if name not in away)
+    assert PointSession().next_unmeasured("", 1) == ""
+
+
+def test_many_points_on_many_images_are_predicted_at_once(session: PointSession) -> None:
+    """50 images x 500 points: what the panel shows after a click takes less than 0.2 s."""
+    image = next(iter(session.images.values()))
+    images = [Image(f"image_{k}", image.rpc, image.size, "") for k in range(50)]
+    rng = np.random.default_rng(1)
+    domain = np.array(image.domain_px)
+    xy = rng.uniform(domain[[0, 2]], domain[[1, 3]], (500, 2))
+    ground, _ = image.rpc.localize(xy, np.full(500, 100.0))
+    points = [KnownPoint(f"P{k}", *place) for k, place in enumerate(ground.tolist())]
+    measured = {(p.id, i.id): Measured(*xy[k]) for k, p in enumerate(points) for i in images}
+    many = PointSession(images, points, measured)
+    many.rows()
+    many.measurements("P0")
+    start = time.process_time()
+    many.set_measurement("P7", "image_3", Measured(1.0, 1.0))
+    many.rows()
+    many.measurements("P7")
+    for name in ("image_1", "image_2", "image_3", "image_4"):
+        assert sum(row.measured is not None for row in many.on_image(name).values()) == 500
+    took = time.process_time() - start
+    print(f"after a click with 50 images and 500 points: {took:.3f} s CPU")
+    assert took < 0.2
+
+
+def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) -> None:
+    """Saved or undone: nothing is left. Killed: everything comes back, a line that was cut off excepted."""
+    root, (name, image) = tmp_path / "unsaved", measured_name(session)
+    path = str(tmp_path / "block.gpkg")
+    files.save(session, path)
+    keeper = Keeper(root)
+    keeper.follow(session)
+    session.set_role(name, "off")
+    assert find_unsaved(root) == []  # the program lives
+    session.undo()
+    keeper.leave()
+    assert find_unsaved(root) == []  # nothing to save
+    keeper.follow(session)
+    session.set_role(name, "off")
+    session.remove_measurement(name, image)
+    session.add_points([KnownPoint("NEW", 147.3, -42.9, 50.0)])
+    session.set_measurement("NEW", image, Measured(3.25, 4.5, 0.1, "center", 0.9))
+    keeper.leave()  # as when the process is killed: the lock is gone, the file is not
+    (file,) = root.glob("*/journal.jsonl")
+    with file.open("a") as cut:
+        cut.write('{"points": nu')
+    (unsaved,) = find_unsaved(root)
+    assert unsaved.path == path
+    back = recover(unsaved)
+    assert repr((back.points, back.measured)) == repr((session.points, session.measured))
+    assert back.changed and back.path == path
+    again = Keeper(root)
+    again.follow(back)  # kept by another journal before the old one goes
+    forget(unsaved)
+    again.leave()
+    (kept,) = find_unsaved(root)
+    assert kept.measured.keys() == session.measured.keys()
+    forget(kept)
+    assert find_unsaved(root) == []
+
+
+def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path: Path) -> None:
+    """The points' file was a copy that QGIS made of a layer, and removed."""
+    session, root = files.new_session(**sources(folder)), tmp_path / "unsaved"
+    keeper = Keeper(root)
+    keeper.follow(session)
+    name, image = measured_name(session)
+    session.set_measurement(name, image, Measured(10.0, 20.0))
+    keeper.leave()
+    (folder / "hobart_ground_points.csv").unlink()
+    (unsaved,) = find_unsaved(root)
+    back = recover(unsaved)
+    assert repr((back.points, back.measured)) == repr((session.points, session.measured))
+
+
+def test_journal_that_cannot_be_written_is_told(session: PointSession, tmp_path: Path) -> None:
+    (tmp_path / "unsaved").write_text("a file where the folder should be")
+    keeper = Keeper(tmp_path / "unsaved")
+    keeper.follow(session)
+    session.set_role(next(iter(session.points)), "off")
+    assert session.changed and "save often" in keeper.failure

@@ -8,12 +8,12 @@ from __future__ import annotations
 import csv
 import shutil
 import time
-from copy import deepcopy
 from pathlib import Path
 
 import pytest
 from osgeo import ogr
 from qgis.core import QgsApplication, QgsPointXY, QgsProject, QgsRasterLayer
+from qgis.gui import QgsMapCanvas
 from qgis.PyQt.QtCore import QEvent, QPoint, QPointF, Qt
 from qgis.PyQt.QtGui import QMouseEvent
 
@@ -45,9 +45,9 @@ def truth(simulated: Path) -> dict[tuple[str, str], tuple[float, float]]:
         return {(row["id"], row["image"]): (float(row["sample"]), float(row["line"])) for row in csv.DictReader(file)}
 
 
-def make_dock(simulated: Path) -> PointsDock:
+def make_dock(simulated: Path, canvas: QgsMapCanvas | None = None) -> PointsDock:
     """Return the panel with images and ground points, nothing measured."""
-    panel = PointsDock()
+    panel = PointsDock(None, canvas, str(simulated / "unsaved"))
     panel.resize(1100, 600)
     panel.show()
     images = [str(simulated / f"image_{number}.tif") for number in (1, 2)]
@@ -65,6 +65,7 @@ def remove(panel: PointsDock) -> None:
 def dock(qgis_app, qgis_new_project, simulated: Path):
     panel = make_dock(simulated)
     yield panel
+    panel.give_up()
     remove(panel)
 
 
@@ -76,6 +77,7 @@ def clicked(qgis_app, simulated: Path, truth):
     assert all(not view.chip.pixmap().isNull() for view in panel.ui.views)
     assert panel.session.changed and panel.windowTitle().endswith("*")
     measured = panel.session.measured
+    panel.give_up()
     remove(panel)
     return measured, distances
 
@@ -83,8 +85,7 @@ def clicked(qgis_app, simulated: Path, truth):
 @pytest.fixture
 def measured(dock, clicked) -> PointsDock:
     """The panel with everything measured."""
-    dock.session.measured = deepcopy(clicked[0])
-    dock.session.changed = True
+    dock.session.restore(dock.session.points, clicked[0])
     dock.refresh()
     return dock
 
@@ -298,7 +299,7 @@ def test_rpc_files_without_pixels(qgis_app, qgis_new_project, tmp_path: Path) ->
     """The Hobart block: the table takes coordinates, the views say that there are no pixels."""
     hobart = tmp_path / "hobart"
     shutil.copytree(REPOSITORY / "examples" / "hobart", hobart)
-    panel = PointsDock()
+    panel = PointsDock(unsaved_root=str(tmp_path / "unsaved"))
     images = [str(hobart / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)]
     panel.show_session(
         files.new_session(images, str(hobart / "hobart_ground_points.csv"), str(hobart / "hobart_image_points.csv"))

@@ -155,7 +155,7 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
             parsed = Role.parse(str(name))
         except KeyError:
             row = np.flatnonzero(index == number)[0]
-            raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check or tie") from None
+            raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off") from None
         role[index == number] = UNSET if parsed is None else parsed
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:

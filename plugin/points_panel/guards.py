@@ -1,0 +1,52 @@
+"""What keeps measurements when QGIS is closed, or was killed."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from qgis.core import Qgis
+from qgis.gui import QgsApplicationExitBlockerInterface, QgsMessageBar
+from qgis.PyQt.QtWidgets import QPushButton
+
+from ...processing_algorithms import point_session
+from .dock import PointsDock
+
+
+class ExitGuard(QgsApplicationExitBlockerInterface):
+    """Asks what to do with unsaved measurements before QGIS closes."""
+
+    def __init__(self, dock: PointsDock) -> None:
+        super().__init__()
+        self._dock = dock
+
+    def allowExit(self) -> bool:
+        if not self._dock.may_leave():
+            return False
+        self._dock.give_up()
+        return True
+
+
+def offer_unsaved(dock: PointsDock, bar: QgsMessageBar) -> None:
+    """Offer, above the map, what was measured in sessions that ended without saving."""
+    for unsaved in dock.find_unsaved():
+        day = datetime.fromtimestamp(unsaved.time_s).strftime("%d %B, %H:%M")
+        block = unsaved.path or "a block that was never saved"
+        text = f"{len(unsaved.measured)} measurements of {day} were not saved: {block}"
+        item = bar.createMessage("HRSI Points", text)
+        for label, action in (("Recover", _recover), ("Discard", _discard)):
+            button = QPushButton(label, item)
+            button.clicked.connect(
+                lambda _checked=False, do=action, of=unsaved, item=item: (do(dock, of), item.dismiss())
+            )
+            item.layout().addWidget(button)
+        bar.pushWidget(item, Qgis.MessageLevel.Warning)
+
+
+def _recover(dock: PointsDock, unsaved: Any) -> None:
+    dock.show()
+    dock.recover(unsaved)
+
+
+def _discard(dock: PointsDock, unsaved: Any) -> None:
+    point_session.forget(unsaved)

@@ -1,0 +1,69 @@
+"""The map of the main window and the panel: a click there names a place on the ground, and marks show places in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from qgis.core import QgsCoordinateReferenceSystem, QgsCoordinateTransform, QgsPointXY, QgsProject
+from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint, QgsVertexMarker
+from qgis.PyQt.QtCore import Qt
+from qgis.PyQt.QtGui import QColor
+
+WGS84 = QgsCoordinateReferenceSystem("EPSG:4326")
+MARK = QColor(255, 176, 0)
+
+
+class MapLink:
+    """Asks for a place with a click in the map, and marks the chosen point there; ``canvas`` None: there is no map."""
+
+    def __init__(self, canvas: QgsMapCanvas | None) -> None:
+        self.canvas = canvas
+        self._tool: QgsMapToolEmitPoint | None = None
+        self._before: Any = None
+        self._mark: QgsVertexMarker | None = None
+
+    def ask(self, told: Callable[[tuple[float, float]], None]) -> None:
+        """Call ``told`` with longitude and latitude of every left click, until `stop`."""
+        canvas = self.canvas
+        if canvas is None:
+            return
+        self.stop()
+        self._before, self._tool = canvas.mapTool(), QgsMapToolEmitPoint(canvas)
+        self._tool.canvasClicked.connect(
+            lambda point, button: told(lonlat_of(canvas, point)) if button == Qt.MouseButton.LeftButton else None
+        )
+        canvas.setMapTool(self._tool)
+
+    def stop(self) -> None:
+        """Give the map back to the tool that it had."""
+        if self.canvas is None or self._tool is None:
+            return
+        if self.canvas.mapTool() is self._tool:
+            self.canvas.setMapTool(self._before) if self._before is not None else self.canvas.unsetMapTool(self._tool)
+        self._tool = None
+
+    def mark(self, lonlat: tuple[float, float] | None) -> None:
+        """Show where a point is; None takes the mark away."""
+        if self.canvas is None:
+            return
+        if self._mark is not None:
+            self.canvas.scene().removeItem(self._mark)
+            self._mark = None
+        if lonlat is None:
+            return
+        self._mark = QgsVertexMarker(self.canvas)
+        self._mark.setIconType(QgsVertexMarker.IconType.ICON_CROSS)
+        self._mark.setColor(MARK)
+        self._mark.setIconSize(18)
+        self._mark.setPenWidth(2)
+        of_map = self.canvas.mapSettings().destinationCrs()
+        to_map = QgsCoordinateTransform(WGS84, of_map, QgsProject.instance())
+        self._mark.setCenter(to_map.transform(QgsPointXY(*lonlat)))
+
+
+def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
+    """Return longitude and latitude of a place in the CRS of a map."""
+    of_map = canvas.mapSettings().destinationCrs()
+    place = QgsCoordinateTransform(of_map, WGS84, QgsProject.instance()).transform(point)
+    return place.x(), place.y()

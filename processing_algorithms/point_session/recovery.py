@@ -1,0 +1,148 @@
+"""Measurements outlive the program: every edit that a session's file does not hold is in a journal.
+
+The journal's first entry has all points and measurements, the others what was changed. It goes when the session is
+saved or given up. What is left by a program that was killed is found by `find_unsaved` and brought back by `recover`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.line_journals import LeftJournal, LineJournal, left_journals, remove_journal
+from .files import new_session, open_block
+from .history import Change, Key
+from .rows import KnownPoint, Measured
+from .session import PointSession
+
+
+class Keeper:
+    """Keeps the edits of one session in a journal below a folder.
+
+    ``failure`` says why it does not (no space, no permission); empty while it does. Editing goes on all the same.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        self._root, self._journal = str(root), LineJournal(root)
+        self._session = PointSession()
+        self.failure = ""
+
+    def follow(self, session: PointSession) -> None:
+        """Give up the session followed so far, and keep the edits of another."""
+        self.discard()
+        self._session, session.on_change = session, self._keep
+        if session.changed:
+            self._keep(Change({}))
+
+    def discard(self) -> None:
+        """Forget what was kept: it is saved now, or nobody wants it."""
+        self._journal.discard()
+
+    def leave(self) -> None:
+        """Stop, and let what was kept lie for `find_unsaved`."""
+        self._journal.leave()
+
+    def _keep(self, change: Change) -> None:
+        try:
+            if not self._session.changed:
+                self.discard()
+            elif self._journal.is_begun:
+                self._journal.append(_entry(change))
+            else:
+                self._journal.append(_first_entry(self._session))
+            self.failure = ""
+        except (OSError, InputError) as error:
+            self.failure = f"what is measured is not kept in {self._root} ({error}): save often"
+
+
+@dataclass(frozen=True)
+class Unsaved:
+    """What a program left that ended without saving.
+
+    path : the block's GeoPackage, empty where it was never saved; images : their files; sources : the arguments of
+    `new_session` where it was begun by that; time_s : of the last edit, seconds since 1970
+    """
+
+    folder: Path
+    path: str
+    images: tuple[str, ...]
+    sources: Mapping[str, Any]
+    points: Mapping[str, KnownPoint]
+    measured: Mapping[Key, Measured]
+    time_s: float
+
+
+def find_unsaved(root: str | Path) -> list[Unsaved]:
+    """Return what was left by programs that have ended, the oldest first."""
+    found = []
+    for left in left_journals(root):
+        try:
+            found.append(_read(left))
+        except (KeyError, TypeError, ValueError):  # no journal of a session
+            continue
+    return found
+
+
+def recover(unsaved: Unsaved) -> PointSession:
+    """Return a session as it was; `forget` what was left when another journal, or a file, holds it.
+
+    Raises `InputError` where the block or its images are not there any more.
+    """
+    session = _begun(unsaved)
+    session.restore(unsaved.points, unsaved.measured)
+    session.mark_unsaved()
+    return session
+
+
+def forget(unsaved: Unsaved) -> None:
+    """Remove what was left."""
+    remove_journal(unsaved.folder)
+
+
+def _begun(unsaved: Unsaved) -> PointSession:
+    """Return the session that was edited: with its tie points, where their file is still there."""
+    if unsaved.path and os.path.exists(unsaved.path):
+        return open_block(unsaved.path)
+    if unsaved.sources:
+        try:
+            return new_session(**unsaved.sources)
+        except InputError:  # a layer of the project was handed over as a file, which QGIS has removed since
+            pass
+    return new_session(list(unsaved.images))
+
+
+def _read(left: LeftJournal) -> Unsaved:
+    points, measured = dict[str, KnownPoint](), dict[Key, Measured]()
+    for entry in left.entries:
+        if entry["points"] is not None:
+            points = {values["id"]: KnownPoint(**values) for values in entry["points"]}
+        for name, image, values in entry["measured"]:
+            if values is None:
+                measured.pop((name, image), None)
+            else:
+                measured[(name, image)] = Measured(**values)
+    first = left.entries[0]
+    return Unsaved(left.folder, first["path"], tuple(first["images"]), first["sources"], points, measured, left.time_s)
+
+
+def _first_entry(session: PointSession) -> dict[str, Any]:
+    return {
+        "path": os.path.abspath(session.path) if session.path else "",
+        "images": [os.path.abspath(image.path) for image in session.images.values()],
+        "sources": dict(session.sources),
+        **_entry(Change(session.measured, session.points)),
+    }
+
+
+def _entry(change: Change) -> dict[str, Any]:
+    return {
+        "points": None if change.points is None else [asdict(point) for point in change.points.values()],
+        "measured": [
+            [name, image, None if measured is None else asdict(measured)]
+            for (name, image), measured in change.measured.items()
+        ],
+    }  # fmt: skip
