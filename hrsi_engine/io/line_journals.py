@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..foundation.errors import InputError
+from ..foundation.json_values import json_text
 from .budgets import require_size
 from .folder_lock import only_writer
 
@@ -43,7 +44,7 @@ class LineJournal:
             self._folder = self._root / f"{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:8]}"
             self._lock.enter_context(only_writer(str(self._folder)))
             self._file = (self._folder / FILE).open("w", encoding="utf-8")
-        self._file.write(json.dumps(entry) + "\n")
+        self._file.write(json_text(entry) + "\n")
         self._file.flush()
         os.fsync(self._file.fileno())
 

@@ -7,23 +7,21 @@ from qgis.PyQt.QtGui import QPainter, QPixmap
 from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import QLabel
 
-from ..help_text import as_rich_text
-
-LABEL_SIDE_PX = 150
+LABEL_SIDE_PX = 96
 _NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 
 
 class ChipLabel(QLabel):
-    """Shows a chip (SVG) with a line of text under it; nothing before the first fit."""
+    """Shows a chip (SVG) over a corner of its parent; nothing before the first fit."""
 
-    def show_chip(self, svg: str, text: str) -> None:
-        self.setToolTip(as_rich_text(text))
-        self.setTextFormat(Qt.TextFormat.PlainText)
-        pixmap = render_chip(svg)
-        if pixmap.isNull():
-            self.setText(text)
-        else:
-            self.setPixmap(pixmap)
+    def show_chip(self, svg: str) -> None:
+        self.setPixmap(render_chip(svg))
+        self.adjustSize()
+        self.show()
+
+    def clear(self) -> None:
+        super().clear()
+        self.hide()
 
 
 def _for_qt(svg: str) -> str:

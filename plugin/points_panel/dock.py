@@ -144,7 +144,7 @@ class PointsDock(QDockWidget):
         if self.keeper is None and not session.images:
             return
         if self.keeper is None:
-            self.keeper = point_session.Keeper(self.unsaved_root)
+            self.keeper = point_session.EditKeeper(self.unsaved_root)
         self.keeper.follow(session)
 
     def _show_views(self) -> None:
@@ -258,7 +258,7 @@ class PointsDock(QDockWidget):
         fit = self.session.measure(self.point(), image, (sample, line), self.ui.kind.currentText())
         quality = "as clicked" if math.isnan(fit.measured.sigma) else f"sigma {fit.measured.sigma:.2f} px"
         text = fit.refusal or f"{fit.measured.sample:.2f} {fit.measured.line:.2f}, {quality}"
-        view.chip.show_chip(fit.chip_svg, text)
+        view.chip.show_chip(fit.chip_svg)
         self.tell(f"{self.point()} on {image}: {text}", is_error=bool(fit.refusal))
         self._on_edit()
 

@@ -73,7 +73,9 @@ class ImageView(QWidget):
         layout.setSpacing(2)
         layout.addLayout(top)
         layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.chip)
+        self.chip.setParent(self.canvas)  # over a corner of the image, which keeps its size
+        self.chip.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.chip.move(4, 4)
 
     def image(self) -> str:
         return self.chooser.currentText()

@@ -10,8 +10,8 @@ from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint, QgsVertexMarker
 from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtGui import QColor
 
-WGS84 = QgsCoordinateReferenceSystem("EPSG:4326")
-MARK = QColor(255, 176, 0)
+_LONLAT = QgsCoordinateReferenceSystem("EPSG:4326")
+_MARK = QColor(255, 176, 0)
 
 
 class MapLink:
@@ -54,16 +54,16 @@ class MapLink:
             return
         self._mark = QgsVertexMarker(self.canvas)
         self._mark.setIconType(QgsVertexMarker.IconType.ICON_CROSS)
-        self._mark.setColor(MARK)
+        self._mark.setColor(_MARK)
         self._mark.setIconSize(18)
         self._mark.setPenWidth(2)
         of_map = self.canvas.mapSettings().destinationCrs()
-        to_map = QgsCoordinateTransform(WGS84, of_map, QgsProject.instance())
+        to_map = QgsCoordinateTransform(_LONLAT, of_map, QgsProject.instance())
         self._mark.setCenter(to_map.transform(QgsPointXY(*lonlat)))
 
 
 def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
     """Return longitude and latitude of a place in the CRS of a map."""
     of_map = canvas.mapSettings().destinationCrs()
-    place = QgsCoordinateTransform(of_map, WGS84, QgsProject.instance()).transform(point)
+    place = QgsCoordinateTransform(of_map, _LONLAT, QgsProject.instance()).transform(point)
     return place.x(), place.y()

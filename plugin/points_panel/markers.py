@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from qgis.core import QgsPointXY
 from qgis.gui import QgsMapCanvas, QgsMapCanvasItem
 from qgis.PyQt.QtCore import QPointF, QRectF, Qt
-from qgis.PyQt.QtGui import QColor, QPainter, QPen
+from qgis.PyQt.QtGui import QBrush, QColor, QPainter, QPainterPath, QPen
 
 from .table_models import FAINT, SUSPICIOUS
 
 ARROW_PX = 30.0  # on the screen, of a residual of one pixel
 _ARM = 9.0
+_BESIDE = 200.0  # on the screen: names and arrows of points that lie beside what is shown reach into it
+_HALO = QColor(0, 0, 0, 190)
 GOOD, PREDICTED = QColor(255, 176, 0), QColor(90, 200, 255)
 
 
@@ -53,6 +55,9 @@ class PointMarkers(QgsMapCanvasItem):
 
     def _paint(self, painter: QPainter, marker: Marker) -> None:
         at = self._place(marker.predicted)
+        shown = self.boundingRect().adjusted(-_BESIDE, -_BESIDE, _BESIDE, _BESIDE)
+        if not (shown.contains(at) or (marker.measured is not None and shown.contains(self._place(marker.measured)))):
+            return
         painter.setPen(QPen(PREDICTED, 1.2, Qt.PenStyle.DashLine))
         painter.drawEllipse(at, _ARM, _ARM)
         colour = FAINT if marker.is_off else SUSPICIOUS if marker.is_suspicious else GOOD
@@ -64,11 +69,18 @@ class PointMarkers(QgsMapCanvasItem):
             if marker.residual_px is not None:
                 painter.setPen(QPen(colour, 2.4))
                 painter.drawLine(at, at + ARROW_PX * QPointF(*marker.residual_px))
-        painter.setPen(QPen(colour))
-        painter.drawText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), marker_label(marker))
+        _draw_text(painter, at + QPointF(_ARM + 2.0, -_ARM - 2.0), marker_label(marker), colour)
 
     def _place(self, xy: tuple[float, float]) -> QPointF:
         return self.toCanvasCoordinates(QgsPointXY(xy[0], -xy[1]))
+
+
+def _draw_text(painter: QPainter, at: QPointF, text: str, colour: QColor) -> None:
+    """Write a text that is read on bright and on dark ground."""
+    outline = QPainterPath()
+    outline.addText(at, painter.font(), text)
+    painter.strokePath(outline, QPen(_HALO, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+    painter.fillPath(outline, QBrush(colour))
 
 
 def marker_label(marker: Marker) -> str:

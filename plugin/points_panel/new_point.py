@@ -12,7 +12,7 @@ from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session.rows import ROLES, KnownPoint
 from .new_block import HEIGHT_DATUMS
 
-FARTHEST_M = 10_000.0  # of heights
+_HIGHEST_M = 10_000.0  # of heights
 
 
 class NewPointDialog(QDialog):
@@ -30,7 +30,7 @@ class NewPointDialog(QDialog):
             self.dem.addItem(layer.name(), layer.source())
         self.datum.addItems(HEIGHT_DATUMS)
         self.height, self.sigma_xy, self.sigma_h = (_metres() for _ in range(3))
-        self.height.setMinimum(-FARTHEST_M)
+        self.height.setMinimum(-_HIGHEST_M)
         self.height.setValue(height_m)
         for sigma in (self.sigma_xy, self.sigma_h):
             sigma.setSpecialValueText("default")
@@ -75,7 +75,7 @@ class NewPointDialog(QDialog):
 def _metres() -> QDoubleSpinBox:
     field = QDoubleSpinBox()
     field.setDecimals(3)
-    field.setMaximum(FARTHEST_M)
+    field.setMaximum(_HIGHEST_M)
     field.setSuffix(" m")
     return field
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .files import open_block as open_block
     from .files import read_ground_points as read_ground_points
     from .files import save as save
-    from .recovery import Keeper as Keeper
+    from .recovery import EditKeeper as EditKeeper
     from .recovery import find_unsaved as find_unsaved
     from .recovery import forget as forget
     from .recovery import recover as recover
@@ -39,7 +39,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "session": "PointSession Snapshot",
         "files": "new_session open_block read_ground_points save",
-        "recovery": "Keeper find_unsaved forget recover",
+        "recovery": "EditKeeper find_unsaved forget recover",
         "views": "dem_height place_on view_of",
         "adjusting": "adjust_block block_of",
     },

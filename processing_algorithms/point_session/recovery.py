@@ -20,7 +20,7 @@ from .rows import KnownPoint, Measured
 from .session import PointSession
 
 
-class Keeper:
+class EditKeeper:
     """Keeps the edits of one session in a journal below a folder.
 
     ``failure`` says why it does not (no space, no permission); empty while it does. Editing goes on all the same.
@@ -119,14 +119,19 @@ def _read(left: LeftJournal) -> Unsaved:
     points, measured = dict[str, KnownPoint](), dict[Key, Measured]()
     for entry in left.entries:
         if entry["points"] is not None:
-            points = {values["id"]: KnownPoint(**values) for values in entry["points"]}
+            points = {values["id"]: KnownPoint(**_given(values)) for values in entry["points"]}
         for name, image, values in entry["measured"]:
             if values is None:
                 measured.pop((name, image), None)
             else:
-                measured[(name, image)] = Measured(**values)
+                measured[(name, image)] = Measured(**_given(values))
     first = left.entries[0]
     return Unsaved(left.folder, first["path"], tuple(first["images"]), first["sources"], points, measured, left.time_s)
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values without those that JSON has no number for: NaN, the default."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _first_entry(session: PointSession) -> dict[str, Any]:

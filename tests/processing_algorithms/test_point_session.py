@@ -15,7 +15,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import (
-    Keeper,
+    EditKeeper,
     PointSession,
     Snapshot,
     files,
@@ -295,7 +295,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     root, (name, image) = tmp_path / "unsaved", measured_name(session)
     path = str(tmp_path / "block.gpkg")
     files.save(session, path)
-    keeper = Keeper(root)
+    keeper = EditKeeper(root)
     keeper.follow(session)
     session.set_role(name, "off")
     assert find_unsaved(root) == []  # the program lives
@@ -316,7 +316,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     back = recover(unsaved)
     assert repr((back.points, back.measured)) == repr((session.points, session.measured))
     assert back.changed and back.path == path
-    again = Keeper(root)
+    again = EditKeeper(root)
     again.follow(back)  # kept by another journal before the old one goes
     forget(unsaved)
     again.leave()
@@ -329,7 +329,7 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
 def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path: Path) -> None:
     """The points' file was a copy that QGIS made of a layer, and removed."""
     session, root = files.new_session(**sources(folder)), tmp_path / "unsaved"
-    keeper = Keeper(root)
+    keeper = EditKeeper(root)
     keeper.follow(session)
     name, image = measured_name(session)
     session.set_measurement(name, image, Measured(10.0, 20.0))
@@ -342,7 +342,7 @@ def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path:
 
 def test_journal_that_cannot_be_written_is_told(session: PointSession, tmp_path: Path) -> None:
     (tmp_path / "unsaved").write_text("a file where the folder should be")
-    keeper = Keeper(tmp_path / "unsaved")
+    keeper = EditKeeper(tmp_path / "unsaved")
     keeper.follow(session)
     session.set_role(next(iter(session.points)), "off")
     assert session.changed and "save often" in keeper.failure
