@@ -242,7 +242,8 @@ class PointsDock(QDockWidget):
             measured = (row.measured.sample, row.measured.line) if row.measured else None
             residual = None if math.isnan(row.residual_px[0]) else row.residual_px
             is_off = self.session.points[name].role == "off"
-            markers.append(Marker(name, row.predicted, measured, residual, bool(row.suspicion), is_off))
+            is_chosen = name == self.point()
+            markers.append(Marker(name, row.predicted, measured, residual, bool(row.suspicion), is_off, is_chosen))
         return markers
 
     # ---- what the user does ------------------------------------------------------------------------------------

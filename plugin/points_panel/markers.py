@@ -11,6 +11,7 @@ from qgis.PyQt.QtGui import QBrush, QColor, QPainter, QPainterPath, QPen
 
 from .table_models import FAINT, SUSPICIOUS
 
+NAMED_POINTS = 60  # with more in view, only the chosen and the suspicious ones are named: no text could be read
 ARROW_PX = 30.0  # on the screen, of a residual of one pixel
 _ARM = 9.0
 _BESIDE = 200.0  # on the screen: names and arrows of points that lie beside what is shown reach into it
@@ -28,6 +29,7 @@ class Marker:
     residual_px: tuple[float, float] | None
     is_suspicious: bool
     is_off: bool = False
+    is_chosen: bool = False
 
 
 class PointMarkers(QgsMapCanvasItem):
@@ -50,14 +52,17 @@ class PointMarkers(QgsMapCanvasItem):
 
     def paint(self, painter: QPainter, option: object = None, widget: object = None) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for marker in self.markers:
-            self._paint(painter, marker)
+        shown = [marker for marker in self.markers if self._is_near(marker)]
+        for marker in shown:
+            self._paint(painter, marker, len(shown) <= NAMED_POINTS or marker.is_chosen or marker.is_suspicious)
 
-    def _paint(self, painter: QPainter, marker: Marker) -> None:
-        at = self._place(marker.predicted)
+    def _is_near(self, marker: Marker) -> bool:
+        """Return whether a marker, or its name or arrow, reaches into what is shown."""
         shown = self.boundingRect().adjusted(-_BESIDE, -_BESIDE, _BESIDE, _BESIDE)
-        if not (shown.contains(at) or (marker.measured is not None and shown.contains(self._place(marker.measured)))):
-            return
+        return any(shown.contains(self._place(place)) for place in (marker.predicted, marker.measured) if place)
+
+    def _paint(self, painter: QPainter, marker: Marker, is_named: bool) -> None:
+        at = self._place(marker.predicted)
         painter.setPen(QPen(PREDICTED, 1.2, Qt.PenStyle.DashLine))
         painter.drawEllipse(at, _ARM, _ARM)
         colour = FAINT if marker.is_off else SUSPICIOUS if marker.is_suspicious else GOOD
@@ -69,7 +74,8 @@ class PointMarkers(QgsMapCanvasItem):
             if marker.residual_px is not None:
                 painter.setPen(QPen(colour, 2.4))
                 painter.drawLine(at, at + ARROW_PX * QPointF(*marker.residual_px))
-        _draw_text(painter, at + QPointF(_ARM + 2.0, -_ARM - 2.0), marker_label(marker), colour)
+        if is_named:
+            _draw_text(painter, at + QPointF(_ARM + 2.0, -_ARM - 2.0), marker_label(marker), colour)
 
     def _place(self, xy: tuple[float, float]) -> QPointF:
         return self.toCanvasCoordinates(QgsPointXY(xy[0], -xy[1]))

@@ -98,15 +98,16 @@ def _adjusted_layers(session: PointSession, adjusted: Adjusted) -> list[Layer]:
 def _with_others(full: Layer, plain: Layer) -> Layer:
     """Return a layer of an adjustment with the rows of the session that it has not, told by point and image."""
     named = [name for name in ("id", "image") if name in plain.fields]
-    there = set(zip(*(full.fields[name].tolist() for name in named), strict=True))
-    keys = zip(*(plain.fields[name].tolist() for name in named), strict=True)
+    there = set(zip(*(np.asarray(full.fields[name]).tolist() for name in named), strict=True))
+    keys = zip(*(np.asarray(plain.fields[name]).tolist() for name in named), strict=True)
     more = np.array([key not in there for key in keys], dtype=bool)
     if not more.any():
         return full
-    columns = {
-        name: np.concatenate([column, plain.fields[name][more] if name in plain.fields else _empty(column, more.sum())])
-        for name, column in full.fields.items()
-    }
+    columns = {}
+    for name, field in full.fields.items():
+        column = np.asarray(field)
+        added = np.asarray(plain.fields[name])[more] if name in plain.fields else _empty(column, more.sum())
+        columns[name] = np.concatenate([column, added])
     place = np.vstack([np.asarray(full.coordinates), np.asarray(plain.coordinates)[more]])
     return Layer(full.name, full.geometry, full.crs, place, columns)
 
