@@ -1,9 +1,27 @@
-"""HRSI: block triangulation of high-resolution satellite images. The folder is a Python package and a QGIS plugin."""
+"""HRSI: block triangulation of high-resolution satellite images with RPC cameras.
+
+Every algorithm of the command line and of the QGIS toolbox is a function here, with the same options and defaults::
+
+    import hrsi
+
+    result = hrsi.triangulate(["a.tif", "b.tif"], gcps="gcps.gpkg", output_dir="result")
+    print(result.summary())       # what the command line prints
+    result.residuals              # tables: pandas where it is installed
+    result.rpcs["a"]              # the refined RPCs
+
+Images are paths, open rasterio datasets or what `open` returned; points are files, tables of pandas or GeoPandas, dicts
+of columns, arrays, or `GroundPoints` and `ImagePoints`. `project` and `localize` take arrays and return arrays.
+`read_result` reads what an earlier run left in a folder. Errors are `HrsiError`.
+
+The engine below, arrays and objects without files, is `hrsi.hrsi_engine`. The folder is also the QGIS plugin.
+"""
 
 from __future__ import annotations
 
 import sys
 from typing import TYPE_CHECKING, Any
+
+from .hrsi_engine.foundation.lazy_names import lazy_names
 
 if f"{__name__}.processing_algorithms.interface.cli" in getattr(sys, "orig_argv", ()):
     from .hrsi_engine.foundation.interruption import quit_on_signals
@@ -12,6 +30,19 @@ if f"{__name__}.processing_algorithms.interface.cli" in getattr(sys, "orig_argv"
 
 if TYPE_CHECKING:
     from .plugin.plugin import HrsiPlugin
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "processing_algorithms.facade.calls": (
+            "triangulate tie_points adjust evaluate refine write_rpc rpc_info project localize fit_rpc "
+            "gcps_from_reference interest_points match measure_targets orthorectify ortho_check simulate register"
+        ),
+        "processing_algorithms.facade.opening": "open",
+        "processing_algorithms.facade.result": "Result read_result",
+        "hrsi_engine": "RPC Block GroundPoints HrsiError Image ImagePoints MODELS Role read_rpc refine_rpc",
+    },
+)
 
 
 def classFactory(iface: Any) -> HrsiPlugin:  # noqa: N802 - the name that QGIS calls

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
+from ..hrsi_engine.foundation.in_memory import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
 from ..hrsi_engine.io.position_tables import read_correspondences
@@ -29,7 +30,8 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     advance(context.progress, 0.2, "fitting")
     fit, check = fit_points(table.ground, table.image, options.common_denominator)
     require_plain_name(options.id or "rpc", "the id")
-    name = f"{options.id or Path(options.points.partition('|')[0]).stem}_RPC.TXT"
+    stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
+    name = f"{options.id or stem}_RPC.TXT"
     low, high = float(table.ground[:, 2].min()), float(table.ground[:, 2].max())
     wanted = (
         low if options.min_height is None else options.min_height,

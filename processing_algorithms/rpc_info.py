@@ -11,7 +11,7 @@ from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry, all_pairs, sanity_warnings
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.io.layers import Layer
-from ..hrsi_engine.io.rpc_files import read_rpc
+from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_images
@@ -70,7 +70,8 @@ def _terrain_range(view: ViewDirection, options: RpcInfoOptions) -> tuple[float,
 
 
 def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
-    found, rpc = read_rpc(view.image.path), view.image.rpc
+    rpc, path = view.image.rpc, view.image.path
+    found = read_rpc(path) if path else FoundRpc(rpc, "in memory")
     lon, lat, height = geometry.centre.tolist()
     return {
         "path": view.image.path,

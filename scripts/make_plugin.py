@@ -17,15 +17,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = "hrsi"
 FILES = (
-    "__init__.py", "metadata.txt", "constraints.txt", "LICENSE", "README.md", "CHANGELOG.md", "SECURITY.md",
-    "docs/verdict.md",
+    "__init__.py", "__init__.pyi", "py.typed", "metadata.txt", "constraints.txt", "LICENSE", "README.md",
+    "CHANGELOG.md", "SECURITY.md", "docs/verdict.md",
 )  # fmt: skip
 PARTS = ("plugin", "processing_algorithms", "hrsi_engine")
 #: What else the plugin repository wants beside what metadata.txt holds.
 PUBLISHER_FIELDS = ("email", "repository", "tracker")
 REQUIRED = ("name", "description", "about", "version", "qgisMinimumVersion", "author", "icon")
 #: Kinds of files that the plugin consists of; what a build, an editor or a system leaves beside them is none of it.
-KINDS = {".py", ".html", ".css", ".j2", ".qml", ".svg", ".png"}
+KINDS = {".py", ".pyi", ".html", ".css", ".j2", ".qml", ".svg", ".png"}
 LEFT_BEHIND = {".pyc", ".pyo", ".nbi", ".nbc"}
 LARGEST_BYTES = 20 * 1024**2  # the plugin repository's limit
 OLDEST = (1980, 1, 1, 0, 0, 0)  # one time for all files: the same sources give the same zip

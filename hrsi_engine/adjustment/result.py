@@ -240,6 +240,12 @@ class Adjustment:
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     choice: Choice | None = None
 
+    def __repr__(self) -> str:
+        return (
+            f"<Adjustment of {len(self.block.images)} images, model {self.model.name}: sigma0 {self.sigma0:.3f}, "
+            f"{self.status}, {self.observations} observations, {self.unknowns} unknowns>"
+        )
+
     @property
     def sigma_px(self) -> np.ndarray:
         """Standard deviations of the measurements as adjusted ``(measurements,)``: given, or estimated."""

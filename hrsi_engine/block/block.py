@@ -109,6 +109,10 @@ class Image:
     stated_height_m: float | None = None
     sensor: str = ""
 
+    def __repr__(self) -> str:
+        size = f"{self.size[0]} x {self.size[1]} px" if self.size else "size not known"
+        return f"<Image {self.id}: {size}{'' if self.raster is not None else ', no pixels'}, {self.rpc!r}>"
+
     @property
     def middle_height_m(self) -> float:
         """Ellipsoidal height of the ground, where nothing better is known: as stated, else the RPC's HEIGHT_OFF."""
@@ -231,6 +235,9 @@ class Block:
     points: GroundPoints
     measurements: Measurements
     warnings: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        return f"<Block: {len(self.images)} images, {len(self.points)} points, {len(self.measurements)} measurements>"
 
     @property
     def known(self) -> np.ndarray:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+
+from ..foundation.errors import InputError
 
 
 class Columns:
@@ -16,3 +18,27 @@ class Columns:
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         chosen = {name: column[keep] for name, column in columns.items() if isinstance(column, np.ndarray)}
         return replace(self, **chosen)  # type: ignore[type-var]
+
+    def __repr__(self) -> str:
+        first = getattr(self, fields(self)[0].name)  # type: ignore[arg-type]
+        return f"<{type(self).__name__}: {len(first)} rows>"
+
+    def _fill(self, **columns: tuple[type, tuple[int, ...]]) -> None:
+        """Make columns of one length from sequences and single values: for each its type and the shape of a row.
+
+        The first one says how many rows there are. Raises `InputError` naming the column that does not fit.
+        """
+        rows = None
+        for name, (kind, shape) in columns.items():
+            value: Any = getattr(self, name)
+            if kind is not str or not isinstance(value, np.ndarray) or value.dtype.kind not in "UO":
+                value = np.asarray(value, dtype=kind)
+            rows = len(value) if rows is None else rows
+            if value.shape != (rows, *shape):
+                try:
+                    value = np.broadcast_to(value, (rows, *shape)).copy()
+                except ValueError:
+                    raise InputError(
+                        f"`{name}` has the shape {value.shape} beside {rows} rows: give {(rows, *shape)}"
+                    ) from None
+            object.__setattr__(self, name, value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -57,9 +58,9 @@ _ROLE_NAMES = {
 UNSET = -1  #: role column of `GroundPoints`: the file says nothing
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GroundPoints(Columns):
-    """Points on the ground.
+    """Points on the ground; of the arrays only ``ids`` and ``ground`` are needed, and one value may stand for all.
 
     Parameters
     ----------
@@ -80,10 +81,13 @@ class GroundPoints(Columns):
 
     ids: np.ndarray
     ground: np.ndarray
-    role: np.ndarray
-    sigma_m: np.ndarray
+    role: np.ndarray = UNSET  # type: ignore[assignment]  # one value for all becomes an array
+    sigma_m: np.ndarray = np.nan  # type: ignore[assignment]
     source: str = ""
     covariance_m2: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        self._fill(ids=(str, ()), ground=(np.float64, (3,)), role=(np.int8, ()), sigma_m=(np.float64, (2,)))
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -140,20 +144,17 @@ class GroundPoints(Columns):
         GroundPoints
             The table.
         """
-        count = len(ids)
-        return cls(
-            np.asarray(ids, dtype=str),
-            np.asarray(ground, dtype=np.float64).reshape(count, 3),
-            np.broadcast_to(np.asarray(role, dtype=np.int8), (count,)).copy(),
-            np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (count, 2)).copy(),
-            source,
-            None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64).reshape(count, 3, 3),
-        )
+        covariance = None if covariance_m2 is None else np.array(covariance_m2, dtype=np.float64)
+        covariance = None if covariance is None else covariance.reshape(len(ids), 3, 3)
+        made: Any = cls  # it makes arrays of what it is given
+        return made(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ImagePoints(Columns):
     """Measurements of points on images, as files and matchers deliver them.
+
+    Of the arrays only ``ids``, ``image_ids`` and ``xy`` are needed, and one value may stand for all.
 
     Parameters
     ----------
@@ -174,10 +175,16 @@ class ImagePoints(Columns):
     ids: np.ndarray
     image_ids: np.ndarray
     xy: np.ndarray
-    sigma_px: np.ndarray
-    kind: np.ndarray
-    quality: np.ndarray
+    sigma_px: np.ndarray = np.nan  # type: ignore[assignment]  # one value for all becomes an array
+    kind: np.ndarray = ""  # type: ignore[assignment]
+    quality: np.ndarray = np.nan  # type: ignore[assignment]
     source: str = ""
+
+    def __post_init__(self) -> None:
+        self._fill(
+            ids=(str, ()), image_ids=(str, ()), xy=(np.float64, (2,)), sigma_px=(np.float64, ()), kind=(str, ()),
+            quality=(np.float64, ()),
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -215,19 +222,11 @@ class ImagePoints(Columns):
         ImagePoints
             The table.
         """
-        count = len(ids)
-        return cls(
-            np.asarray(ids, dtype=str),
-            np.asarray(image_ids, dtype=str),
-            np.asarray(xy, dtype=np.float64).reshape(count, 2),
-            np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (count,)).copy(),
-            np.broadcast_to(np.asarray(kind, dtype=str), (count,)).copy(),
-            np.broadcast_to(np.asarray(quality, dtype=np.float64), (count,)).copy(),
-            source,
-        )
+        made: Any = cls  # it makes arrays of what it is given
+        return made(ids, image_ids, np.reshape(xy, (len(ids), 2)), sigma_px, kind, quality, source)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Columns):
     """Image points of a block, ids resolved: ``point`` and ``image`` index the block's points and images.
 

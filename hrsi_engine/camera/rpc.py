@@ -95,6 +95,9 @@ class RPC:
             elif value is not None:
                 object.__setattr__(self, field.name, float(value))
 
+    def __repr__(self) -> str:
+        return f"<RPC around {self.lat_off:.4f} N, {self.long_off:.4f} E, {self.height_off:.0f} m>"
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RPC):
             return NotImplemented

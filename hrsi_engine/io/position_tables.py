@@ -10,6 +10,7 @@ import numpy as np
 from ..foundation.errors import InputError
 from .budgets import require_heights
 from .point_files.find import point_reader_of, split_spec
+from .point_files.in_memory import PointsInMemory
 from .point_files.interpret import image_names
 from .point_files.positions import Reference, ground_positions, has_positions
 from .point_files.table import PointTable
@@ -65,8 +66,11 @@ def read_correspondences(spec: str, *, ground_crs: str | None = None, height_dat
 
 
 def _read(spec: str) -> PointTable:
-    path, layer = split_spec(spec)
-    table = point_reader_of(path).read(path, layer)
+    if isinstance(spec, PointsInMemory):
+        table = spec.table()
+    else:
+        path, layer = split_spec(spec)
+        table = point_reader_of(path).read(path, layer)
     if not len(table):
         raise InputError(f"{table.source}: holds no points: add some, or name another layer")
     return table

@@ -16,6 +16,7 @@ from osgeo import gdal
 
 from ..block.block import Image
 from ..foundation.errors import InputError
+from ..foundation.in_memory import InMemory
 from .content_marks import content_mark
 from .datasets import gdal_messages, virtual_status
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
@@ -44,8 +45,23 @@ class EncodedRaster(Protocol):
 ImageSource = str | os.PathLike[str] | NamedRaster | EncodedRaster
 
 
+class ImageInMemory(InMemory):
+    """An image that is open already, under its path, or its id where it comes from arrays."""
+
+    __slots__ = ("image",)
+    image: Image
+
+    def __new__(cls, image: Image) -> ImageInMemory:
+        """Name the image."""
+        made = super().__new__(cls, image.path or image.id)
+        made.image = image
+        return made
+
+
 def image_id(path: str) -> str:
     """Return an image's id: the file's stem without a trailing ``_RPC``."""
+    if isinstance(path, ImageInMemory):
+        return path.image.id
     stem = Path(path).stem
     return stem[: -len(RPC_SUFFIX)] if stem.lower().endswith(RPC_SUFFIX) and len(stem) > len(RPC_SUFFIX) else stem
 
@@ -112,6 +128,8 @@ def path_elsewhere(path: str) -> str:
 
 def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     """Open an image as `open_image` does; return also where its RPC came from, for the log."""
+    if isinstance(path, ImageInMemory):
+        return path.image, FoundRpc(path.image.rpc, "in memory", size=path.image.size)
     path = os.fspath(path)
     alone = read_rpc_file(path)
     if alone is not None:

@@ -96,6 +96,9 @@ class TiePoints(NamedTuple):
     warnings: tuple[str, ...]
     holds: tuple[ImageHold, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<TiePoints: {len(self.ground)} points, {len(self.image_points)} measurements, {len(self.pairs)} pairs>"
+
 
 def find_tie_points(
     images: Sequence[Image],

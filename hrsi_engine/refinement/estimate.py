@@ -39,7 +39,7 @@ WEIGHED = 3  # times that the weights are computed, the start's included
 CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Control(Columns):
     """Ground points measured on one image.
 
@@ -125,6 +125,10 @@ class Estimate:
     iterations: int
     converged: bool
     status: str
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{value:.6g}" for value in self.values)
+        return f"<Estimate [{values}]: sigma0 {self.sigma0:.3f}, {self.status}>"
 
     @property
     def sigmas(self) -> np.ndarray:

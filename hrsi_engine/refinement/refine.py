@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -25,6 +26,18 @@ UNCERTAIN_PX = 10.0  # standard deviation of the corrected image at its edges be
 UNDETERMINED_PX = 1e3  # beyond which the control determines nothing there
 
 
+class HasRpc(Protocol):
+    """An RPC that was found, with its image's samples and lines where they are known."""
+
+    @property
+    def rpc(self) -> RPC:
+        """The camera."""
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Samples and lines."""
+
+
 @dataclass(frozen=True, eq=False)
 class Refinement:
     """A refined image.
@@ -40,6 +53,12 @@ class Refinement:
     left_out: tuple[SuspectGcp, ...] = ()
     choice: Choice | None = None
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"<Refinement of {self.image.id}, model {self.model.name}: sigma0 {self.estimate.sigma0:.3f} from "
+            f"{len(self.control)} GCPs, {len(self.left_out)} left out>"
+        )
 
     @cached_property
     def refined(self) -> RefinedRPC:
@@ -57,7 +76,7 @@ class Refinement:
 
 
 def refine_rpc(
-    image: Image | RPC,
+    image: Image | RPC | HasRpc,
     ground: np.ndarray,
     xy: np.ndarray,
     *,
@@ -71,8 +90,8 @@ def refine_rpc(
 
     Parameters
     ----------
-    image : Image or RPC
-        The image, or its RPC alone (then the image area is taken from OFF and SCALE).
+    image : Image, RPC, or what `read_rpc` returns
+        The image, or its RPC alone (without its size the image area is taken from OFF and SCALE).
     ground : (n, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     xy : (n, 2) ndarray
@@ -102,6 +121,8 @@ def refine_rpc(
     """
     if isinstance(image, RPC):
         image = Image("image", image)
+    elif not isinstance(image, Image):
+        image = Image("image", image.rpc, image.size)
     control = Control.create(ground, xy, ids, sigma_px, sigma_m)
     found = refine_image(image, control, RefineOptions(model, leave_out))
     # What in the input cannot be what it claims; of a block, its own check says so for all images together

@@ -53,6 +53,9 @@ class Residuals:
     before_px: np.ndarray
     tie_before_px: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"<Residuals of {len(self.ground_m)} points and {len(self.measured_px)} measurements>"
+
 
 def residuals(result: Adjustment) -> Residuals:
     """Return all residuals of an adjustment.

@@ -101,6 +101,9 @@ class SimulatedBlock:
     block: Block
     truth: Truth
 
+    def __repr__(self) -> str:
+        return f"<SimulatedBlock: {self.block!r}>"
+
     @property
     def acquisitions(self) -> tuple[Acquisition, ...]:
         """The dates of the views, in the order of time; none where all were taken on one day."""

@@ -149,7 +149,7 @@ def _name_outputs(
     folder = options.folder.output_dir
     for image in images:
         output = os.path.join(folder, names[image.id]) if image.id in names else None
-        if how == IN_PLACE and image.raster is not None:
+        if how == IN_PLACE and image.raster is not None and image.path:
             output = image.path
         report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
     files = {"report": REPORT_FILE, "layers": LAYERS_FILE} | ({"html": PAGE_FILE} if options.report else {})

@@ -10,6 +10,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any, TypeVar
 
+from ...hrsi_engine.foundation.in_memory import InMemory
 from ...hrsi_engine.foundation.interruption import quitting_on_signals
 from ...hrsi_engine.foundation.options import Option, nested_in, option_of
 from ...hrsi_engine.foundation.progress import Progress, stage
@@ -281,7 +282,8 @@ class Algorithm:
         files: list[str] = []
         for param in self.params:
             value = options.get(param.key) if param.kind in READ_KINDS else None
-            for text in [value] if isinstance(value, str) else value or ():
+            named = [value] if isinstance(value, str) else value or ()
+            for text in (name for name in named if not isinstance(name, InMemory)):
                 files += [part.partition("|")[0].strip() for part in (text, *text.split(";"))]
         return tuple(dict.fromkeys(filter(None, files)))
 

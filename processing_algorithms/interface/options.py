@@ -10,6 +10,7 @@ import math
 import numbers
 import os
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
@@ -17,8 +18,21 @@ from .declare import Algorithm, Kind, Param
 from .naming import option_label
 
 
-def checked_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Face:
+    """How a face calls options, and where it describes them (``{name}`` of an algorithm)."""
+
+    label: Callable[[Param], str] = option_label
+    help: str = "hrsi {name} --help"
+
+
+COMMAND_LINE = Face()
+
+
+def checked_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = COMMAND_LINE) -> dict[str, Any]:
     """Return every option of an algorithm by keyword: the given ones checked, the others at their default.
+
+    Messages name the options as the ``face`` does.
 
     Raises
     ------
@@ -29,10 +43,10 @@ def checked_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
     for key in given:
         if key not in known:
             raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
-    values = {param.key: _check(param, given.get(param.key)) for param in algorithm.params}
-    missing = [option_label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
+    values = {param.key: _check(param, given.get(param.key), face.label(param)) for param in algorithm.params}
+    missing = [face.label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
     if missing:
-        raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see hrsi {algorithm.name} --help")
+        raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see {face.help.format(name=algorithm.name)}")
     return values
 
 
@@ -53,34 +67,34 @@ def _is_empty(value: Any) -> bool:
     return value is None or value in ("", ())
 
 
-def _check(param: Param, value: Any) -> Any:
-    """Return the value of one option; its default where none is given."""
+def _check(param: Param, value: Any, label: str) -> Any:
+    """Return the value of one option; its default where none is given. ``label``: what messages call it."""
     if value is None:
         return param.default
     try:
         converted = VALUE_OF[param.kind](value)
     except (TypeError, ValueError):
-        raise InputError(f"{option_label(param)} {value!r} is not {EXPECTED[param.kind]}") from None
-    _check_choice(param, converted)
-    _check_range(param, converted)
+        raise InputError(f"{label} {value!r} is not {EXPECTED[param.kind]}") from None
+    _check_choice(param, converted, label)
+    _check_range(param, converted, label)
     return converted
 
 
-def _check_choice(param: Param, value: Any) -> None:
+def _check_choice(param: Param, value: Any, label: str) -> None:
     if param.kind is Kind.CHOICE and param.choices and value not in param.choices:
         near = suggestion(value, param.choices)
-        raise InputError(f"{option_label(param)} {value!r} is not one of {', '.join(param.choices)}{near}")
+        raise InputError(f"{label} {value!r} is not one of {', '.join(param.choices)}{near}")
 
 
-def _check_range(param: Param, value: Any) -> None:
+def _check_range(param: Param, value: Any, label: str) -> None:
     if param.kind not in (Kind.INTEGER, Kind.NUMBER, Kind.RANGE):
         return
     low, high = value if isinstance(value, tuple) else (value, value)
     unit = f" {param.unit}" if param.unit else ""
     if param.minimum is not None and low < param.minimum:
-        raise InputError(f"{option_label(param)} {low:g} is below its minimum {param.minimum:g}{unit}")
+        raise InputError(f"{label} {low:g} is below its minimum {param.minimum:g}{unit}")
     if param.maximum is not None and high > param.maximum:
-        raise InputError(f"{option_label(param)} {high:g} is above its maximum {param.maximum:g}{unit}")
+        raise InputError(f"{label} {high:g} is above its maximum {param.maximum:g}{unit}")
 
 
 def _text(value: Any) -> str:

@@ -111,6 +111,8 @@ def _check_images(images: Sequence[Image]) -> None:
     for image in images:
         if image.raster is None:
             raise InputError(f"{image.path}: an RPC file without pixels: name the image itself")
+        if not image.path:
+            raise InputError(f"{image.id} comes from arrays: save it as a GeoTIFF and name that")
         if image.id in seen:
             raise InputError(f"{seen[image.id]} and {image.path} would both become {image.id}_ortho.tif: rename one")
         seen[image.id] = image.path

@@ -6,6 +6,7 @@
 """
 
 from .find import POINT_READERS, read_points, several_specs
+from .in_memory import PointsInMemory
 from .interpret import PointTables
 from .ogr_layer import measurements_of
 from .table import PointReader, PointTable
@@ -15,6 +16,7 @@ __all__ = [
     "PointReader",
     "PointTable",
     "PointTables",
+    "PointsInMemory",
     "measurements_of",
     "read_points",
     "several_specs",

@@ -10,9 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...foundation.errors import InputError
+from ...foundation.in_memory import InMemory
 from ..datasets import check_advice
 from . import asp_gcp, asp_match, colmap, csv_text, hloc, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
+from .in_memory import PointsInMemory
 from .interpret import PointTables, interpret
 from .positions import Reference, Surface
 from .table import PointReader
@@ -51,7 +53,7 @@ def read_points(
     spec : str
         ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|image=ID`` says on which image
         the points were measured, where the file does not say it, ``MATCHES.h5|features=FILE`` which keypoints are
-        matched.
+        matched. Or `PointsInMemory`.
     ground_crs : str, optional
         CRS of positions in a file that names none, anything PROJ reads.
     height_datum : str
@@ -73,6 +75,9 @@ def read_points(
     InputError
         Names file, layer, row, field or id, and what to do.
     """
+    reference = Reference(ground_crs or "", height_datum, surface, adjusted)
+    if isinstance(spec, PointsInMemory):
+        return spec.tables(reference, image_ids)
     path, layer = split_spec(spec)
     table = point_reader_of(path).read(path, layer)
     image = _options(spec).get("image")
@@ -84,7 +89,7 @@ def read_points(
             listed = ", ".join(image_ids) or "none"
             raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
         table = replace(table, columns=table.columns | {"image": np.full(len(table), image)})
-    return interpret(table, Reference(ground_crs or "", height_datum, surface, adjusted), image_ids)
+    return interpret(table, reference, image_ids)
 
 
 def several_specs(text: str) -> list[str]:
@@ -92,6 +97,8 @@ def several_specs(text: str) -> list[str]:
 
     Raises `InputError` where none does.
     """
+    if isinstance(text, InMemory):
+        return [text]
     text = str(text)
     path, _, rest = text.partition("|")
     if os.path.exists(path) and ";" not in rest:  # a name may hold what else would be a separator

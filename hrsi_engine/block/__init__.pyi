@@ -1,0 +1,15 @@
+"""A block: its images, its ground and image points, and how its images see the ground."""
+
+# Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
+
+from .block import Block as Block
+from .block import Image as Image
+from .block import Raster as Raster
+from .block import assemble as assemble
+from .imaging_geometry import PairGeometry as PairGeometry
+from .imaging_geometry import ViewDirection as ViewDirection
+from .imaging_geometry import ViewGeometry as ViewGeometry
+from .imaging_geometry import all_pairs as all_pairs
+from .points import GroundPoints as GroundPoints
+from .points import ImagePoints as ImagePoints
+from .points import Role as Role

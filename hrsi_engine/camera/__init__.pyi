@@ -1,0 +1,9 @@
+"""The RPC camera: evaluation, inverse, and the fit of an RPC to correspondences."""
+
+# Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
+
+from .rpc import RPC as RPC
+from .rpc_fit import RpcFit as RpcFit
+from .rpc_fit import best_fit as best_fit
+from .rpc_fit import extrapolation_warnings as extrapolation_warnings
+from .rpc_fit import fit_rpc as fit_rpc

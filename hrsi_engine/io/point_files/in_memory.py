@@ -1,0 +1,185 @@
+"""Points that a program has in memory: tables of pandas and GeoPandas, columns by name, arrays, and HRSI's own columns.
+
+They become a `PointTable` as the rows of a file do, under the same field names, and `interpret` checks both alike. No
+library of tables is imported: a table is what has columns by name, one of places what has points with ``x`` and ``y``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...block.points import GroundPoints, ImagePoints
+from ...foundation.errors import InputError
+from ...foundation.in_memory import InMemory
+from .columns import TEXT_FIELDS, match_fields, numbers, strip_texts
+from .interpret import PointTables, interpret
+from .positions import Reference
+from .table import PointTable
+
+#: Columns of arrays without names: ground points, and image points of one image.
+ARRAY_COLUMNS = {3: ("lon", "lat", "height"), 2: ("sample", "line")}
+
+
+class PointsInMemory(InMemory):
+    """Points under the name by which messages call them.
+
+    Parameters
+    ----------
+    points : table, mapping of columns, array, GroundPoints, ImagePoints or PointTables
+        A table of pandas or GeoPandas, or a dict of columns, with the field names of point files; an array
+        ``(n, 3)`` of lon, lat in degrees and height, or ``(n, 2)`` of sample and line on the only image, row by row
+        the points 1, 2, …; or columns as the engine has them.
+    """
+
+    __slots__ = ("points",)
+    points: Any
+
+    def __new__(cls, points: Any) -> PointsInMemory:
+        """Name the points by their kind and number: ``DataFrame of 12 points``."""
+        made = super().__new__(cls, f"{type(points).__name__} of {_count(points)} points")
+        made.points = points
+        return made
+
+    def tables(self, reference: Reference, image_ids: Sequence[str]) -> PointTables:
+        """Return the points, checked as those of a file are.
+
+        Parameters
+        ----------
+        reference : Reference
+            What the coordinates refer to where the table leaves it open.
+        image_ids : sequence of str
+            Ids of the block's images.
+
+        Returns
+        -------
+        PointTables
+            The ground points and the image points.
+
+        Raises
+        ------
+        InputError
+            Names row, column or id, and what to do.
+        """
+        points = self.points
+        if isinstance(points, PointTables):
+            return points
+        if isinstance(points, GroundPoints):
+            return PointTables(points, None)
+        if isinstance(points, ImagePoints):
+            return PointTables(None, points)
+        return interpret(self.table(), reference, image_ids)
+
+    def table(self) -> PointTable:
+        """Return the rows as a reader of files hands them over, unchecked.
+
+        Returns
+        -------
+        PointTable
+            Under the field names of point files.
+
+        Raises
+        ------
+        InputError
+            Columns that differ in length, texts that are no numbers, or what is no table at all.
+        """
+        columns, labels, places = _columns_of(self.points), _row_labels(self.points), _places(self.points, self)
+        lengths = {name: len(column) for name, column in columns.items()}
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{name} {count}" for name, count in lengths.items())
+            raise InputError(f"{self}: its columns differ in length ({told}): give one value a point")
+
+        def at(row: int) -> str:
+            return f"row {labels[row]}"
+
+        position = match_fields(list(columns))
+        listed = list(columns)
+        fields = {field: self._field(field, columns[listed[index]], at) for field, index in position.items()}
+        xyz, crs = places if places is not None else (None, "")
+        return PointTable(str(self), fields, tuple(listed), at, xyz, crs)
+
+    def _field(self, field: str, values: Any, at: Callable[[int], str]) -> np.ndarray:
+        """Return a column as texts or numbers, empty or NaN where a value is missing."""
+        column = np.asarray(values)
+        if field not in TEXT_FIELDS and column.dtype.kind in "iufb":
+            return column.astype(np.float64)
+        texts = ["" if _is_missing(value) else _text_of(value) for value in column.tolist()]
+        if field in TEXT_FIELDS:
+            return strip_texts(texts, str(self), field)
+        return numbers(texts, lambda row: f"{self}, {at(row)}, column {field!r}", infinite=True)
+
+
+def _count(points: Any) -> int:
+    if isinstance(points, PointTables):
+        return sum(len(table) for table in (points.ground, points.image) if table is not None)
+    if isinstance(points, Mapping):
+        return max((len(column) for column in points.values()), default=0)
+    try:
+        return len(points)
+    except TypeError:
+        raise InputError(
+            f"points given as {type(points).__name__}: give a file, a table, columns by name, or an array"
+        ) from None
+
+
+def _columns_of(points: Any) -> dict[str, Any]:
+    """Return columns by name; the index of a table counts where it has a name."""
+    if isinstance(points, ImagePoints):
+        return {"id": points.ids, "image": points.image_ids, "sample": points.xy[:, 0], "line": points.xy[:, 1]}
+    if isinstance(points, GroundPoints):
+        return {"id": points.ids, **dict(zip(ARRAY_COLUMNS[3], points.ground.T, strict=True))}
+    if isinstance(points, Mapping):
+        return {str(name): values for name, values in points.items()}
+    if hasattr(points, "columns") and hasattr(points, "__getitem__"):
+        place = getattr(getattr(points, "geometry", None), "name", None) if _has_places(points) else None
+        columns = {str(name): points[name] for name in points.columns if name != place}
+        name = getattr(getattr(points, "index", None), "name", None)
+        return {str(name): points.index, **columns} if name is not None else columns
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] not in ARRAY_COLUMNS:
+        raise InputError(
+            f"points given as an array {array.shape}: give (n, 3) lon, lat, height or (n, 2) sample, line, "
+            "or a table with field names"
+        )
+    return {"id": np.arange(1, len(array) + 1), **dict(zip(ARRAY_COLUMNS[array.shape[1]], array.T, strict=True))}
+
+
+def _row_labels(points: Any) -> Sequence[Any]:
+    index = getattr(points, "index", None)
+    return list(index) if index is not None and not callable(index) else range(1, _count(points) + 1)
+
+
+def _has_places(points: Any) -> bool:
+    """Tell whether a table is one of GeoPandas, by what only such tables have."""
+    try:
+        return points.geometry is not None and hasattr(points, "crs")
+    except AttributeError:  # a GeoDataFrame without geometry says so
+        return False
+
+
+def _places(points: Any, name: str) -> tuple[np.ndarray, str] | None:
+    """Return x, y, z ``(n, 3)`` of a table of places and its CRS as WKT."""
+    if not _has_places(points):
+        return None
+    xyz = np.full((len(points), 3), np.nan)
+    for row, place in enumerate(points.geometry):
+        if place is None or place.is_empty:
+            continue
+        if place.geom_type != "Point":
+            raise InputError(f"{name}, row {row + 1}: its geometry is a {place.geom_type}: give points")
+        xyz[row] = place.x, place.y, place.z if place.has_z else np.nan
+    return xyz, "" if points.crs is None else points.crs.to_wkt()
+
+
+def _is_missing(value: Any) -> bool:
+    """Tell whether a value stands for none: None, NaN, NaT, pandas's NA."""
+    return (
+        value is None or type(value).__name__ in ("NAType", "NaTType") or (isinstance(value, float) and value != value)
+    )
+
+
+def _text_of(value: Any) -> str:
+    """Return a value as text; whole numbers that a table keeps as floats because others are missing stay whole."""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)

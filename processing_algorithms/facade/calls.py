@@ -1,0 +1,225 @@
+"""The declared algorithms as functions: ``hrsi.triangulate(images, gcps="gcps.gpkg")``.
+
+Each function is made from its declaration: parameters, defaults and description are those of the command line. What is
+given may be in memory (`given`), messages name the parameters, and without ``output_dir`` the results lie in a folder
+that goes when the `Result` does.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from collections.abc import Callable
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.foundation.errors import HrsiError, InputError
+from ...hrsi_engine.foundation.progress import Progress, silent
+from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
+from .. import REGISTRY
+from ..files.terrain import open_terrain
+from ..interface.declare import Algorithm, Context, made_options, params_of
+from ..interface.naming import spell_arguments
+from ..interface.option_groups import TerrainOptions
+from ..interface.options import Face, checked_options, suggestion
+from .given import taken
+from .opening import open as open_images
+from .result import Result
+from .signatures import described, function_name, signature_of
+
+#: Algorithms whose results are files for later work: those need a folder of the caller's.
+MAKES_FILES = frozenset({"orthorectify", "simulate"})
+#: What is written into a folder that goes with the result: RPCs alone, no copies of images, no page.
+BRIEF = {"write": "sidecar", "report": False}
+#: What says how high the ground is under points in arrays.
+TERRAIN = tuple(param.key for param in params_of(TerrainOptions))
+PYTHON = Face(lambda param: param.key, "help(hrsi.{name})")
+_OPTION = re.compile(r"--([a-z][a-z0-9-]*)")
+_log = logging.getLogger("hrsi")
+
+
+def declared_call(algorithm: Algorithm) -> Callable[..., Result]:
+    """Return the function that runs a declared algorithm.
+
+    Parameters
+    ----------
+    algorithm : Algorithm
+        The declaration.
+
+    Returns
+    -------
+    callable
+        With the declared options as parameters; returns a `Result`.
+    """
+    signature = signature_of(algorithm)
+
+    def call(*positional: Any, **named: Any) -> Result:
+        try:
+            given = signature.bind(*positional, **named).arguments
+        except TypeError as error:
+            unknown = next((key for key in named if key not in signature.parameters), None)
+            if unknown is None:
+                raise TypeError(f"hrsi.{call.__name__}: {error}") from None
+            near = suggestion(unknown, signature.parameters)
+            raise TypeError(f"hrsi.{call.__name__} has no parameter {unknown}{near}") from None
+        progress = given.pop("progress", None) or silent
+        return run_given(algorithm, given, progress)
+
+    call.__name__ = call.__qualname__ = function_name(algorithm.name)
+    call.__doc__ = described(algorithm)
+    call.__signature__ = signature  # type: ignore[attr-defined]
+    call.__module__ = __name__
+    return call
+
+
+def run_given(algorithm: Algorithm, given: dict[str, Any], progress: Progress) -> Result:
+    """Run an algorithm with what people give in Python; errors name the parameters."""
+    try:
+        options = taken(algorithm, given)
+        kept = None
+        keys = {param.key for param in algorithm.params}
+        needs_folder = any(param.key == "output_dir" and param.required for param in algorithm.params)
+        if needs_folder and "output_dir" not in options and algorithm.name not in MAKES_FILES:
+            kept = TemporaryDirectory(prefix="hrsi-")
+            brief = {key: value for key, value in BRIEF.items() if key in keys}
+            options = {**brief, **options, "output_dir": kept.name, "overwrite": True}
+        checked = checked_options(algorithm, options, PYTHON)
+        report = algorithm.execute(checked, Context(progress, lambda text: _log.info(_spelt(text, algorithm))))
+    except HrsiError as error:
+        raise type(error)(_spelt(str(error), algorithm)) from error.__cause__
+    return Result(report, options.get("output_dir"), kept)
+
+
+def _spelt(text: str, algorithm: Algorithm) -> str:
+    """Return a message with the options that it names as parameters: ``sigma_image`` for ``--sigma-image``."""
+    keys = {param.name: param.key for param in algorithm.params}
+    spelt = spell_arguments(text, algorithm.params, lambda param: param.key)
+    return _OPTION.sub(lambda found: keys.get(found[1], found[0]), spelt)
+
+
+# ---- points in arrays ------------------------------------------------------------------------------------------------
+
+
+def project(images: Any, points: Any, **options: Any) -> Any:
+    """Return where ground points lie in an image; arrays give arrays.
+
+    Parameters
+    ----------
+    images : image, or several with a table
+        What `open` takes, or what it returned.
+    points : (n, 3) or (n, 2) array, table, or file
+        Lon, lat in degrees and ellipsoidal height; without heights ``height`` or ``dem`` says how high the ground is.
+        Tables and files as of the command line.
+    **options : Any
+        ``height``, ``dem``, ``dem_datum``, ``height_datum``; with a table or a file every option of ``hrsi project``.
+
+    Returns
+    -------
+    (n, 2) ndarray or Result
+        Sample, line in pixels, (0, 0) is the centre of the first pixel; NaN where an image has no answer. Of a table
+        or a file a `Result`, whose `Result.points` has the columns id, image, sample, line.
+
+    Raises
+    ------
+    HrsiError
+        Points without height where nothing says how high the ground is.
+    """
+    if not _is_array(points):
+        return DECLARED["project"](images, points=points, **options)
+    image, given = _single(images), np.asarray(points, dtype=np.float64)
+    ground = _points_of_shape(given, (2, 3), "points", "lon, lat and height")
+    surface = _terrain("project", options)
+    if ground.shape[1] == 2:
+        ground = np.column_stack([ground, np.full(len(ground), np.nan)])
+    without = np.isnan(ground[:, 2])
+    if without.any() and surface is None:
+        raise InputError("points have no heights: give (n, 3), or height or dem")
+    if without.any() and surface is not None:
+        ground = ground.copy()
+        ground[without, 2] = surface_heights(surface, ground[without, :2])
+    found = image.rpc.project(ground)
+    return found[0] if given.ndim == 1 else found
+
+
+def localize(images: Any, points: Any, **options: Any) -> Any:
+    """Return where the rays of image points meet the ground; arrays give arrays.
+
+    Parameters
+    ----------
+    images : image, or several with a table
+        What `open` takes, or what it returned.
+    points : (n, 2) or (n, 3) array, table, or file
+        Sample and line in pixels, (0, 0) is the centre of the first pixel; with an ellipsoidal height each, or
+        ``height`` or ``dem``. Tables and files as of the command line.
+    **options : Any
+        ``height``, ``dem``, ``dem_datum``, ``height_datum``; with a table or a file every option of ``hrsi localize``.
+
+    Returns
+    -------
+    (n, 3) ndarray or Result
+        Lon, lat in degrees, ellipsoidal height in metres; NaN where a ray meets no ground. Of a table or a file a
+        `Result`, whose `Result.points` has the columns id, image, lon, lat, height, status.
+
+    Raises
+    ------
+    HrsiError
+        Points without height where nothing says how high the ground is.
+    """
+    if not _is_array(points):
+        return DECLARED["localize"](images, points=points, **options)
+    image, given = _single(images), np.asarray(points, dtype=np.float64)
+    places = _points_of_shape(given, (2, 3), "points", "sample, line and height")
+    surface = _terrain("localize", options)
+    if places.shape[1] == 3:
+        found = image.rpc.localize(places[:, :2], places[:, 2]).ground
+    elif surface is None:
+        raise InputError("points have no heights: give (n, 3), or height or dem")
+    else:
+        found = intersect_surface(image.rpc, places, surface).ground
+    return found[0] if given.ndim == 1 else found
+
+
+def _is_array(points: Any) -> bool:
+    """Tell whether points are numbers without names: an array, or a list of numbers or of rows."""
+    if isinstance(points, (list, tuple)):
+        return bool(len(points)) and not isinstance(points[0], (str, os.PathLike))
+    return isinstance(points, np.ndarray) and points.dtype.names is None
+
+
+def _single(images: Any) -> Image:
+    one = images[0] if isinstance(images, (list, tuple)) and len(images) == 1 else images
+    if isinstance(one, (list, tuple)):
+        raise InputError("an array of points belongs to one image: give one, or a table with the column image")
+    found = open_images(one) if not hasattr(one, "rpc") else one
+    return found
+
+
+def _points_of_shape(points: np.ndarray, widths: tuple[int, ...], name: str, what: str) -> np.ndarray:
+    rows = np.atleast_2d(points)
+    if rows.ndim != 2 or rows.shape[1] not in widths:
+        raise InputError(f"{name} has the shape {points.shape}: give (n, {' or '.join(map(str, widths))}), {what}")
+    return rows
+
+
+def _terrain(name: str, options: dict[str, Any]) -> HeightSurface | None:
+    """Return the ground that the options of `project` and `localize` name."""
+    algorithm = REGISTRY[name]
+    unknown = [key for key in options if key not in TERRAIN]
+    if unknown:
+        raise InputError(f"{name} of arrays has no parameter {unknown[0]}: it has {', '.join(TERRAIN)}")
+    checked = checked_options(algorithm, taken(algorithm, {"images": "image", **options}), PYTHON)
+    return open_terrain(made_options(TerrainOptions, checked))
+
+
+DECLARED = {function_name(name): declared_call(algorithm) for name, algorithm in REGISTRY.items()}
+
+
+def __getattr__(name: str) -> Any:
+    """Return the function of an algorithm."""
+    if name not in DECLARED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return DECLARED[name]

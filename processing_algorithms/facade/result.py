@@ -1,0 +1,250 @@
+"""What a call of the facade returns: the report, and the tables and files that the algorithm wrote, read when asked."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Mapping
+from importlib import import_module, util
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from ...hrsi_engine.camera.rpc import RPC
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.json_files import read_json
+from ...hrsi_engine.io.layer_tables import geopackage_layers, read_layer_table
+from ...hrsi_engine.io.rpc_files import read_rpc
+from .. import REGISTRY
+from ..interface.declare import Report
+from ..interface.naming import spell_arguments
+
+REPORT_FILE = "report.json"
+_PATTERN = "*.gpkg"
+#: Layers that hold what a short name means, the first one that is there.
+SHORT_NAMES = {
+    "images": ("images",),
+    "points": ("ground_points",),
+    "image_points": ("image_points",),
+    "residuals": ("residuals_wgs84", "residuals_utm"),
+}
+
+
+class Result:
+    """The result of an algorithm; made by the functions of `hrsi`, or by `hrsi.read_result` from a folder.
+
+    Parameters
+    ----------
+    report : dict
+        The report, as ``report.json`` has it.
+    folder : path, optional
+        Where the files lie; None where nothing was written.
+    kept : TemporaryDirectory, optional
+        A folder that goes with the result: where no ``output_dir`` was given.
+    """
+
+    def __init__(
+        self,
+        report: Report,
+        folder: str | os.PathLike[str] | None = None,
+        kept: TemporaryDirectory[str] | None = None,
+    ) -> None:
+        self.report = report
+        self.folder = None if folder is None else Path(folder)
+        self._kept = kept
+
+    @property
+    def algorithm(self) -> str:
+        """Name of the algorithm: ``triangulate``."""
+        return str(self.report["algorithm"])
+
+    @property
+    def verdict(self) -> str:
+        """``ok``, ``doubtful`` or ``unusable``; empty where an algorithm judges nothing."""
+        return str(self.report.get("verdict", {}).get("level", ""))
+
+    @property
+    def reasons(self) -> list[dict[str, Any]]:
+        """What to look into, the worst first: ``code``, ``level``, ``message``, ``advice``, ``images``, ``points``."""
+        return list(self.report.get("verdict", {}).get("reasons", []))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know besides."""
+        return [self._spelt(text) for text in self.report.get("warnings", [])]
+
+    def summary(self) -> str:
+        """Return the lines that the command line prints at the end."""
+        return self._spelt(REGISTRY[self.algorithm].summarise(self.report))
+
+    # ---- tables ------------------------------------------------------------------------------------------------------
+
+    @property
+    def tables(self) -> list[str]:
+        """Names of the layers that were written, for `table`."""
+        return list(self._layers())
+
+    def table(self, name: str) -> Any:
+        """Return a layer.
+
+        Parameters
+        ----------
+        name : str
+            One of `tables`.
+
+        Returns
+        -------
+        pandas.DataFrame or dict of arrays
+            A dict where pandas is not installed. Positions are ``lon, lat`` or ``x, y``; footprints ``geometry``
+            (shapely), as GeoPandas takes them.
+
+        Raises
+        ------
+        InputError
+            There is no such layer.
+        """
+        layers = self._layers()
+        if name not in layers:
+            raise InputError(f"{self.algorithm} has no table {name!r}: it has {', '.join(layers) or 'none'}")
+        return _frame(read_layer_table(layers[name], name))
+
+    @property
+    def images(self) -> Any:
+        """Footprints of the images, one row each."""
+        return self._short("images")
+
+    @property
+    def points(self) -> Any:
+        """The points on the ground, adjusted, with standard deviations; of `project` and `localize` what they found."""
+        listed = self.report.get("points")
+        if self.folder is None and isinstance(listed, list):
+            names = listed[0].keys() if listed else ()
+            return _frame({name: _column([row[name] for row in listed]) for name in names})
+        return self._short("points")
+
+    @property
+    def image_points(self) -> Any:
+        """The measurements with their residuals, weights and flags; of `tie_points` what was found."""
+        return self._short("image_points")
+
+    @property
+    def residuals(self) -> Any:
+        """The residuals, a row for each known point (``level`` ground) and each measurement (``level`` image)."""
+        return self._short("residuals")
+
+    # ---- files -------------------------------------------------------------------------------------------------------
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of the result."""
+        return [] if self.folder is None else sorted(path for path in self.folder.rglob("*") if path.is_file())
+
+    @property
+    def rpcs(self) -> dict[str, RPC]:
+        """The refined RPCs by image id.
+
+        Raises `InputError` where none was written, with the reason of the verdict.
+        """
+        images = self.report.get("images", {})
+        outputs = {name: entry.get("output") for name, entry in images.items()} if isinstance(images, Mapping) else {}
+        written = {name: self._moved(path) for name, path in outputs.items() if path}
+        if not written:
+            worst = next((reason["message"] for reason in self.reasons), "none was asked for")
+            raise InputError(f"{self.algorithm} wrote no refined RPC: {worst} (`write`, `force_write`)")
+        return {name: read_rpc(path).rpc for name, path in written.items()}
+
+    def _moved(self, path: str) -> str:
+        """Return where a file lies now: a result folder may have been moved."""
+        here = self.folder / os.path.basename(path) if self.folder is not None else Path(path)
+        return str(here) if here.exists() else path
+
+    def _layers(self) -> dict[str, str]:
+        """Return each layer's file by its name."""
+        files = sorted(self.folder.glob(_PATTERN)) if self.folder is not None else []
+        return {name: str(file) for file in files for name in geopackage_layers(str(file))}
+
+    def _short(self, name: str) -> Any:
+        there = self._layers()
+        declared = [layer.rpartition("layername=")[2] for layer in REGISTRY[self.algorithm].layers]
+        others = [] if name == "images" else [layer for layer in declared if layer != "images"]
+        found = next((layer for layer in (*SHORT_NAMES[name], *others) if layer in there), None)
+        if found is None:
+            raise InputError(f"{self.algorithm} has no {name}: its tables are {', '.join(there) or 'none'}")
+        return self.table(found)
+
+    def _spelt(self, text: str) -> str:
+        return spell_arguments(text, REGISTRY[self.algorithm].params, lambda param: param.key)
+
+    # ---- how it shows itself -----------------------------------------------------------------------------------------
+
+    def _headline(self) -> str:
+        verdict = self.report.get("verdict")
+        if verdict:
+            return f"{verdict['level']}: {self._spelt(verdict['sentence'])}"
+        lines = self.summary().strip().splitlines()
+        return lines[0] if lines else "done"
+
+    def __repr__(self) -> str:
+        line = self._headline()
+        return f"<{self.algorithm}: {line if len(line) <= 200 else line[:199] + '…'}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the verdict, its reasons, and control and check points."""
+        parts = [f"<p><b>{html.escape(self.algorithm)}</b> {html.escape(self._headline())}</p>"]
+        if self.reasons:
+            told = (f"{html.escape(self._spelt(r['message']))} <i>{html.escape(self._spelt(r['advice']))}</i>"
+                    for r in self.reasons)  # fmt: skip
+            parts.append(f"<ul>{''.join(f'<li>{text}</li>' for text in told)}</ul>")
+        rows = [(role, self.report[role]) for role in ("control", "check") if self.report.get(role, {}).get("points")]
+        if rows:
+            keys = [key for key in rows[0][1] if key.startswith("rmse_")]
+            head = "".join(f"<th>{key.removeprefix('rmse_').replace('_', ' ')}</th>" for key in keys)
+            body = "".join(
+                f"<tr><td>{role}</td><td>{figures['points']}</td>"
+                + "".join(f"<td>{_shown(figures.get(key))}</td>" for key in keys)
+                + "</tr>"
+                for role, figures in rows
+            )
+            parts.append(f"<table><tr><th>RMSE</th><th>points</th>{head}</tr>{body}</table>")
+        return "".join(parts)
+
+
+def read_result(folder: str | os.PathLike[str]) -> Result:
+    """Return the result that an earlier run left in a folder, of the command line, of QGIS or of Python.
+
+    Parameters
+    ----------
+    folder : path
+        The run's ``output_dir``.
+
+    Returns
+    -------
+    Result
+        Its report, tables and files.
+
+    Raises
+    ------
+    InputError
+        The folder holds no ``report.json`` of HRSI.
+    """
+    path = Path(folder) / REPORT_FILE
+    report = read_json(str(path), "report")
+    if not isinstance(report, dict) or report.get("algorithm") not in REGISTRY:
+        raise InputError(f"{path}: is no report of HRSI: name the output directory of a run")
+    return Result(report, folder)
+
+
+def _shown(value: Any) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _column(values: list[Any]) -> np.ndarray:
+    numbers = all(value is None or isinstance(value, (int, float)) for value in values)
+    return np.array([np.nan if value is None else value for value in values]) if numbers else np.array(values)
+
+
+def _frame(columns: dict[str, np.ndarray]) -> Any:
+    """Return columns as a table of pandas where that is installed."""
+    return columns if util.find_spec("pandas") is None else import_module("pandas").DataFrame(columns)
