@@ -208,8 +208,8 @@ def triangulate(
     min_overlap : float, optional
         Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find the tie points (they must see the images under
-        the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers do the work (they must see the files under the same
+        paths); by default threads of this machine do.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.
@@ -358,8 +358,8 @@ def tie_points(
     min_overlap : float, optional
         Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find the tie points (they must see the images under
-        the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers do the work (they must see the files under the same
+        paths); by default threads of this machine do.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.
@@ -670,8 +670,8 @@ def evaluate(
     min_overlap : float, optional
         Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find the tie points (they must see the images under
-        the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers do the work (they must see the files under the same
+        paths); by default threads of this machine do.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.
@@ -1533,6 +1533,10 @@ def orthorectify(
     nodata: str | None = None,
     format: Literal["cog", "gtiff"] = "cog",
     compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
+    scheduler: str | None = None,
+    scheduler_ca: Path | None = None,
+    scheduler_certificate: Path | None = None,
+    scheduler_key: Path | None = None,
     output_dir: Path | None = None,
     overwrite: bool = False,
     report: bool = True,
@@ -1545,8 +1549,9 @@ def orthorectify(
     cloud-optimised GeoTIFF. All pixels lie on one lattice, so that the orthoimages of a block register
     pixel to pixel. Heights of the DEM are brought to the ellipsoid. Positions are right to
     ``error_px``; the report states what was found at random pixels. Orthoimages that were made before
-    from the same files with the same options are kept, so a stopped run goes on where it was. Ground
-    hidden from the sensor shows what hides it.
+    from the same files with the same options are kept, so a stopped run goes on where it was. With
+    ``scheduler`` the tiles are warped by the workers of a Dask scheduler and written here, the same
+    bytes. Ground hidden from the sensor shows what hides it.
 
     Parameters
     ----------
@@ -1592,6 +1597,16 @@ def orthorectify(
         cog).
     compression : str, optional
         Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers do the work (they must see the files under the same
+        paths); by default threads of this machine do.
+    scheduler_ca : path, optional
+        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
+        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
+    scheduler_certificate : path, optional
+        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
+    scheduler_key : path, optional
+        Private key (PEM) of that certificate, where it is not in the same file.
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
