@@ -93,6 +93,7 @@ def triangulate(
     dense: bool = False,
     partners: int = 8,
     min_overlap: float = 0.02,
+    matches: Points | None = None,
     scheduler: str | None = None,
     scheduler_ca: Path | None = None,
     scheduler_certificate: Path | None = None,
@@ -207,6 +208,9 @@ def triangulate(
         those that a probe says will match, in spanning trees of the block (at least 1; default 8).
     min_overlap : float, optional
         Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+    matches : path or table or array or GroundPoints or ImagePoints, optional
+        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
+        each is measured anew by least-squares matching and judged as those found here.
     scheduler : str, optional
         Address of a Dask scheduler whose workers do the work (they must see the files under the same
         paths); by default threads of this machine do.
@@ -303,6 +307,7 @@ def tie_points(
     dense: bool = False,
     partners: int = 8,
     min_overlap: float = 0.02,
+    matches: Points | None = None,
     scheduler: str | None = None,
     scheduler_ca: Path | None = None,
     scheduler_certificate: Path | None = None,
@@ -357,6 +362,9 @@ def tie_points(
         those that a probe says will match, in spanning trees of the block (at least 1; default 8).
     min_overlap : float, optional
         Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+    matches : path or table or array or GroundPoints or ImagePoints, optional
+        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
+        each is measured anew by least-squares matching and judged as those found here.
     scheduler : str, optional
         Address of a Dask scheduler whose workers do the work (they must see the files under the same
         paths); by default threads of this machine do.
@@ -582,6 +590,7 @@ def evaluate(
     dense: bool = False,
     partners: int = 8,
     min_overlap: float = 0.02,
+    matches: Points | None = None,
     scheduler: str | None = None,
     scheduler_ca: Path | None = None,
     scheduler_certificate: Path | None = None,
@@ -669,6 +678,9 @@ def evaluate(
         those that a probe says will match, in spanning trees of the block (at least 1; default 8).
     min_overlap : float, optional
         Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+    matches : path or table or array or GroundPoints or ImagePoints, optional
+        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
+        each is measured anew by least-squares matching and judged as those found here.
     scheduler : str, optional
         Address of a Dask scheduler whose workers do the work (they must see the files under the same
         paths); by default threads of this machine do.
