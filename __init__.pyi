@@ -1,7 +1,7 @@
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, Protocol, TypeAlias, overload
 
 import numpy as np

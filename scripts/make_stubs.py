@@ -27,7 +27,7 @@ ARRAY_FUNCTIONS = {
 }
 HEAD = '''
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, Protocol, TypeAlias, overload
 
 import numpy as np
