@@ -21,7 +21,7 @@ register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio)
 
 
 def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
-    """Return what `project` needs of some RPCs.
+    """Return what `project_compiled` needs of some RPCs.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
 
 
 @njit(**OPTIONS)
-def project(
+def project_compiled(
     rpcs: Arrays, i: int, lon: float, lat: float, height: float, east: float, north: float, terms: np.ndarray,
     computed: np.ndarray, by_ground: np.ndarray, a: int,
 ) -> None:  # fmt: skip

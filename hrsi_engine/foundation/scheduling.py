@@ -20,7 +20,7 @@ from .cluster import OnWorker, connected
 from .progress import Progress, advance, silent
 from .threads import thread_count
 
-Result = dict[str, np.ndarray]
+PartResult = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class WorkPart:
     """
 
     key: str
-    function: Callable[..., Result]
+    function: Callable[..., PartResult]
     job: Any
     needs: tuple[str, ...] = ()
     keep: bool = True
@@ -54,15 +54,15 @@ class WorkPart:
 class Keeper(Protocol):
     """Keeps results of finished parts between runs; `hrsi_engine.io` has one that writes files."""
 
-    def load(self, key: str) -> Result | None:
+    def load(self, key: str) -> PartResult | None:
         """Return what was kept under a key; None where there is nothing, or nothing whole."""
 
-    def save(self, key: str, result: Result) -> None:
+    def save(self, key: str, result: PartResult) -> None:
         """Keep a result."""
 
 
 Graph = dict[str, tuple]
-Done = Callable[[str, Result], None]
+Done = Callable[[str, PartResult], None]
 Scheduler = Callable[[Graph, Sequence[str], Done], None]
 
 
@@ -72,7 +72,7 @@ def run_parts(
     scheduler: Scheduler,
     keeper: Keeper | None = None,
     progress: Progress = silent,
-) -> dict[str, Result]:
+) -> dict[str, PartResult]:
     """Run parts and return the results of the wanted ones; kept ones are read, the others run with what they need.
 
     Parts that were finished before a cancellation are kept.
@@ -101,7 +101,7 @@ def run_parts(
         When ``progress`` asks to stop.
     """
     by_key = {part.key: part for part in parts}
-    results: dict[str, Result] = {}
+    results: dict[str, PartResult] = {}
     for key in dict.fromkeys(wanted):
         kept = keeper.load(key) if keeper is not None and by_key[key].keep else None
         if kept is not None:
@@ -109,7 +109,7 @@ def run_parts(
     missing = [key for key in dict.fromkeys(wanted) if key not in results]
     before = len(results)
 
-    def done(key: str, result: Result) -> None:
+    def done(key: str, result: PartResult) -> None:
         if keeper is not None and by_key[key].keep:
             keeper.save(key, result)
         results[key] = result
@@ -138,10 +138,10 @@ def _graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
 class _Call:
     """A function with its job: Dask sees one callable, and looks for no tasks inside the job."""
 
-    function: Callable[..., Result]
+    function: Callable[..., PartResult]
     job: Any
 
-    def __call__(self, *needed: Result) -> Result:
+    def __call__(self, *needed: PartResult) -> PartResult:
         return self.function(self.job, *needed)
 
 
@@ -184,7 +184,7 @@ def _threads(count: int) -> Scheduler:
 
         asked = set(wanted)
 
-        def after(key: str, result: Result, *_state: Any) -> None:
+        def after(key: str, result: PartResult, *_state: Any) -> None:
             if key in asked:
                 done(key, result)
 

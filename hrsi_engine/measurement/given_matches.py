@@ -17,7 +17,7 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import InputError
 from ..foundation.progress import Progress, silent
-from ..foundation.scheduling import Result, Scheduler, WorkPart, open_scheduler, run_parts
+from ..foundation.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
 from .block_matching import joining
 from .block_matching.links import hold_images, judge_links, without_links
 from .block_matching.overlaps import coarseness, resolution_step
@@ -158,7 +158,7 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
         yield GivenJob(first, images[first], window, pairs)
 
 
-def measure_given(job: GivenJob) -> Result:
+def measure_given(job: GivenJob) -> PartResult:
     """Return the matches of a job that are found again, as `block_matching.star.match_stars` does."""
     rows = []
     tile = read_tile(job.reference, job.window.grown(TILE_BORDER_PX))

@@ -19,7 +19,7 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import InputError, list_ids
 from ..foundation.progress import Progress, silent, stage
-from ..foundation.scheduling import Keeper, Result, Scheduler, WorkPart, digest, open_scheduler, run_parts
+from ..foundation.scheduling import Keeper, PartResult, Scheduler, WorkPart, digest, open_scheduler, run_parts
 from ..foundation.version import VERSION
 from ..surface.dem import HeightSurface
 from .block_matching import coarse, joining, overlaps, plan
@@ -200,9 +200,9 @@ class _Search:
             raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
         self._scheduler, self._keeper = scheduler, keeper
         self._marks = {index: _mark(images[index]) for index in self.usable}
-        self._features: list[Result] = []  # of the overviews, where pairs are probed
+        self._features: list[PartResult] = []  # of the overviews, where pairs are probed
         self._terrain: dict[int, np.ndarray] = {}
-        self._results: list[tuple[int, Result]] = []
+        self._results: list[tuple[int, PartResult]] = []
         self._matched = 0  # pairs whose windows were matched
         self.choice: PairChoice | None = None  #: who chooses the pairs, where there are more than can be matched
         self.pairs: list[_EstimatedPair] = []

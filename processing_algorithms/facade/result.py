@@ -21,7 +21,6 @@ from .. import REGISTRY
 from ..interface.declare import Report
 from ..interface.naming import spell_arguments
 
-REPORT_FILE = "report.json"
 _PATTERN = "*.gpkg"
 #: Layers that hold what a short name means, the first one that is there.
 SHORT_NAMES = {
@@ -229,7 +228,7 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
     InputError
         The folder holds no ``report.json`` of HRSI.
     """
-    path = Path(folder) / REPORT_FILE
+    path = Path(folder) / "report.json"
     report = read_json(str(path), "report")
     if not isinstance(report, dict) or report.get("algorithm") not in REGISTRY:
         raise InputError(f"{path}: is no report of HRSI: name the output directory of a run")

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
-from ...foundation.scheduling import Result
+from ...foundation.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import epipolar_miss, transfer
 from ..tile_matching.features import descriptors_of_negative, root_sift
@@ -91,7 +91,7 @@ def reduce_range(rpc: RPC, step: int) -> RPC:
     )  # fmt: skip
 
 
-def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
+def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
     """Return ``first_xy``, ``second_xy (n, 2)`` (full-resolution px) of the matches that agree, and ``contrasts``.
 
     Where the overviews have too little in common, windows of a finer resolution are compared.
@@ -104,7 +104,7 @@ def match_overviews(job: CoarseJob, first: Result, second: Result) -> Result:
     return found
 
 
-def _agreeing_in_any_contrast(job: CoarseJob, first: Result, second: Result) -> Result:
+def _agreeing_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
     """Return the matches that agree, of the second image as it is; where they are few, of its negative or of both."""
     found = _agreeing(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
@@ -120,7 +120,7 @@ def _agreeing_in_any_contrast(job: CoarseJob, first: Result, second: Result) -> 
     return max(zip((found, *others), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[0]
 
 
-def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
+def _agreeing(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
     """Return the matches of features that agree with one offset between the images."""
     rpcs = [reduce_range(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
     xy = [(part["xy"] - (step - 1) / 2.0) / step for part, step in zip((first, second), job.steps, strict=True)]
@@ -144,7 +144,7 @@ def _agreeing(job: CoarseJob, first: Result, second: Result) -> Result:
     return {"first_xy": first["xy"][best[:, 0]], "second_xy": second["xy"][best[:, 1]]}
 
 
-def _probes(job: CoarseJob) -> tuple[Result, Result]:
+def _probes(job: CoarseJob) -> tuple[PartResult, PartResult]:
     """Return the features of windows of the first image and of the places in the second that may show them."""
     geometry = TilePairGeometry(
         job.first.rpc,
@@ -152,7 +152,7 @@ def _probes(job: CoarseJob) -> tuple[Result, Result]:
         *job.heights,
         margin_px=(BAND_GROWTH[1] * job.margin_px, BAND_GROWTH[1] * job.margin_px),
     )
-    found: tuple[list[Result], list[Result]] = ([], [])
+    found: tuple[list[PartResult], list[PartResult]] = ([], [])
     side = COARSE_PROBE_PX * job.steps[0]
     for centre in job.first.grid_px(COARSE_PROBES, COARSE_PROBES, margin=-1.0 / COARSE_PROBES).round().astype(int):
         window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
@@ -165,7 +165,7 @@ def _probes(job: CoarseJob) -> tuple[Result, Result]:
     return _joined_features(found[0]), _joined_features(found[1])
 
 
-def _joined_features(parts: list[Result]) -> Result:
+def _joined_features(parts: list[PartResult]) -> PartResult:
     if not parts:
         return {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
     return {name: np.concatenate([part[name] for part in parts]) for name in ("xy", "descriptors")}
@@ -239,7 +239,7 @@ class PairEstimate(NamedTuple):
     matches: int
 
 
-def estimate_pair(job: CoarseJob, found: Result) -> PairEstimate | None:
+def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     """Return the offset and the heights that matches stand for; None where they are too few to tell."""
     first_xy, second_xy = found["first_xy"], found["second_xy"]
     if len(first_xy) < FEWEST_AGREEING:

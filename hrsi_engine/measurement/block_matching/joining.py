@@ -34,7 +34,7 @@ from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.scheduling import Result
+from ...foundation.scheduling import PartResult
 from ..tile_matching.epipolar import MIN_STRETCH, EpipolarMiss, epipolar_miss
 from ..tile_matching.rpc_consistency import PARALLAX_JUMP_PX
 from ..tracks import spread_over_image
@@ -78,7 +78,7 @@ class BlockMatches(Columns):
         return len(self.track)
 
 
-def collect_matches(results: Sequence[tuple[int, Result]]) -> BlockMatches:
+def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
     """Put the results of all star jobs together; each comes with the number of its reference."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
     used = [(number, result) for number, result in results if len(result["partner"])]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ...block.block import Image
-from ...foundation.scheduling import Result
+from ...foundation.scheduling import PartResult
 from ..tile_matching.features import SIFT_CONTRAST, stretch_to_byte
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
@@ -34,17 +34,17 @@ def overview_step(size: tuple[int, int]) -> int:
     return max(1, round(longest / min(max(longest / 8.0, SMALLEST_PX), LARGEST_PX)))
 
 
-def overview_features(job: OverviewJob) -> Result:
+def overview_features(job: OverviewJob) -> PartResult:
     """Return positions ``xy (k, 2)`` in full-resolution pixels and SIFT descriptors ``(k, 128)`` of 8 bit."""
     return features_of(read_overview(job.image, job.step), FEATURES)
 
 
-def hand_over(features: Result) -> Result:
+def hand_over(features: PartResult) -> PartResult:
     """Return features that were found before, as a part of the work whose result others need."""
     return features
 
 
-def features_of(tile: ImageTile, most: int) -> Result:
+def features_of(tile: ImageTile, most: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest everywhere first."""
     found = [
         _features(tile, column, row)

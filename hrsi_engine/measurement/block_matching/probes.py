@@ -15,7 +15,7 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.imaging_geometry import rays_up
-from ...foundation.scheduling import Result
+from ...foundation.scheduling import PartResult
 from ..tile_matching.epipolar import epipolar_miss
 from .coarse import Lines, banded_matches, epipolar_lines, reduce_range
 from .overlaps import GroundRange, Overlap
@@ -58,15 +58,15 @@ class ProbeJob:
     steps: tuple[int, ...]  #: of the first and the others
     heights: tuple[GroundRange, ...]
     margin_px: float
-    features: tuple[Result, ...]  #: of the first and the others
+    features: tuple[PartResult, ...]  #: of the first and the others
 
 
-def strongest(features: Result) -> Result:
+def strongest(features: PartResult) -> PartResult:
     """Return the features that a probe compares."""
     return {name: column[:PROBED_FEATURES] for name, column in features.items()}
 
 
-def probe_pairs(job: ProbeJob) -> Result:
+def probe_pairs(job: ProbeJob) -> PartResult:
     """Return ``agreeing (k,)`` and ``cells (k, 2)`` of the first image with each of the others."""
     agreeing = np.zeros(len(job.others), dtype=np.int64)
     cells = np.zeros((len(job.others), 2), dtype=np.int64)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...foundation.scheduling import Result
+from ...foundation.scheduling import PartResult
 from ..tile_matching.pair_matching import (
     ImageTile,
     TileMatches,
@@ -74,7 +74,7 @@ class Rows(NamedTuple):
     matches: TileMatches
 
 
-def match_stars(job: StarJob) -> Result:
+def match_stars(job: StarJob) -> PartResult:
     """Return all matches of a job as columns, one row a match.
 
     ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` the number of the second image, ``sigma_px``, ``quality``,
@@ -83,7 +83,7 @@ def match_stars(job: StarJob) -> Result:
     return columns_of([row for cell in job.cells for row in _match_cell(job, cell)])
 
 
-def columns_of(rows: Sequence[Rows]) -> Result:
+def columns_of(rows: Sequence[Rows]) -> PartResult:
     """Return the matches of windows as the columns that `match_stars` explains."""
     if not rows:
         nothing = np.empty(0)
