@@ -1,8 +1,8 @@
 """Linearised equations of many image points, compiled, for all models whose formula is written for it (needs numba).
 
 A loop per family of models goes over points and their image points, with the family's formula (`correct_in_image`
-and its like), the RPC (`compiled_rpc.project_compiled`) and the ellipsoid inside. A new family is its formula, a loop of ten
-lines here, and an entry in `FAMILIES`; models without one are linearised image by image with NumPy.
+and its like), the RPC (`compiled_rpc.project_compiled`) and the ellipsoid inside. A new family is its formula, a loop
+of ten lines here, and an entry in `FAMILIES`; models without one are linearised image by image with NumPy.
 
 Arguments that the loops share
     points (k,), place (k + 1,) : which points, and where the image points of each are written
