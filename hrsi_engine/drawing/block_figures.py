@@ -1,65 +1,105 @@
-"""The figures of a block's report besides its map, drawn as SVG."""
+"""The figures of a block's report: its map, its images, chips of points, distributions, before and after."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from .distribution_plots import coverage_svg, histogram_svg, qq_svg
-from .residual_plots import residual_vectors_svg, typical_length
+from .block_map import BlockMap, DrawnMap, drawn_map
+from .distribution_plots import histogram_svg, qq_svg
+from .image_cards import ImageCard, card_svg
+from .residual_plots import typical_length
 from .target_chips import TargetChip, chip_svg
 
-
-@dataclass(frozen=True, eq=False)
-class ImageVectors:
-    """Residuals on one image: xy, residual_px (n, 2); groups (n,) gcp, check, tie or outlier; extent: its corners."""
-
-    image: str
-    xy: np.ndarray
-    residual_px: np.ndarray
-    groups: np.ndarray
-    extent: np.ndarray
-    total: int  #: measurements there are, of which these are drawn
+MAP_NAME = "block-map"
 
 
 @dataclass(frozen=True, eq=False)
-class OutlierChip:
-    """An outlier's surroundings; ``chip.curves`` lead from the measured to the computed position."""
+class PointChip:
+    """The surroundings of a point on an image, and its residual there.
+
+    Parameters
+    ----------
+    id, image, role : str
+        What and where.
+    point : int
+        The point's number on the page; -1 without.
+    residual_px : (2,) ndarray
+        Observed - computed.
+    outlier : bool
+        Whether it stands out.
+    chip : TargetChip
+        Pixels, measured and computed position, outline.
+    """
 
     id: str
     image: str
+    role: str
+    point: int
+    residual_px: np.ndarray
+    outlier: bool
     chip: TargetChip
 
 
 @dataclass(frozen=True, eq=False)
-class ReportFigures:
-    """What the figures show: normalised residuals by axis, tie points by cell (lines first) and image, and more."""
+class Picture:
+    """A small picture of an image that map and cards share: the page's element ``name``, and its ``data:`` URI.
 
-    vectors: Sequence[ImageVectors] = ()
+    Its ``size`` is in its own pixels; the whole image takes ``covers`` of them, as the last of an edge may be missing.
+    """
+
+    name: str
+    image: str
+    size: tuple[int, int]
+    covers: tuple[float, float]
+    uri: str
+
+
+@dataclass(frozen=True, eq=False)
+class ReportFigures:
+    """What the figures show.
+
+    Parameters
+    ----------
+    map : BlockMap, optional
+        The map.
+    points : mapping
+        Columns of the points on the map, in its order, for the page's script.
+    pictures : sequence of Picture
+        Of some images.
+    cards : sequence of ImageCard
+        Images with their residuals.
+    chips : sequence of PointChip
+        Known points and outliers on images with pixels.
+    normalised : mapping of str to (n,) ndarray
+        Normalised residuals by axis.
+    """
+
+    map: BlockMap | None = None
+    points: Mapping[str, Any] = field(default_factory=dict)
+    pictures: Sequence[Picture] = ()
+    cards: Sequence[ImageCard] = ()
+    chips: Sequence[PointChip] = ()
     normalised: Mapping[str, np.ndarray] = field(default_factory=dict)
-    coverage: Mapping[str, np.ndarray] = field(default_factory=dict)
-    outliers: Sequence[OutlierChip] = ()
 
 
 def drawn(figures: ReportFigures) -> dict[str, object]:
     """Return the drawings for the page's template; arrows have one scale for all images."""
-    typical = typical_length(np.vstack([one.residual_px for one in figures.vectors])) if figures.vectors else 0.0
+    residuals = [card.residual_px for card in figures.cards if len(card.residual_px)]
+    typical = typical_length(np.vstack(residuals)) if residuals else 0.0
+    block = drawn_map(figures.map, MAP_NAME) if figures.map is not None else DrawnMap()
     return {
-        "vectors": [
-            (one.image, len(one.xy), one.total, residual_vectors_svg(
-                one.xy, one.residual_px, one.groups, "px", extent=one.extent, typical=typical
-            ))
-            for one in figures.vectors
-        ],
+        "block_map": block.svg,
+        "script_data": {"map": block.data, **figures.points} if block.svg and figures.points else None,
+        "pictures": figures.pictures,
+        "cards": [(card, card_svg(card, typical)) for card in figures.cards],
         "distributions": [
             (axis, histogram_svg(values, f"Histogram, {axis}"), qq_svg(values, f"Q-Q, {axis}"))
             for axis, values in figures.normalised.items()
             if len(values)
         ],
-        "coverage": [
-            (image, coverage_svg(counts, f"Tie points of {image}")) for image, counts in figures.coverage.items()
-        ],
-        "outlier_chips": [(one.id, one.image, chip_svg(one.chip)) for one in figures.outliers],
-    }  # fmt: skip
+        "chips": [(chip, chip_svg(chip.chip)) for chip in figures.chips],
+    }

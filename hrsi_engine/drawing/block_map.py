@@ -1,11 +1,17 @@
-"""A map of the block as SVG: footprints, points, residual arrows and the scales of map and arrows."""
+"""A map of the block as SVG: pictures, footprints, tie points, known points with their residuals, and the scales.
+
+What stands here is drawn for every reader; the page's script (``io/templates/block_map.js``) lets one move about in it.
+Marks of points keep their size however far one zooms in: they lie at (0, 0) of a group of their own, which stands at
+the point's place.
+"""
 
 from __future__ import annotations
 
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -13,11 +19,51 @@ from shapely.geometry import Polygon
 from ..block.block import Role
 from ..block.footprints import ring_of
 from ..ground.geodesy import LocalFrame, continuous_longitudes
+from .arrows import arrow_path, round_length
 
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
-_ARROW = 45.0  # length of the 90th percentile of the residuals
-_MOST_LABELS = 150  # more would cover the map
-_CLASSES = {Role.GCP: "gcp", Role.CHECK: "check", Role.TIE: "tie"}
+_ARROW, _LONGEST_ARROW = 45.0, 130.0  # length of the 90th percentile of the residuals; where longer ones are cut
+_MOST_LABELS = 30  # names of images; more would cover the map
+_CELL = 15.0  # side of a cell of tie points, SVG units
+_CELL_DIGITS = 3
+_GRID = 9  # positions along each axis that the graticule's polynomials are fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class TieField:
+    """Tie points to be drawn by cells: places and what they are coloured by.
+
+    Parameters
+    ----------
+    lonlat : (t, 2) ndarray
+        Lon, lat.
+    residual_px : (t,) ndarray
+        Root mean square of a point's image residuals.
+    sigma_m : (t,) ndarray
+        Standard deviation of its position.
+    rays : (t,) ndarray
+        Images it was measured on.
+    """
+
+    lonlat: np.ndarray
+    residual_px: np.ndarray
+    sigma_m: np.ndarray
+    rays: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPicture:
+    """A picture that lies on the ground: the element ``name`` of the page, and lon, lat (4, 2) of its corners.
+
+    ``size`` is in pixels of the picture; the corners are upper left, upper right, lower right and lower left. A
+    ``hidden`` one is shown when its image is chosen.
+    """
+
+    name: str
+    image: str
+    size: tuple[float, float]
+    corners: np.ndarray
+    hidden: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +82,12 @@ class BlockMap:
         East, north; NaN without.
     ids : (m,) ndarray of str
         Their names.
+    residual_h_m : (m,) ndarray, optional
+        Upwards; NaN without.
+    ties : TieField, optional
+        Tie points drawn by cells.
+    pictures : sequence of GroundPicture
+        The background.
     """
 
     footprints: Mapping[str, Polygon]
@@ -43,6 +95,17 @@ class BlockMap:
     roles: np.ndarray
     residual_en_m: np.ndarray
     ids: np.ndarray
+    residual_h_m: np.ndarray | None = None
+    ties: TieField | None = None
+    pictures: Sequence[GroundPicture] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMap:
+    """The map, and what its script knows besides: where degrees lie in it, its scales, and the cells' figures."""
+
+    svg: str = ""
+    data: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -53,11 +116,17 @@ class _View:
     west_m: float
     north_m: float
     units_per_metre: float
+    height: float  # of the drawing, without the room for the scales
 
     def __call__(self, lonlat: np.ndarray) -> np.ndarray:
         flat = np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))])
         local = self.frame.from_ground(flat)[:, :2]
         return _MARGIN + self.units_per_metre * (local - [self.west_m, self.north_m]) * [1.0, -1.0]
+
+    def to_lonlat(self, place: np.ndarray) -> np.ndarray:
+        """Return lon, lat ``(k, 2)`` of places in the drawing."""
+        local = (place - _MARGIN) / self.units_per_metre * [1.0, -1.0] + [self.west_m, self.north_m]
+        return self.frame.to_ground(np.column_stack([local, np.zeros(len(local))]))[:, :2]
 
 
 def block_map_svg(data: BlockMap) -> str:
@@ -73,41 +142,141 @@ def block_map_svg(data: BlockMap) -> str:
     str
         An SVG element.
     """
-    rings = {name: ring_of(polygon) for name, polygon in data.footprints.items() if not polygon.is_empty}
+    return drawn_map(data).svg
+
+
+def drawn_map(data: BlockMap, name: str = "") -> DrawnMap:
+    """Return the map and what a script needs to move about in it; without places, an empty one.
+
+    Parameters
+    ----------
+    data : BlockMap
+        What to draw.
+    name : str
+        The element's id, where a script is to find it.
+
+    Returns
+    -------
+    DrawnMap
+        SVG and figures.
+    """
+    rings = {image: ring_of(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
     here = np.flatnonzero(np.isfinite(data.lonlat).all(axis=1))
-    places = np.vstack([*rings.values(), data.lonlat[here]]) if rings or len(here) else np.empty((0, 2))
+    ties = data.ties.lonlat if data.ties is not None else np.empty((0, 2))
+    places = np.vstack([*rings.values(), data.lonlat[here], ties[np.isfinite(ties).all(axis=1)]])
     if not len(places):
-        return ""
-    # A view that shows all places, and the drawing's height
+        return DrawnMap()
+    view = _view_of(places)
+    # Drawing units per metre of residual; None without residuals
+    residual = data.residual_en_m[np.isfinite(data.residual_en_m).all(axis=1)]
+    typical = float(np.percentile(np.linalg.norm(residual, axis=1), 90.0)) if len(residual) else 0.0
+    arrow_scale = _ARROW / typical if typical > 0.0 else None
+    cells, figures = _cells(data.ties, view) if data.ties is not None else ([], {})
+    parts = [
+        f'<rect class="ground" x="0" y="0" width="{_WIDTH:.0f}" height="{view.height:.0f}"/>',
+        '<g class="view">',
+        *_pictures(data.pictures, view),
+        *_footprints(rings, list(data.footprints), view),
+        '<g class="graticule"></g><g class="cells">',
+        *cells,
+        "</g>",
+        *_image_names(rings, view),
+        '<g class="points">',
+        *_points(data, here, view, arrow_scale),
+        "</g></g>",
+        *_scales(view, arrow_scale),
+    ]
+    named = f' id="{html.escape(name)}"' if name else ""
+    size = f'viewBox="0 0 {_WIDTH:.0f} {view.height + 50.0:.0f}"'
+    svg = f'<svg class="map"{named} {size} role="img" aria-label="{_describe(data, here)}">\n'
+    to_degrees, to_drawing = _polynomials(view)
+    return DrawnMap(
+        svg + "\n".join(parts) + "\n</svg>",
+        {
+            "width": _WIDTH, "height": round(view.height, 1), "unitsPerMetre": view.units_per_metre,
+            "origin": [view.frame.lon_deg, view.frame.lat_deg], "toDegrees": to_degrees, "toDrawing": to_drawing,
+            "cells": figures,
+        },
+    )  # fmt: skip
+
+
+def _view_of(places: np.ndarray) -> _View:
+    """Return a view that shows all places (lon, lat)."""
     frame = LocalFrame(float(continuous_longitudes(places[:, 0]).mean()), float(places[:, 1].mean()))
     local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
     low, high = local.min(axis=0), local.max(axis=0)
     extent = np.maximum(high - low, 1.0)
     scale = min((_WIDTH - 2.0 * _MARGIN) / extent[0], (_WIDTH - 2.0 * _MARGIN) / extent[1])
     slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # a tall block stands in the middle
-    view, height = _View(frame, low[0] - slack / 2.0, high[1], scale), extent[1] * scale + 2.0 * _MARGIN
-    # Drawing units per metre of residual; None without residuals
-    length = np.linalg.norm(data.residual_en_m[np.isfinite(data.residual_en_m).all(axis=1)], axis=1)
-    typical = float(np.percentile(length, 90.0)) if len(length) else 0.0
-    arrow_scale = _ARROW / typical if typical > 0.0 else None
-    parts = [
-        *_footprints(rings, view),
-        *_points(data, here, view, arrow_scale),
-        *_scales(view.units_per_metre, arrow_scale, height),
-    ]
-    size = f'viewBox="0 0 {_WIDTH:.0f} {height + 50.0:.0f}"'
-    return f'<svg class="map" {size} role="img" aria-label="Map of the block">\n' + "\n".join(parts) + "\n</svg>"
+    return _View(frame, low[0] - slack / 2.0, high[1], scale, max(extent[1] * scale + 2.0 * _MARGIN, 320.0))
 
 
-def _footprints(rings: Mapping[str, np.ndarray], view: _View) -> Iterable[str]:
-    for name, ring in rings.items():
-        outline = view(ring)
+def _describe(data: BlockMap, here: np.ndarray) -> str:
+    """Return what the map shows, for those who cannot see it."""
+    count = {role: int((data.roles[here] == role).sum()) for role in Role}
+    if data.ties is not None:
+        count[Role.TIE] = len(data.ties.lonlat)
+    known = [f"{count[role]} {words}" for role, words in _WORDS.items() if count[role]]
+    return f"Map of the block: {', '.join([f'{len(data.footprints)} images', *known])}; north is up"
+
+
+_WORDS = {Role.GCP: "control points", Role.CHECK: "check points", Role.TIE: "tie points"}
+
+
+def _polynomials(view: _View) -> tuple[list[list[float]], list[list[float]]]:
+    """Return the coefficients of 1, u, v, u², uv, v² from drawing to degrees and back.
+
+    u and v are hundreds of drawing units, or degrees from the frame's origin. Over a block of a thousand kilometres
+    they are good to a drawing unit, which serves a graticule and the position under the pointer.
+    """
+    axes = np.linspace(0.0, _WIDTH, _GRID), np.linspace(0.0, view.height, _GRID)
+    place = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    lonlat = view.to_lonlat(place)
+    degrees = np.column_stack([continuous_longitudes(lonlat[:, 0]), lonlat[:, 1]])
+    degrees -= [360.0 * np.round((degrees[:, 0].mean() - view.frame.lon_deg) / 360.0), 0.0]
+    degrees -= [view.frame.lon_deg, view.frame.lat_deg]
+    return _fit(place / 100.0, degrees), _fit(degrees, place)
+
+
+def _fit(uv: np.ndarray, values: np.ndarray) -> list[list[float]]:
+    u, v = uv.T
+    terms = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    scale = np.abs(terms).max(axis=0)
+    solved = np.linalg.lstsq(terms / scale, values, rcond=None)[0] / scale[:, None]
+    return [[float(f"{value:.12g}") for value in column] for column in solved.T]
+
+
+def _pictures(pictures: Sequence[GroundPicture], view: _View) -> Iterable[str]:
+    """Draw pictures where they lie: the affine map that fits their corners best."""
+    yield '<g class="pictures">'
+    for picture in pictures:
+        width, height = picture.size
+        pixel = np.array([[0.0, 0.0, 1.0], [width, 0.0, 1.0], [width, height, 1.0], [0.0, height, 1.0]])
+        matrix = np.linalg.lstsq(pixel, view(picture.corners), rcond=None)[0]
+        numbers = " ".join(f"{value:.6g}" for value in matrix.ravel())
+        hidden = ' class="hidden"' if picture.hidden else ""
+        name, image = html.escape(picture.name), html.escape(picture.image)
+        yield f'<use{hidden} href="#{name}" data-image="{image}" transform="matrix({numbers})"/>'
+    yield "</g>"
+
+
+def _footprints(rings: Mapping[str, np.ndarray], images: Sequence[str], view: _View) -> Iterable[str]:
+    number = {image: place for place, image in enumerate(images)}
+    yield '<g class="footprints">'
+    for image, ring in rings.items():
+        outline = view(ring if len(rings) <= _MOST_LABELS else ring[:: max(1, len(ring) // 8)])
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in outline)
-        yield f'<polygon class="footprint" points="{path}"><title>{html.escape(name)}</title></polygon>'
+        title = f"<title>{html.escape(image)}</title>"
+        yield f'<polygon class="footprint" data-i="{number[image]}" points="{path}">{title}</polygon>'
+    yield "</g>"
+
+
+def _image_names(rings: Mapping[str, np.ndarray], view: _View) -> Iterable[str]:
     if len(rings) <= _MOST_LABELS:
         corners = [view(ring)[np.argmin(view(ring).sum(axis=1))] for ring in rings.values()]  # upper left
-        for name, (x, y) in zip(rings, _apart(corners), strict=True):
-            yield f'<text class="image" x="{x + 4.0:.1f}" y="{y + 14.0:.1f}">{html.escape(name)}</text>'
+        for image, (x, y) in zip(rings, _apart(corners), strict=True):
+            text = f'<text class="image mark" x="4" y="14">{html.escape(image)}</text>'
+            yield f'<g transform="translate({x:.1f} {y:.1f})">{text}</g>'
 
 
 def _apart(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
@@ -115,59 +284,86 @@ def _apart(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
     placed: list[tuple[float, float]] = []
     for x, corner_y in corners:
         y = corner_y
-        while any(abs(x - other_x) < 120.0 and abs(y - other_y) < 13.0 for other_x, other_y in placed):
+        while any(abs(x - other_x) < 120.0 and abs(y - other_y) < 15.0 for other_x, other_y in placed):
             y += 2.0
         placed.append((x, y))
     return placed
 
 
+def _cells(ties: TieField, view: _View) -> tuple[list[str], dict[str, Any]]:
+    """Return squares that hold tie points, darker for more, and their figures: number, residual, sigma and rays."""
+    here = np.isfinite(ties.lonlat).all(axis=1)
+    cell = np.floor(view(ties.lonlat[here]) / _CELL).astype(np.int64)
+    columns = int(np.ceil(_WIDTH / _CELL))
+    code, which, count = np.unique(cell[:, 1] * columns + cell[:, 0], return_inverse=True, return_counts=True)
+
+    def mean(values: np.ndarray, power: float = 1.0) -> list[float | None]:
+        known = np.isfinite(values)
+        total = np.bincount(which[known], np.asarray(values[known], dtype=np.float64) ** power, len(code))
+        number = np.bincount(which[known], minlength=len(code))
+        with np.errstate(invalid="ignore"):
+            return [_short(value) for value in (total / number) ** (1.0 / power)]
+
+    shade = 0.12 + 0.43 * np.sqrt(count / max(int(count.max(initial=1)), 1))
+    parts = [
+        f'<path data-c="{number}" d="M{place % columns * _CELL:.0f} {place // columns * _CELL:.0f}h{_CELL:.0f}v'
+        f'{_CELL:.0f}h-{_CELL:.0f}z" fill-opacity="{opacity:.2f}"/>'
+        for number, (place, opacity) in enumerate(zip(code.tolist(), shade, strict=True))
+    ]
+    figures = {
+        "count": count.tolist(), "residual": mean(ties.residual_px[here], 2.0), "sigma": mean(ties.sigma_m[here]),
+        "rays": mean(ties.rays[here]),
+    }  # fmt: skip
+    return parts, figures
+
+
+def _short(value: float) -> float | None:
+    return float(f"{value:.{_CELL_DIGITS}g}") if math.isfinite(value) else None
+
+
 def _points(data: BlockMap, here: np.ndarray, view: _View, arrow_scale: float | None) -> Iterable[str]:
-    place = view(data.lonlat[here])
-    labelled = len(here) <= _MOST_LABELS
-    for row, (x, y) in zip(here, place, strict=True):
-        role, name = _CLASSES[Role(int(data.roles[row]))], html.escape(str(data.ids[row]))
+    height = data.residual_h_m if data.residual_h_m is not None else np.full(len(data.ids), np.nan)
+    for row, (x, y) in zip(here.tolist(), view(data.lonlat[here]), strict=True):
+        role, name = Role(int(data.roles[row])).label, html.escape(str(data.ids[row]))
         east, north = data.residual_en_m[row]
         moved = arrow_scale is not None and math.isfinite(east) and math.isfinite(north)
         title = f"{name} ({role})" + (f": east {east:.3f} m, north {north:.3f} m" if moved else "")
+        marks = []
         if moved and arrow_scale is not None:
-            yield _arrow(role, x, y, east * arrow_scale, -north * arrow_scale)
-        yield f'<circle class="{role}" cx="{x:.1f}" cy="{y:.1f}" r="3"><title>{title}</title></circle>'
-        if labelled:
-            yield f'<text class="id" x="{x + 5.0:.1f}" y="{y - 5.0:.1f}">{name}</text>'
+            marks.append(_residual_arrow("arrow flat", east * arrow_scale, -north * arrow_scale))
+        if arrow_scale is not None and math.isfinite(height[row]):
+            marks.append(_residual_arrow("arrow lift", 0.0, -height[row] * arrow_scale))
+        radius = 2 if role == "tie" else 3.5
+        yield (
+            f'<g class="pt {role}" data-p="{row}" transform="translate({x:.1f} {y:.1f})"><g class="mark">'
+            f'{"".join(marks)}<circle r="{radius}"/><title>{title}</title></g></g>'
+        )
 
 
-def _arrow(role: str, x: float, y: float, dx: float, dy: float) -> str:
-    """Return a line with a head whose size does not depend on the length."""
+def _residual_arrow(kind: str, dx: float, dy: float) -> str:
+    """Return an arrow from a point; one that would lead across the map is cut and dashed."""
     length = math.hypot(dx, dy)
-    if length < 0.5:
-        return ""
-    ux, uy = dx / length, dy / length
-    head = min(7.0, 0.6 * length)
-    tip = (x + dx, y + dy)
-    sides = [(tip[0] - head * (ux + 0.45 * s * uy), tip[1] - head * (uy - 0.45 * s * ux)) for s in (1.0, -1.0)]
-    points = [(x, y), tip, sides[0], tip, sides[1]]
-    path = "M" + "L".join(f"{px:.1f},{py:.1f}" for px, py in points)
-    return f'<path class="arrow {role}" d="{path}"/>'
+    cut = min(1.0, _LONGEST_ARROW / length) if length else 1.0
+    path = arrow_path(0.0, 0.0, dx * cut, dy * cut)
+    return f'<path class="{kind}{" cut" if cut < 1.0 else ""}" d="{path}"/>' if path else ""
 
 
-def _scales(units_per_metre: float, arrow_scale: float | None, height: float) -> Iterable[str]:
-    """Draw the map's scale bar and, beside it, an arrow of a round length."""
-    distance = _round_length(150.0 / units_per_metre)
-    bar = distance * units_per_metre
-    y = height + 20.0
-    yield f'<path class="scale" d="M{_MARGIN},{y - 5.0}v5h{bar:.1f}v-5"/>'
-    yield f'<text class="scale" x="{_MARGIN}" y="{y + 18.0}">{_metres(distance)} on the ground</text>'
+def _scales(view: _View, arrow_scale: float | None) -> Iterable[str]:
+    """Draw the map's scale bar, beside it an arrow of a round length, and where north is."""
+    distance = round_length(150.0 / view.units_per_metre)
+    bar = distance * view.units_per_metre
+    y = view.height + 20.0
+    yield f'<rect class="legend" x="0" y="{view.height:.1f}" width="{_WIDTH:.0f}" height="50"/>'
+    yield f'<path class="scale length" d="M{_MARGIN},{y - 5.0:.1f}v5h{bar:.1f}v-5"/>'
+    yield f'<text class="scale length" x="{_MARGIN}" y="{y + 18.0:.1f}">{_metres(distance)} on the ground</text>'
     if arrow_scale is not None:
-        residual = _round_length(1.3 * _ARROW / arrow_scale)
+        residual = round_length(1.3 * _ARROW / arrow_scale)
         x = _WIDTH / 2.0
-        yield _arrow("scale", x, y, residual * arrow_scale, 0.0)
-        yield f'<text class="scale" x="{x:.1f}" y="{y + 18.0}">residual of {_metres(residual)}</text>'
-
-
-def _round_length(longest: float) -> float:
-    """Return the longest of 1, 2, 5 times a power of ten that is not longer."""
-    power = 10.0 ** math.floor(math.log10(longest))
-    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= longest * 1.000001)
+        yield f'<path class="scale" d="{arrow_path(x, y, residual * arrow_scale, 0.0)}"/>'
+        yield f'<text class="scale" x="{x:.1f}" y="{y + 18.0:.1f}">residual of {_metres(residual)}</text>'
+    x = _WIDTH - _MARGIN
+    yield f'<path class="scale north" d="{arrow_path(x, y + 16.0, 0.0, -26.0)}"/>'
+    yield f'<text class="scale" x="{x - 16.0:.1f}" y="{y + 14.0:.1f}">N</text>'
 
 
 def _metres(length: float) -> str:

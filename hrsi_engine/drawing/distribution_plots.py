@@ -1,4 +1,4 @@
-"""Plots of distributions as SVG: histogram and Q-Q plot of normalised residuals, and how points cover images."""
+"""Plots of distributions as SVG: histogram and Q-Q plot of normalised residuals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ LEFT, RIGHT, TOP, BOTTOM = 34.0, 10.0, 10.0, 26.0
 SIGMAS_SHOWN = 5.0  # sigmas shown
 BINS = 40
 QUANTILES = 160
-CELL, HISTOGRAM_GAP = 14.0, 1.0
 
 
 def histogram_svg(values: np.ndarray, label: str) -> str:
@@ -71,44 +70,6 @@ def qq_svg(values: np.ndarray, label: str) -> str:
             at = _place(x, (y + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
             parts.append(f'<circle class="quantile" cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="2"/>')
     return "".join([*parts, "</svg>"])
-
-
-def coverage_svg(counts: np.ndarray, label: str) -> str:
-    """Return the cells of an image, darker where more points lie; red ones are empty.
-
-    Parameters
-    ----------
-    counts : (rows, columns) ndarray
-        Points in each cell.
-    label : str
-        For those who cannot see the picture.
-
-    Returns
-    -------
-    str
-        An SVG element.
-    """
-    lines, samples = counts.shape
-    width, height = samples * (CELL + HISTOGRAM_GAP), lines * (CELL + HISTOGRAM_GAP)
-    parts = [
-        f'<svg class="coverage" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}" '
-        f'role="img" aria-label="{html.escape(label)}">'
-    ]
-    most = max(int(counts.max()), 1)
-    for line in range(lines):
-        for sample in range(samples):
-            count = int(counts[line, sample])
-            shade = "#e9b7b3" if not count else f"rgb({_shade(count / most)})"
-            parts.append(
-                f'<rect x="{sample * (CELL + HISTOGRAM_GAP):.0f}" y="{line * (CELL + HISTOGRAM_GAP):.0f}" '
-                f'width="{CELL:.0f}" height="{CELL:.0f}" fill="{shade}"><title>{count}</title></rect>'
-            )
-    return "".join([*parts, "</svg>"])
-
-
-def _shade(share: float) -> str:
-    light, dark = np.array([198, 219, 239]), np.array([8, 69, 148])
-    return ",".join(str(round(value)) for value in light + (dark - light) * np.sqrt(share))
 
 
 def _frame(label: str, x_ticks: list[int], y_ticks: list[int]) -> str:

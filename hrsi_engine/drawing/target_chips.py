@@ -31,6 +31,8 @@ class TargetChip:
         Polylines of the fit.
     position : (2,) ndarray
         The target, NaN where refused.
+    computed : (2,) ndarray, optional
+        Where the adjusted block expects it.
     """
 
     grey: np.ndarray | None
@@ -39,6 +41,7 @@ class TargetChip:
     used: np.ndarray
     curves: tuple[np.ndarray, ...]
     position: np.ndarray
+    computed: np.ndarray | None = None
 
 
 def chip_svg(chip: TargetChip) -> str:
@@ -57,7 +60,10 @@ def chip_svg(chip: TargetChip) -> str:
     origin, size = _extent(chip)
     scale = CHIP_SIDE_PX / float(max(size))
     width, height = size * scale
-    parts = [f'<svg class="chip" width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}">']
+    parts = [
+        f'<svg class="chip" width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}" '
+        'role="img" aria-label="Pixels around the point">'
+    ]
     if chip.grey is not None:
         parts.append(
             f'<image width="{width:.1f}" height="{height:.1f}" image-rendering="pixelated" '
@@ -75,6 +81,11 @@ def chip_svg(chip: TargetChip) -> str:
     if np.isfinite(chip.position).all():
         x, y = place(chip.position)
         parts.append(f'<path d="M{x - 6:.2f},{y:.2f}h12M{x:.2f},{y - 6:.2f}v12" stroke="#e03131" stroke-width="1.2"/>')
+    if chip.computed is not None and np.isfinite(chip.computed).all():
+        (x, y), (from_x, from_y) = place(chip.computed), place(chip.position)
+        line = f'<path d="M{from_x:.2f},{from_y:.2f}L{x:.2f},{y:.2f}" stroke="#37d0e6" stroke-width="1.6"/>'
+        ring = f'<circle cx="{x:.2f}" cy="{y:.2f}" r="5" fill="none" stroke="#37d0e6" stroke-width="1.6"/>'
+        parts.append(line + ring)
     return "".join([*parts, "</svg>"])
 
 
@@ -89,10 +100,15 @@ def _extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
 
 def stretched_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
     """Return grey values as the base64 text of a PNG, stretched between percentiles of the valid ones."""
+    return base64.b64encode(png_bytes(stretch_grey(grey, valid))).decode("ascii")
+
+
+def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
+    """Return grey values as bytes, stretched between percentiles of the valid ones."""
     known = grey if valid is None or not valid.any() else grey[valid]
     low, high = np.percentile(known, CHIP_STRETCH_PERCENT)
     stretched = np.clip((grey.astype(np.float64) - low) * (255.0 / max(float(high - low), 1e-9)), 0.0, 255.0)
-    return base64.b64encode(png_bytes(stretched.astype(np.uint8))).decode("ascii")
+    return stretched.astype(np.uint8)
 
 
 def png_bytes(grey: np.ndarray) -> bytes:

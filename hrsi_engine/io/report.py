@@ -1,4 +1,4 @@
-"""The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file without any script."""
+"""The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..drawing.block_figures import ReportFigures, drawn
-from ..drawing.block_map import BlockMap, block_map_svg
 from ..foundation.json_values import json_text
 from .code_pages import explained_codes
 from .pages import write_page, write_text
 
-__all__ = ["BlockMap", "ReportFigures", "write_report_html", "write_report_json"]
+__all__ = ["ReportFigures", "write_report_html", "write_report_json"]
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
@@ -32,9 +31,7 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     write_text(path, json_text(report, indent=1, ascii_only=False) + "\n")
 
 
-def write_report_html(
-    path: str, report: Mapping[str, Any], map_data: BlockMap | None = None, figures: ReportFigures | None = None
-) -> None:
+def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigures | None = None) -> None:
     """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
 
     Parameters
@@ -43,18 +40,14 @@ def write_report_html(
         The file.
     report : mapping
         The report.
-    map_data : BlockMap, optional
-        The map.
     figures : ReportFigures, optional
-        The other figures.
+        The figures.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    drawing = None if map_data is None else block_map_svg(map_data)
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explained_codes(reason["code"] for reason in reasons)
-    drawings = drawn(figures or ReportFigures())
-    write_page(path, "report.html.j2", report, block_map=drawing, explained=explained, **drawings)
+    write_page(path, "report.html.j2", report, explained=explained, **drawn(figures or ReportFigures()))

@@ -1,37 +1,89 @@
-"""What the figures of a block's report show: thinned, so that the page stays small however large the block is."""
+"""What the figures of a block's report show: thinned, so that the page stays small however large the block is.
+
+Known points and what stands out are always shown one by one, up to some thousand. Tie points are too where there are
+few; of many the worst, and all of them as cells of the map and of the images.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.block import Image
-from ..block.points import ROLE_LABELS
-from ..drawing.block_figures import ImageVectors, OutlierChip, ReportFigures
+from ..block.block import Block, Image
+from ..block.footprints import footprint
+from ..block.points import ROLE_LABELS, Role
+from ..drawing.block_figures import Picture, PointChip, ReportFigures
+from ..drawing.block_map import BlockMap, GroundPicture, TieField
+from ..drawing.image_cards import FEWEST_OF_FIELD, ImageCard
 from ..drawing.target_chips import TargetChip
+from ..ground.map_crs import middle_position
+from ..io.pictures import picture_uri
+from ..io.rasters import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
-from .statistics import normalised_residuals, tie_coverage
+from .statistics import normalised_residuals
+from .tables import positions
 
+MOST_KNOWN = 1500  # known points on the map, the worst first
+MOST_TIES, WORST_TIES = 2500, 300  # tie points one by one: all of them, or of more the worst
 MOST_VECTORS = 250  # on one image
 MOST_IMAGES = 24  # those with the largest residuals
-MOST_COVERAGES = 60  # the emptiest
-MOST_REPORT_CHIPS = 24
-CHIP_HALF_PX = 24
+CARD_CELLS = 10  # parts of an image along each side
+MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role
+CHIP_HALF_PX, LARGEST_CHIP_PX = 12, 36
 MOST_VALUES = 400_000  # of a histogram
+PICTURE_SIDES_PX = {6: 640, 24: 320, 60: 180}  # longer side of a picture, by the number of images up to which
+MOST_PICTURE_PIXELS = 400_000_000  # read for all pictures together: some seconds
+COVERING_SHARE = 0.05  # of an image's area that it must add to the map's background
+
+#: What finds a target's outline near a position of an image: polylines in pixels, none where there is no target.
+Outline = Callable[[Image, np.ndarray], Sequence[np.ndarray]]
 
 
-def report_figures(result: Adjustment, left: Residuals) -> ReportFigures:
-    """Return the figures of an adjusted block."""
-    residual, statistic = left.measured_px, np.nan_to_num(measurement_statistic(left))
-    coverage = tie_coverage(result)
-    has_ties = any(counts.any() for counts in coverage.values())
-    emptiest = sorted(coverage, key=lambda name: int((coverage[name] > 0).sum()))[:MOST_COVERAGES]
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What all figures share: residuals and statistics of measurements, and which points have a number on the page.
+
+    points : (m,) the points on the page; number : (points,) the number of each, -1 without
+    """
+
+    residual_px: np.ndarray
+    statistic: np.ndarray
+    points: np.ndarray
+    number: np.ndarray
+
+
+def report_figures(result: Adjustment, left: Residuals, outline: Outline | None = None) -> ReportFigures:
+    """Return the figures of an adjusted block.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+    left : Residuals
+        What it left over.
+    outline : callable, optional
+        What finds the outline of a target that was measured: with image and position it gives polylines.
+
+    Returns
+    -------
+    ReportFigures
+        What `io.report` writes.
+    """
+    shown = _choose_points(result, left)
+    cards = _cards(result, shown)
+    pictures = _pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
-        vectors=_vectors(result, residual, statistic),
+        map=_map(result, left, shown, pictures),
+        points=_point_columns(result, left, shown),
+        pictures=list(pictures.values()),
+        cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
+        chips=_chips(result, shown, outline),
         normalised={axis: _thin(values) for axis, values in normalised_residuals(result).items()},
-        coverage={name: coverage[name] for name in emptiest} if has_ties else {},
-        outliers=_outlier_chips(result, residual, statistic),
     )
 
 
@@ -39,58 +91,246 @@ def _thin(values: np.ndarray) -> np.ndarray:
     return values[:: max(1, len(values) // MOST_VALUES)]
 
 
-def _vectors(result: Adjustment, residual: np.ndarray, statistic: np.ndarray) -> list[ImageVectors]:
-    """Return the arrows of the images with the largest residuals: known points and outliers first, then some ties."""
+# ---- points ----------------------------------------------------------------------------------------------------
+
+
+def _choose_points(result: Adjustment, left: Residuals) -> _Shown:
+    """Number the points that are shown one by one: known ones, then ties."""
+    block, statistic = result.block, np.nan_to_num(measurement_statistic(left))
+    worst = np.zeros(len(block.points))
+    np.maximum.at(worst, block.measurements.point, statistic)
+    placed = np.isfinite(positions(result)).all(axis=1)
+    known = _worst(np.flatnonzero(placed & block.known), worst, MOST_KNOWN)
+    ties = np.flatnonzero(placed & ~block.known)
+    if len(ties) > MOST_TIES:
+        ties = _worst(ties, worst, WORST_TIES)
+    points = np.concatenate([known, ties])
+    number = np.full(len(block.points), -1)
+    number[points] = np.arange(len(points))
+    return _Shown(left.measured_px, statistic, points, number)
+
+
+def _worst(points: np.ndarray, worst: np.ndarray, most: int) -> np.ndarray:
+    """Return the points with the largest statistics, in their order."""
+    return np.sort(points[np.argsort(-worst[points], kind="stable")[:most]])
+
+
+def _point_columns(result: Adjustment, left: Residuals, shown: _Shown) -> dict[str, Any]:
+    """Return what the page's script tells of the points, by columns, and their measurements."""
+    block, rows, points = result.block, result.block.measurements, shown.points
+    here = np.flatnonzero(shown.number[rows.point] >= 0)
+    here = here[np.argsort(shown.number[rows.point[here]], kind="stable")]
+    outlier, used = is_outlier(shown.statistic), np.isfinite(result.residual_px).all(axis=1)
+    unused = ~used & (block.points.role[rows.point] == Role.TIE)
+    flag = np.select([unused, outlier], [2, 1], 0)
+    worst = np.zeros(len(block.points), dtype=np.int64)
+    np.maximum.at(worst, rows.point, flag)
+    place = positions(result)[points]
+    return {
+        "images": [image.id for image in block.images],
+        "roles": [role.label for role in Role],
+        "points": {
+            "id": block.points.ids[points].tolist(), "role": block.points.role[points].tolist(),
+            "lon": np.round(place[:, 0], 7).tolist(), "lat": np.round(place[:, 1], 7).tolist(),
+            "height": _rounded(place[:, 2], 2),
+            "east": _rounded(left.ground_m[points, 0]), "north": _rounded(left.ground_m[points, 1]),
+            "up": _rounded(left.ground_m[points, 2]), "residual": _rounded(_point_rms(block, shown)[points]),
+            "sigma": _rounded(np.hypot(*result.ground_sigma_m[points, :2].T)),
+            "rays": block.rays_per_point()[points].tolist(), "flag": worst[points].tolist(),
+        },
+        "measurements": {
+            "point": shown.number[rows.point[here]].tolist(), "image": rows.image[here].tolist(),
+            "sample": _rounded(rows.xy[here, 0], 2), "line": _rounded(rows.xy[here, 1], 2),
+            "dx": _rounded(shown.residual_px[here, 0]), "dy": _rounded(shown.residual_px[here, 1]),
+            "flag": flag[here].tolist(),
+        },
+    }  # fmt: skip
+
+
+def _rounded(values: np.ndarray, digits: int = 3) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in np.round(values, digits).tolist()]
+
+
+def _point_rms(block: Block, shown: _Shown) -> np.ndarray:
+    """Return sqrt(mean(dx² + dy²)) over the measurements of each point, NaN without."""
+    square = np.sum(shown.residual_px**2, axis=1)
+    known = np.isfinite(square)
+    point = block.measurements.point[known]
+    with np.errstate(invalid="ignore"):
+        total = np.bincount(point, square[known], len(block.points))
+        return np.sqrt(total / np.bincount(point, minlength=len(block.points)))
+
+
+def _map(result: Adjustment, left: Residuals, shown: _Shown, pictures: Mapping[str, Picture]) -> BlockMap:
+    """Return footprints, points with their residuals, and tie points by cells where they are too many."""
+    block, place = result.block, positions(result)
+    height = middle_position(place)[2]
+    footprints = {image.id: footprint(image, height) for image in block.images}
+    ties = np.flatnonzero(~block.known & np.isfinite(place).all(axis=1))
+    many = len(ties) > MOST_TIES
+    field = TieField(
+        place[ties, :2], _point_rms(block, shown)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
+        block.rays_per_point()[ties],
+    )  # fmt: skip
+    residual = left.ground_m[shown.points]
+    return BlockMap(
+        footprints=footprints,
+        lonlat=place[shown.points, :2],
+        roles=block.points.role[shown.points],
+        residual_en_m=residual[:, :2],
+        ids=block.points.ids[shown.points],
+        residual_h_m=residual[:, 2],
+        ties=field if many else None,
+        pictures=_lay_out([image for image in block.images if image.id in pictures], pictures, height),
+    )
+
+
+# ---- images ----------------------------------------------------------------------------------------------------
+
+
+def _cards(result: Adjustment, shown: _Shown) -> list[ImageCard]:
+    """Return the images with the largest residuals; known points and outliers first, then some ties."""
     rows = result.block.measurements
-    here = np.flatnonzero(np.isfinite(residual).all(axis=1))
+    here = np.flatnonzero(np.isfinite(shown.residual_px).all(axis=1))
     if not len(here):
         return []
     here = here[np.argsort(rows.image[here], kind="stable")]
     bounds = np.searchsorted(rows.image[here], np.arange(len(result.block.images) + 1))
     parts = {index: here[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
-    size = {index: float(np.mean(np.sum(residual[part] ** 2, axis=1))) for index, part in parts.items() if len(part)}
-    shown = sorted(sorted(size, key=lambda index: -size[index])[:MOST_IMAGES])
-    return [_image_vectors(result, index, parts[index], residual, statistic) for index in shown]
+    size = {
+        index: float(np.mean(np.sum(shown.residual_px[part] ** 2, axis=1)))
+        for index, part in parts.items()
+        if len(part)
+    }
+    chosen = sorted(sorted(size, key=lambda index: -size[index])[:MOST_IMAGES])
+    rays = result.block.rays_per_point()
+    return [_card(result, index, parts[index], shown, rays) for index in chosen]
 
 
-def _image_vectors(
-    result: Adjustment, index: int, part: np.ndarray, residual: np.ndarray, statistic: np.ndarray
-) -> ImageVectors:
+def _card(result: Adjustment, index: int, part: np.ndarray, shown: _Shown, rays: np.ndarray) -> ImageCard:
     rows, image = result.block.measurements, result.block.images[index]
-    groups = ROLE_LABELS[result.block.points.role[rows.point[part]]].astype("U8")
-    groups[is_outlier(statistic[part])] = "outlier"
-    ties = np.flatnonzero(groups == "tie")
-    others = np.flatnonzero(groups != "tie")[:MOST_VECTORS]
+    role = result.block.points.role[rows.point[part]]
+    groups = ROLE_LABELS[role].astype("U8")
+    groups[is_outlier(shown.statistic[part])] = "outlier"
+    ties, others = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[:MOST_VECTORS]
     room = max(MOST_VECTORS - len(others), 0)
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
     chosen = np.concatenate([ties[::step], others])
     first_sample, last_sample, first_line, last_line = image.domain_px
-    extent = np.array([[first_sample, first_line], [last_sample, last_line]])
+    # Parts of the image: number of ties and their rays, and the mean residual of everything there
+    share = (rows.xy[part] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
+    column, row = np.clip((share * CARD_CELLS).astype(np.int64), 0, CARD_CELLS - 1).T
+    cell, shape = row * CARD_CELLS + column, (CARD_CELLS, CARD_CELLS)
+    is_tie = role == Role.TIE
+    count = _sums(cell[is_tie], None, shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean_rays = _sums(cell[is_tie], rays[rows.point[part[is_tie]]], shape) / count
+        means, errors = _means(cell, shown.residual_px[part], shape)
     drawn = part[chosen]
-    return ImageVectors(image.id, rows.xy[drawn], residual[drawn], groups[chosen], extent, len(part))
+    return ImageCard(
+        image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
+        xy=rows.xy[drawn], residual_px=shown.residual_px[drawn], groups=groups[chosen],
+        points=shown.number[rows.point[drawn]], total=len(part), counts=count.astype(np.int64), rays=mean_rays,
+        means=means, mean_sigmas=errors,
+    )  # fmt: skip
 
 
-def _outlier_chips(result: Adjustment, residual: np.ndarray, statistic: np.ndarray) -> list[OutlierChip]:
-    """Return chips of the worst measurements whose images have pixels."""
-    rows = result.block.measurements
-    worst = np.argsort(-statistic)[: 10 * MOST_REPORT_CHIPS]
-    chips = []
-    for row in worst[is_outlier(statistic[worst])].tolist():
-        image = result.block.images[rows.image[row]]
-        if image.raster is None:
+def _sums(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
+    return np.bincount(cell, weights, shape[0] * shape[1]).reshape(shape)
+
+
+def _means(cell: np.ndarray, residual: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean residual of each part and its standard error, NaN where they are too few."""
+    count = _sums(cell, None, shape)[:, :, None]
+    total, square = (
+        np.stack([_sums(cell, values, shape) for values in columns.T], axis=2) for columns in (residual, residual**2)
+    )
+    mean = np.where(count >= FEWEST_OF_FIELD, total / count, np.nan)
+    return mean, np.sqrt(np.maximum(square / count - mean**2, 0.0) / (count - 1))
+
+
+def _pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Picture]:
+    """Return pictures of the wanted images that are files of pixels, by image id, as long as reading them is quick."""
+    side = next((side for most, side in PICTURE_SIDES_PX.items() if len(wanted) <= most), 0)
+    found: dict[str, Picture] = {}
+    pixels = 0
+    for image in images:
+        if image.id not in wanted or not isinstance(image.raster, GdalRaster):
             continue
-        name = str(result.block.points.ids[rows.point[row]])
-        chips.append(OutlierChip(name, image.id, _chip(image, rows.xy[row], residual[row])))
-        if len(chips) == MOST_REPORT_CHIPS:
+        pixels += image.raster.size[0] * image.raster.size[1]
+        if pixels > MOST_PICTURE_PIXELS:
             break
+        step = max(1, -(-max(image.raster.size) // side))
+        grey, valid = image.raster.read_reduced(step)
+        if valid.any():
+            size = (image.raster.size[0] / step, image.raster.size[1] / step)
+            found[image.id] = Picture(
+                f"picture-{len(found)}", image.id, grey.shape[::-1], size, picture_uri(grey, valid)
+            )
+    return found
+
+
+def _with_picture(card: ImageCard, picture: Picture | None) -> ImageCard:
+    if picture is None:
+        return card
+    return ImageCard(**{**card.__dict__, "picture": picture.name, "picture_size": picture.covers})
+
+
+def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m: float) -> list[GroundPicture]:
+    """Return the pictures on the ground; those that others cover are shown only when their image is chosen."""
+    found, covered = [], None
+    for image in images:
+        first_sample, last_sample, first_line, last_line = image.domain_px
+        left, right, top, bottom = first_sample - 0.5, last_sample + 0.5, first_line - 0.5, last_line + 0.5
+        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+        ground = image.rpc.localize(corners, height_m).ground[:, :2]
+        if not np.isfinite(ground).all():
+            continue
+        area = footprint(image, height_m)
+        new = area if covered is None else area.difference(covered)
+        adds = new.area > COVERING_SHARE * area.area
+        covered = area if covered is None else covered.union(area)
+        picture = pictures[image.id]
+        found.append(GroundPicture(picture.name, image.id, picture.covers, ground, hidden=not adds))
+    return found
+
+
+# ---- chips -----------------------------------------------------------------------------------------------------
+
+
+def _chips(result: Adjustment, shown: _Shown, outline: Outline | None) -> list[PointChip]:
+    """Return chips of control points, check points and the tie points that stand out, each the worst first."""
+    block, rows = result.block, result.block.measurements
+    pixels = np.array([image.raster is not None for image in block.images], dtype=bool)
+    there = np.isfinite(shown.residual_px).all(axis=1) & pixels[rows.image]
+    role, outlier = block.points.role[rows.point], is_outlier(shown.statistic)
+    worst = np.zeros(len(block.points))  # the images of a point stand together
+    np.maximum.at(worst, rows.point, shown.statistic)
+    chosen: list[int] = []
+    for which, most in MOST_CHIPS.items():
+        here = np.flatnonzero(there & (role == which) & (block.known[rows.point] | outlier))
+        order = np.lexsort((rows.image[here], rows.point[here], -worst[rows.point[here]]))
+        chosen += here[order][:most].tolist()
+    chips = []
+    for row in chosen:
+        image, point, xy = block.images[rows.image[row]], rows.point[row], rows.xy[row]
+        residual = shown.residual_px[row]
+        curves = tuple(outline(image, xy)) if outline is not None and role[row] != Role.TIE else ()
+        chips.append(
+            PointChip(
+                id=str(block.points.ids[point]), image=image.id, role=Role(role[row]).label,
+                point=int(shown.number[point]), residual_px=residual, outlier=bool(outlier[row]),
+                chip=_chip(image, xy, residual, curves),
+            )
+        )  # fmt: skip
     return chips
 
 
-def _chip(image: Image, xy: np.ndarray, residual: np.ndarray) -> TargetChip:
-    """Return the pixels around a measurement, wide enough for the computed position where that is near."""
-    half = int(np.clip(1.5 * np.abs(residual).max(), CHIP_HALF_PX, 3 * CHIP_HALF_PX))
+def _chip(image: Image, xy: np.ndarray, residual: np.ndarray, curves: tuple[np.ndarray, ...]) -> TargetChip:
+    """Return the pixels around a measurement, wide enough for its outline and for the computed position if near."""
+    reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
+    half = int(np.clip(max(reach), CHIP_HALF_PX, LARGEST_CHIP_PX))
     low = np.round(xy).astype(int) - half
     grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
     nothing = np.empty((0, 2))
-    line = np.array([xy, xy - residual])
-    return TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), (line,), xy)
+    return TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), curves, xy, xy - residual)

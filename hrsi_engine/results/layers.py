@@ -1,12 +1,10 @@
-"""The layers of an adjusted block and the map of its report, from the engine's tables."""
+"""The layers of an adjusted block, from the engine's tables."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.footprints import footprint
-from ..drawing.block_map import BlockMap
 from ..ground.geodesy import WGS84
 from ..ground.map_crs import map_epsg, middle_position, to_projected
 from ..io.layers import Layer
@@ -49,20 +47,6 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
 def residuals_epsg(result: Adjustment) -> int:
     """Return the EPSG code of the projected CRS of a block's middle, in which residuals are shown."""
     return map_epsg(*middle_position(positions(result))[:2])
-
-
-def block_map(result: Adjustment, left: Residuals) -> BlockMap:
-    """Return footprints and the ground residuals of the known points, for the report's map."""
-    height = middle_position(positions(result))[2]
-    known = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
-    points = result.block.points
-    return BlockMap(
-        footprints={image.id: footprint(image, height) for image in result.block.images},
-        lonlat=points.ground[known, :2],
-        roles=points.role[known],
-        residual_en_m=left.ground_m[known, :2],
-        ids=points.ids[known],
-    )
 
 
 def _point_layer(name: str, table: Table, epsg: int) -> Layer:

@@ -17,7 +17,7 @@ from .residuals import Residuals, by_image, measurement_sigma_px
 LEAST_CONTROLLED = 0.02  # an observation that nothing controls has no residual to speak of
 COVERAGE_CELLS = 5  # along each side of an image
 IMAGE_AXES = ("sample", "line")
-MOST_CHECK_POINTS = 200
+MOST_KNOWN_ROWS = 200
 
 
 def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
@@ -65,11 +65,11 @@ def covered_share(counts: np.ndarray) -> float:
     return float(np.mean(counts > 0))
 
 
-def check_point_rows(result: Adjustment, left: Residuals) -> list[dict[str, Any]]:
-    """Return the check points with survey - computed and its predicted sigma, the worst first; not more than 200."""
+def known_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:
+    """Return the points of a role with survey - computed and what it is judged by, the worst first; at most 200."""
     points = result.block.points
-    here = np.flatnonzero((points.role == Role.CHECK) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
-    worst = here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_CHECK_POINTS]
+    here = np.flatnonzero((points.role == role) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    worst = here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_KNOWN_ROWS]
     names = ("east_m", "north_m", "height_m")
     return [
         {"id": str(points.ids[row])}
@@ -84,7 +84,8 @@ def entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     return {
         "normalised_residuals": {axis: distribution(values) for axis, values in normalised_residuals(result).items()},
         "tie_coverage": {name: covered_share(counts) for name, counts in tie_coverage(result).items()},
-        "check_points": check_point_rows(result, left),
+        "control_points": known_point_rows(result, left, Role.GCP),
+        "check_points": known_point_rows(result, left, Role.CHECK),
     }
 
 

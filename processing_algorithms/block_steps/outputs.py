@@ -22,10 +22,11 @@ from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
-from ...hrsi_engine.results.layers import block_layers, block_map, residuals_epsg
+from ...hrsi_engine.results.layers import block_layers, residuals_epsg
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
+from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
@@ -158,7 +159,7 @@ def _name_outputs(
 
 def _write_reports(folder: Path, report: Report, result: Adjustment, left: Residuals, page: bool) -> None:
     if page:
-        write_report_html(str(folder / PAGE_FILE), report, block_map(result, left), report_figures(result, left))
+        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, find_outline))
     write_report_json(str(folder / REPORT_FILE), report)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...hrsi_engine.block.block import Raster
+from ...hrsi_engine.block.block import Image, Raster
 from ...hrsi_engine.drawing.target_chips import TargetChip
-from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement
+from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_target
 
 CHIP_MARGIN_PX = 8.0
+SAME_TARGET_PX = 3.0  # a target found farther from a measurement is another one
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
@@ -24,3 +25,12 @@ def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Ras
             grey, _ = raster.read(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
         origin = low.astype(np.float64)
     return TargetChip(grey, origin, made.edges, made.used, made.curves, made.xy)
+
+
+def find_outline(image: Image, measured_px: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the outline of the target that was measured on an image; nothing where there is none that is sharp."""
+    if image.raster is None:
+        return ()
+    made = measure_target(image.raster, measured_px, "center")
+    found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < SAME_TARGET_PX
+    return made.curves if found else ()

@@ -14,12 +14,13 @@ import pytest
 from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.drawing.block_map import block_map_svg
+from hrsi.hrsi_engine.drawing.block_figures import ReportFigures
+from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, block_map_svg, drawn_map
 from hrsi.hrsi_engine.drawing.target_chips import png_bytes
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.json_values import json_ready
-from hrsi.hrsi_engine.io.pages import figure
-from hrsi.hrsi_engine.io.report import BlockMap, write_report_html, write_report_json
+from hrsi.hrsi_engine.io.pages import digits_by_sigma, duration, figure
+from hrsi.hrsi_engine.io.report import write_report_html, write_report_json
 
 EVIL = '<script>alert("1")</script>&'
 
@@ -72,7 +73,7 @@ def block_map() -> BlockMap:
 class Outline(HTMLParser):
     """Collect tags and text; complain about tags that do not match."""
 
-    VOID = frozenset({"meta", "br"})
+    VOID = frozenset({"meta", "br", "input"})
 
     def __init__(self) -> None:
         super().__init__()
@@ -126,17 +127,27 @@ def test_json_ready_knows_what_reports_hold() -> None:
 
 def test_html_is_complete_and_escaped(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report_html(str(path), report(), block_map())
+    write_report_html(str(path), report(), ReportFigures(map=block_map()))
     page = outline(path)
     text = path.read_text(encoding="utf-8")
-    assert "script" not in page.tags
-    assert "<script" not in text
+    assert page.tags.count("script") == 1  # HRSI's own, without a source; which one the policy tells
+    assert " src=" not in text
     assert "http://" not in text
     assert "https://" not in text
     assert page.text.count(EVIL) >= 5  # warning, image, outlier, setting, map
-    for wanted in ("0.430", "0.812", "7.3", "2.10e-06", "shift_sample", "--gcp-ids", "A, B", "12.5", "123\u202f456"):
+    for wanted in (
+        "0.430",
+        "0.812",
+        "7.3",
+        "<\u202f0.00001",
+        "shift_sample",
+        "--gcp-ids",
+        "A, B",
+        "12.5",
+        "123\u202f456",
+    ):
         assert wanted in page.text, wanted
-    assert page.text.index("Warnings") < page.text.index("sigma0")
+    assert page.text.index("2 images tied") < page.text.index("sigma0")
 
 
 def test_html_of_a_bare_report(tmp_path: Path) -> None:
@@ -147,6 +158,7 @@ def test_html_of_a_bare_report(tmp_path: Path) -> None:
     assert "Warnings" not in page.text
     assert "svg" not in page.tags
     assert "None." in page.text
+    assert "not tested" in page.text
 
 
 def test_compared_models_are_tabulated(tmp_path: Path) -> None:
@@ -166,10 +178,11 @@ def test_arrows_and_scale_of_the_map() -> None:
     parser.feed(svg)
     assert parser.open == []
     typical = np.percentile([0.3, 0.5, np.sqrt(2.0)], 90.0)
-    lines = [line for line in svg.splitlines() if 'class="arrow gcp"' in line or 'class="arrow check"' in line]
+    lines = [line for line in svg.splitlines() if 'class="arrow flat"' in line]
     vectors = []
     for line in lines:
-        start, tip = (np.array(p.split(","), dtype=float) for p in line.split('d="M')[1].split("L")[:2])
+        path = line.split('class="arrow flat" d="M')[1]
+        start, tip = (np.array(p.split(","), dtype=float) for p in path.split("L")[:2])
         vectors.append(tip - start)
     np.testing.assert_allclose(vectors, np.array([[0.3, 0.0], [0.0, -0.5]]) * 45.0 / typical, atol=0.11)
     assert "nan" not in svg
@@ -192,15 +205,79 @@ def test_a_map_across_the_date_line_and_of_one_point() -> None:
     [
         (None, "–"),
         (0.12345, "0.123"),
-        (1.2e-5, "1.20e-05"),
+        (1.2e-5, "0.000"),
         (0.0, "0.000"),
-        (-0.00123, "-1.23e-03"),
+        (-6.23e-4, "−0.001"),
+        (-1e-5, "0.000"),
         (1234567, "1\u202f234\u202f567"),
+        (-25432.1, "−25\u202f432.100"),
         ("x", "x"),
     ],
 )
 def test_figures(value: Any, text: str) -> None:
     assert figure(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (4.647430806, 0.184267, "4.65"),
+        (-1234.5678, 12.3, "−1\u202f235"),
+        (-0.0046, 0.21, "0.00"),
+        (2.204e-5, 3.1e-6, "2.20·10⁻⁵"),
+        (1.2e-6, 3.1e-5, "0.1·10⁻⁵"),
+        (0.5, None, "0.500"),
+        (None, 0.1, "–"),
+    ],
+)
+def test_an_estimate_has_the_digits_that_its_sigma_allows(value: Any, sigma: Any, text: str) -> None:
+    """Two digits of the sigma, as the GUM (JCGM 100:2008, 7.2.6) has it."""
+    assert digits_by_sigma(value, sigma) == text
+
+
+def test_what_should_be_small_is_told_to_be() -> None:
+    assert figure(2.1e-6, 5) == "<\u202f0.00001"
+    assert (duration(0.58), duration(135.7)) == ("0.6\u00a0s", "2 min 15 s")
+
+
+def test_many_tie_points_are_drawn_as_cells() -> None:
+    """Every tie point is in a cell, which has the figures of its points: the root mean square of their residuals."""
+    rng = np.random.default_rng(4)
+    lonlat = np.column_stack([rng.uniform(5.0, 5.1, 20000), rng.uniform(43.0, 43.1, 20000)])
+    ties = TieField(lonlat, np.full(20000, 0.3), np.full(20000, 2.0), np.repeat([2, 4], 10000))
+    known = np.array([[5.05, 43.05]])
+    drawn = drawn_map(BlockMap({}, known, np.array([0]), np.array([[0.1, 0.1]]), np.array(["G"]), ties=ties))
+    cells = drawn.data["cells"]
+    assert sum(cells["count"]) == 20000
+    assert drawn.svg.count("data-c=") == len(cells["count"]) <= 61 * 61
+    assert set(cells["residual"]) == {0.3}
+    assert set(cells["sigma"]) == {2.0}
+    assert np.average(cells["rays"], weights=cells["count"]) == pytest.approx(3.0, abs=0.01)
+    assert len(drawn.svg) < 600_000
+
+
+def test_degrees_of_the_map_and_back() -> None:
+    """The polynomials of the page's script lead from the drawing to degrees and back, over 300 km too."""
+    ring = np.array([[4.0, 60.0], [9.0, 60.0], [9.0, 62.5], [4.0, 62.5]])
+    points = np.array([[4.5, 60.3], [6.5, 61.2], [8.9, 62.4]])
+    drawn = drawn_map(
+        BlockMap({"a": Polygon(ring)}, points, np.zeros(3, int), np.zeros((3, 2)), np.array(["a", "b", "c"]))
+    )
+    place = np.array([
+        [float(number) for number in line.split("translate(")[1].split(")")[0].split()]
+        for line in drawn.svg.splitlines() if 'class="pt gcp"' in line
+    ])  # fmt: skip
+    assert_maps(drawn.data["toDrawing"], points - drawn.data["origin"], place, 2.0)  # drawing units, of 900
+    back = assert_maps(drawn.data["toDegrees"], place / 100.0, points - drawn.data["origin"], 0.02)
+    assert back.shape == (3, 2)
+
+
+def assert_maps(terms: list[list[float]], uv: np.ndarray, expected: np.ndarray, within: float) -> np.ndarray:
+    """Evaluate polynomials of 1, u, v, u², uv, v² and compare."""
+    u, v = uv.T
+    found = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v]) @ np.array(terms).T
+    np.testing.assert_allclose(found, expected, atol=within)
+    return found
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
@@ -219,10 +296,10 @@ def test_verdict_opens_the_page_and_leads_to_its_explanation(tmp_path: Path) -> 
     """Reasons stand before all figures, escaped; a code with a section of docs/verdict.md links to its text below."""
     write_report_html(str(tmp_path / "report.html"), report())
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.index("2 images tied to 0.18 px") < page.index("Warnings") < page.index("<h2>Adjustment</h2>")
+    assert page.index("2 images tied to 0.18 px") < page.index("<dt>sigma0") < page.index("<h2>Notes")
     assert EVIL not in page
     assert "give <code>gcps</code>" in page
-    assert "P11 … (40 in all)" in page
+    assert "P11 … (40 in all)" in outline(tmp_path / "report.html").text
     assert page.index('href="#about-few-ties"') < page.index('id="about-few-ties"')
     assert "an error in one of them would not show" in page[page.index('id="about-few-ties"') :]
     assert "#about-no-such-code" not in page

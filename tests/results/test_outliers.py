@@ -75,7 +75,7 @@ def test_dividing_gives_the_flag(options):
                  lengths(rows, "image")[here], strict=True))
     )  # fmt: skip
     assert report["outlier_count"] == here.sum()
-    drawn = sum(int((vectors.groups == "outlier").sum()) for vectors in report_figures(result, left).vectors)
+    drawn = sum(int((vectors.groups == "outlier").sum()) for vectors in report_figures(result, left).cards)
     assert drawn == here.sum()
 
 
