@@ -127,7 +127,13 @@ class Browser:
         """Turn the wheel over the middle of an element, with or without the control key."""
         x, y = self.place_of(selector)
         self.command(
-            "Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=delta, modifiers=2 if control else 0
+            "Input.dispatchMouseEvent",
+            type="mouseWheel",
+            x=x,
+            y=y,
+            deltaX=0,
+            deltaY=delta,
+            modifiers=2 if control else 0,
         )
 
     def hover(self, selector: str) -> None:

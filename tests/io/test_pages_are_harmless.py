@@ -5,7 +5,9 @@ Every algorithm that writes a page runs on files and ids that try to break out o
 
 from __future__ import annotations
 
+import base64
 import csv
+import hashlib
 import json
 import re
 import shutil
@@ -31,10 +33,13 @@ TAGS = {
     "i", "ul", "ol", "li", "dl", "dt", "dd", "div", "span", "table", "thead", "tbody", "tr", "th", "td", "figure",
     "figcaption", "details", "summary", "a", "code", "footer", "main", "svg", "g", "path", "polygon", "polyline",
     "circle", "ellipse", "line", "rect", "text", "image", "tspan", "clippath", "defs", "em", "strong", "caption",
-    "nav",
+    "nav", "aside", "button", "fieldset", "input", "label", "legend", "option", "pre", "select", "time", "use",
 }  # fmt: skip
+#: Templates that are parts of the others.
+FRAME = {"page", "warnings", "lineage"}
 #: Attributes that load something or lead somewhere, and what of it a page may.
-LINKS, OWN = ("href", "src", "xlink:href", "action", "srcset"), ("#", "data:image/png;base64,")
+LINKS = ("href", "src", "xlink:href", "action", "srcset")
+OWN = ("#", "data:image/png;base64,", "data:image/jpeg;base64,")
 
 
 class Inspection(HTMLParser):
@@ -45,23 +50,31 @@ class Inspection(HTMLParser):
         self.faults: list[str] = []
         self.text = ""
         self.policy = ""
+        self.scripts: list[str] = []
+        self._in_script = False
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in TAGS:
+        self._in_script = tag == "script"
+        if tag == "script" and not attrs:
+            self.scripts.append("")  # the policy has to name it
+        elif tag not in TAGS and (tag, dict(attrs)) != ("script", {"type": "application/json", "id": "page-data"}):
             self.faults.append(f"<{tag}>")
         for name, value in attrs:
             text = (value or "").strip().lower()
             if name.startswith("on") or (name == "style" and "url(" in text) or "javascript:" in text:
                 self.faults.append(f"{tag} {name}={value}")
-            if name in ("href", "src", "xlink:href", "action", "srcset") and not text.startswith(
-                ("#", "data:image/png;base64,")
-            ):
+            if name in LINKS and not text.startswith(OWN):
                 self.faults.append(f"{tag} {name}={value}")
         named = dict(attrs)
         if tag == "meta" and named.get("http-equiv"):
             self.policy += named.get("content") or ""
 
+    def handle_endtag(self, tag: str) -> None:
+        self._in_script = False
+
     def handle_data(self, data: str) -> None:
+        if self._in_script and self.scripts:
+            self.scripts[-1] += data
         self.text += data
 
 
@@ -169,7 +182,7 @@ def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
 
 def test_every_template_has_a_writer_here():
     folder = Path(pages.__file__).parent / "templates"
-    assert {path.name.partition(".")[0] for path in folder.glob("*.html.j2")} - {"page_head"} == set(WRITERS)
+    assert {path.name.partition(".")[0] for path in folder.glob("*.html.j2")} - FRAME == set(WRITERS)
 
 
 @pytest.mark.parametrize(("template", "writer"), CASES, ids=lambda case: getattr(case, "__name__", case))
@@ -178,7 +191,12 @@ def test_hostile_names_are_text(template: str, writer: Callable[[Path, Path], No
     found = inspect((written[writer.__name__] / "report.html").read_text(encoding="utf-8"))
     assert found.faults == []
     assert EVIL_NAME in found.text
-    assert found.policy == "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in found.scripts]
+    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
+    assert found.policy == f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
+    templates = Path(pages.__file__).parent / "templates"
+    own = {path.read_text(encoding="utf-8") for path in templates.glob("*.js")}
+    assert found.scripts and set(found.scripts) <= own  # nothing of a report is in a script that runs
 
 
 def poisoned(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The report in a real browser: it shows report.json's numbers, without a console message, on a desk and on a phone.
+"""The report in a real browser: its numbers are report.json's; it can be used by mouse and keyboard, and printed.
 
 The pictures stay in ``build/report`` for whoever wants to look at them.
 """
@@ -6,40 +6,71 @@ The pictures stay in ``build/report`` for whoever wants to look at them.
 from __future__ import annotations
 
 import csv
-import html
+import itertools
 import json
 import os
 import re
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from browser import Browser, chromium_program
 
-from hrsi.hrsi_engine.io.pages import figure
+from hrsi.hrsi_engine.io.pages import digits_by_sigma, figure
 from hrsi.processing_algorithms import run
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PICTURES = REPOSITORY / "build" / "report"
-CELL = re.compile(r'data-key="([^"]*)" data-value="([^"]*)">([^<]*)<')
-TELL_WIDTH = "<script>parent.postMessage(document.documentElement.scrollWidth + ' of ' + innerWidth, '*')</script>"
-FRAME = """<!DOCTYPE html><html><head><title></title><style>body {{ margin: 0 }} iframe {{ border: 0 }}</style>
-<script>addEventListener("message", event => document.title = event.data)</script></head>
-<body><iframe src="report.html" width="{width}" height="{height}" scrolling="no"></iframe></body></html>"""
+NUMBERS = """[...document.querySelectorAll("[data-key]")].map(
+    (cell) => [JSON.parse(cell.dataset.key), JSON.parse(cell.dataset.value), cell.textContent])"""
+SHOWN = '[...document.querySelectorAll("#block-map .pt")].filter((p) => getComputedStyle(p).display !== "none")'
+#: Texts whose contrast to what is behind them is below what WCAG 2.1 (1.4.3) asks for: 4.5, of large ones 3.
+PALE = """(() => {
+  const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const light = (colour) => {
+    const linear = (v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    const [r, g, b] = numbers(colour).map((v) => linear(v / 255));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const behind = (element) => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = getComputedStyle(at).backgroundColor;
+      if (numbers(colour)[3] !== 0) return colour;
+    }
+  };
+  const pale = [];
+  for (const element of document.querySelectorAll("body *:not(script):not(style)")) {
+    const told = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+    if (!told || !element.getClientRects().length) continue;
+    const style = getComputedStyle(element), inside = element.closest("svg");
+    const [a, b] = [light(inside ? style.fill : style.color), light(behind(element))].sort((x, y) => y - x);
+    const size = parseFloat(style.fontSize), large = size >= 24 || (size >= 18.66 && style.fontWeight >= 700);
+    const ratio = (a + 0.05) / (b + 0.05);
+    if (ratio < (large ? 3 : 4.5)) pale.push(`${element.tagName} ${element.className}: ${ratio.toFixed(2)}`);
+  }
+  return pale;
+})()"""
 
 
 @pytest.fixture(scope="session")
 def chromium() -> str:
     """The browser; without it, skip, or fail where CI is true."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    program = chromium_program()
     if program is None:
         reason = "no Chromium: apt-get install chromium"
         if os.environ.get("CI") == "true":
             pytest.fail(reason)
         pytest.skip(reason)
     return program
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("profile")) as running:
+        yield running
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +98,15 @@ def result(request: pytest.FixtureRequest) -> Path:
     return request.getfixturevalue(request.param)
 
 
+@pytest.fixture
+def page(browser: Browser, simulated: Path) -> Browser:
+    """The simulated block's page, freshly opened."""
+    browser.open(simulated / "report.html")
+    return browser
+
+
 def browse(chromium: str, page: Path, profile: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Open a page in the browser without a window; what the page logs is in stderr."""
+    """Open a page in a browser of its own without a window; what the page logs is in stderr."""
     command = [
         chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
         f"--user-data-dir={profile}", *arguments, page.as_uri(),
@@ -80,10 +118,8 @@ def console(finished: subprocess.CompletedProcess[str]) -> list[str]:
     return [line for line in finished.stderr.splitlines() if "CONSOLE" in line]
 
 
-def shown_numbers(dom: str) -> Iterator[tuple[list[Any], Any, str]]:
-    """Give where each number stands in report.json, its value, and what the page writes."""
-    for key, value, text in CELL.findall(dom):
-        yield json.loads(html.unescape(key)), json.loads(html.unescape(value)), html.unescape(text)
+def report_of(result: Path) -> dict[str, Any]:
+    return json.loads((result / "report.json").read_text(encoding="utf-8"))
 
 
 def entry(report: Any, key: list[Any]) -> Any:
@@ -93,71 +129,272 @@ def entry(report: Any, key: list[Any]) -> Any:
     return report
 
 
-def test_numbers_are_those_of_report_json(chromium: str, result: Path, tmp_path: Path) -> None:
-    finished = browse(chromium, result / "report.html", tmp_path, "--dump-dom")
-    report = json.loads((result / "report.json").read_text(encoding="utf-8"))
-    numbers = list(shown_numbers(finished.stdout))
-    assert console(finished) == []
+def test_numbers_are_those_of_report_json(browser: Browser, result: Path) -> None:
+    browser.open(result / "report.html")
+    report = report_of(result)
+    numbers = browser.value(NUMBERS)
+    assert browser.messages == []
     for key, value, text in numbers:
         assert value == entry(report, key), key
-        digits = {figure(value, digits, unit) for digits in range(6) for unit in ("", "m", "s")}
-        assert text in digits, (key, value, text)
+        value = entry(report, key)  # JavaScript's 0 may be an integer or not
+        if key[2:3] == ["parameters"]:
+            assert text == digits_by_sigma(value, entry(report, [*key[:4], "sigma"]))
+        else:
+            assert text in {figure(value, digits, unit) for digits in range(6) for unit in ("", "m", "s")}, (key, text)
     places = {tuple(key) for key, _, _ in numbers}
     known = {(role, f"rmse_{axis}") for role in ("control", "check") for axis in ("east_m", "height_m", "line_px")}
     wanted = {("sigma0",), ("observations",), ("check", "ce90_m"), ("check", "le90_m"), *known}
     wanted |= {("check", "predicted", "rmse_east_m"), ("normalised_residuals", "line", "std")}
     wanted |= {("images", name, "rpc_fit_max_px") for name in report["images"]}
+    wanted |= {("control_points", 0, "east_m"), ("check_points", 0, "sigma_height_m")}
     assert wanted <= places
     print(f"{result.parent.name}: {len(numbers)} numbers of report.json on the page, no console message")
 
 
-def test_the_console_is_heard(chromium: str, tmp_path: Path) -> None:
-    """The test above can fail: a page's error reaches it."""
+def numbers_in(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?[\d.]+", text)]
+
+
+def test_messages_are_heard(browser: Browser, tmp_path: Path) -> None:
+    """The tests here can fail: a page's error reaches them."""
     page = tmp_path / "page.html"
     page.write_text("<script>console.error('heard'); undefinedFunction()</script>", encoding="utf-8")
-    assert len(console(browse(chromium, page, tmp_path / "profile", "--dump-dom"))) >= 2
+    browser.open(page)
+    browser.value("1")
+    assert len(browser.messages) >= 2
 
 
-def test_what_the_page_shows(simulated: Path) -> None:
-    """Warnings come first; there is a plot of each kind, and a chip of the gross error with its pixels."""
-    report = json.loads((simulated / "report.json").read_text(encoding="utf-8"))
-    page = (simulated / "report.html").read_text(encoding="utf-8")
+def test_it_opens_with_what_was_reached(simulated: Path) -> None:
+    """Verdict, its sentence and the key figures stand before all else; then the map, and chips of all known points."""
+    report, page = report_of(simulated), (simulated / "report.html").read_text(encoding="utf-8")
+    text = page[page.index("<body>") :]
+    order = [report["verdict"]["level"].capitalize(), report["verdict"]["sentence"], "CE90", "<h2>Notes", "<h2>Map"]
+    order += ["<h2>Control and check points", "<h2>Points in the images", "<h2>How it was made"]
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
     assert [row["id"] for row in report["outliers"]] == ["C000002"]
-    chips = re.findall(r'<figure><svg class="chip".*?<figcaption>(.*?)</figcaption>', page, re.DOTALL)
-    assert chips == [f"C000002, {report['outliers'][0]['image']}"]
-    assert page.count("data:image/png;base64,") == 1
+    known = report["control"]["points"] + report["check"]["points"]
+    assert page.count('<svg class="chip"') == known * len(report["images"])
+    assert page.count('id="picture-') == 2
     assert page.count('class="plot"') == 4  # histogram and Q-Q of samples and lines
-    assert page.count('class="coverage"') == 2
-    assert page.count('aria-label="Residuals"') == 2
-    assert report["model_choice"]["reason"] in html.unescape(page)
-    if report["warnings"]:
-        assert page.index("Warnings") < page.index("<h2>Adjustment")
+    assert page.count('<svg class="card"') == 2
 
 
-@pytest.mark.parametrize(("name", "width", "height"), [("desk", 1100, 5600), ("phone", 390, 7600)])
-def test_fits_the_screen(chromium: str, simulated: Path, tmp_path: Path, name: str, width: int, height: int) -> None:
-    """The page is not wider than the screen (wide tables scroll within it); its picture stays.
+def test_a_row_leads_to_the_map_and_the_map_to_the_row(page: Browser, simulated: Path) -> None:
+    worst = report_of(simulated)["check_points"][0]
+    page.value("for (const part of document.querySelectorAll('#known details')) part.open = true")
+    page.click(f"#known tr:has(a[data-point='{worst['id']}']) td")
+    assert page.value("document.querySelector('#block-map').dataset.chosen") == worst["id"]
+    assert page.value("Number(document.querySelector('#block-map').dataset.zoom)") >= 4.0
+    told = page.value("document.querySelector('#map-point').textContent")
+    east, north, up = (f"{worst[name]:.2f}".replace("-", "−") for name in ("east_m", "north_m", "height_m"))
+    assert f"E {east}, N {north}, H {up} m" in told
+    # in both images: the arrow on the card, and the chip
+    assert page.value("document.querySelectorAll('.cards .v.chosen').length") == 2
+    assert page.value("document.querySelectorAll('#chips figure.chosen').length") == 2
+    # and back: a point on the map opens its table and marks its row
+    page.click("#zoom-all")
+    assert page.value("document.querySelector('#block-map').dataset.zoom") == "1"
+    page.click("#block-map .pt.gcp circle")
+    chosen = page.value("document.querySelector('#block-map').dataset.chosen")
+    assert chosen.startswith("G")
+    rows = "[...document.querySelectorAll('tr.chosen')].map((row) => row.querySelector('a').dataset.point)"
+    assert set(page.value(rows)) == {chosen}
+    page.click(".cards .v.check")
+    assert page.value("document.querySelector('#block-map').dataset.chosen").startswith("C")
+    assert page.messages == []
 
-    The browser's own window cannot be as narrow as a phone, so the page is shown in a frame of that width.
-    """
+
+def test_filters_and_colours(page: Browser, simulated: Path) -> None:
+    report = report_of(simulated)
+    count = {role: report[name]["points"] for role, name in (("gcp", "control"), ("check", "check"), ("tie", "ties"))}
+
+    def shown() -> int:
+        return page.value(f"{SHOWN}.length")
+
+    assert shown() == sum(count.values())
+    for role in ("tie", "check"):
+        page.click(f"#map-roles input[value={role}]")
+    assert shown() == count["gcp"]
+    page.click("#map-roles input[value=check]")
+    page.select("#map-flag", "1")
+    assert page.value(f"{SHOWN}.map((p) => p.querySelector('title').textContent.split(' ')[0])") == ["C000002"]
+    page.select("#map-flag", "")
+    page.click("#map-roles input[value=tie]")
+    # the points of one image are those whose panel names it
+    page.select("#map-image", "0")
+    data = page.value("document.getElementById('page-data').textContent")
+    rows = json.loads(data)["measurements"]
+    on_first = {point for point, image in zip(rows["point"], rows["image"], strict=True) if image == 0}
+    assert shown() == len(on_first)
+    assert page.value("document.querySelectorAll('.footprint.chosen').length") == 1
+    page.select("#map-image", "")
+    before = page.value("getComputedStyle(document.querySelector('.pt.tie circle')).fill")
+    for by in ("residual", "sigma", "rays"):
+        page.select("#map-colour", by)
+        assert page.value("getComputedStyle(document.querySelector('.pt.tie circle')).fill") != before
+        assert page.value("document.querySelector('#map-ramp').textContent").strip()
+    page.select("#map-colour", "")
+    assert page.value("getComputedStyle(document.querySelector('.pt.tie circle')).fill") == before
+    page.select("#map-arrows", "lift")
+    assert page.value("getComputedStyle(document.querySelector('.arrow.flat')).display") == "none"
+    assert page.value("getComputedStyle(document.querySelector('.arrow.lift')).display") != "none"
+    assert page.messages == []
+
+
+def test_arrows_are_the_residuals_of_report_json(page: Browser, simulated: Path) -> None:
+    """Their lengths on the drawing, by the key beneath, are those of the residuals in report.json."""
+    report = report_of(simulated)
+    key = page.value("document.querySelector('text.scale:not(.length)').textContent")
+    metres = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+    number, unit = re.search(r"residual of ([\d.]+) (\w+)", key).groups()
+    start, _, tip = numbers_in(page.value("document.querySelectorAll('path.scale')[1].getAttribute('d')"))[:3]
+    per_metre = (tip - start) / (float(number) * metres[unit])
+    for row in report["control_points"][:5]:
+        is_it = f"(p) => p.querySelector('title').textContent.startsWith('{row['id']} ')"
+        mark = f"[...document.querySelectorAll('.pt')].find({is_it})"
+        path = page.value(f"{mark}.querySelector('.arrow.flat')?.getAttribute('d')")
+        if path is not None:
+            drawn = np.array(numbers_in(path)[2:4]) / per_metre
+            np.testing.assert_allclose(drawn, [row["east_m"], -row["north_m"]], atol=0.15 / per_metre)
+
+
+def test_move_and_zoom(page: Browser) -> None:
+    def state() -> list[float]:
+        return page.value(
+            "document.querySelector('#block-map .view').getAttribute('transform').match(/-?[\\d.]+/g).map(Number)"
+        )
+
+    scale = page.value("document.querySelector('text.length').textContent")
+    assert state()[0] == 1.0
+    page.wheel("#block-map", -300.0)
+    assert state()[0] == 1.0  # the wheel alone scrolls the page
+    page.wheel("#block-map", -300.0, control=True)
+    page.click("#zoom-in")
+    zoom, *_, x, y = state()
+    assert zoom > 2.0
+    assert page.value("document.querySelector('text.length').textContent") != scale
+    assert page.value("document.querySelectorAll('.graticule text').length") >= 2
+    page.drag("#block-map", 60.0, 30.0)
+    assert state()[-2] > x and state()[-1] > y
+    page.hover("#block-map")
+    lon_lat = re.findall(r"-?\d+\.\d+", page.value("document.querySelector('#map-place').textContent"))
+    assert [float(value) for value in lon_lat[:2]] == pytest.approx([43.53, 5.45], abs=0.01)
+    page.click("#zoom-out")
+    page.click("#zoom-all")
+    assert state() == [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+
+
+def test_keyboard_alone(page: Browser) -> None:
+    """From the top: skip to the content, come to the map, zoom, go from point to point, leave it again."""
+    page.press("Tab")
+    assert page.value("document.activeElement.className") == "skip"
+    seen = []
+    for _ in range(60):
+        page.press("Tab")
+        seen.append(page.value("document.activeElement.id"))
+        if seen[-1] == "block-map":
+            break
+    assert seen[-1] == "block-map"
+    assert [name for name in seen if name.startswith("zoom")] == ["zoom-in", "zoom-out", "zoom-all"]
+    page.press("+")
+    assert page.value("Number(document.querySelector('#block-map').dataset.zoom)") == 2.0
+    page.press("n")
+    first = page.value("document.querySelector('#block-map').dataset.chosen")
+    page.press("n")
+    assert page.value("document.querySelector('#block-map').dataset.chosen") not in ("", first)
+    page.press("p")
+    assert page.value("document.querySelector('#block-map').dataset.chosen") == first
+    page.press("Escape")
+    assert page.value("document.querySelector('#block-map').dataset.chosen") == ""
+    page.press("Tab")
+    assert page.value("document.activeElement.id") != "block-map"
+    page.value("document.querySelector('table.sortable thead button').focus()")
+    page.press("Enter")
+    assert page.value("document.activeElement.closest('th').getAttribute('aria-sort')") == "ascending"
+
+
+def test_tables_are_sorted_by_their_numbers(page: Browser, simulated: Path) -> None:
+    selector = "#known details:first-of-type table"
+    page.value(f"document.querySelector('{selector}').closest('details').open = true")
+    column = f"[...document.querySelectorAll('{selector} tbody tr')].map((row) => Number(row.cells[1].dataset.value))"
+    page.click(f"{selector} thead th:nth-child(2) button")
+    found = page.value(column)
+    assert found == sorted(row["east_m"] for row in report_of(simulated)["control_points"])
+    page.click(f"{selector} thead th:nth-child(2) button")
+    assert page.value(column) == found[::-1]
+
+
+def test_what_the_images_show(page: Browser) -> None:
+    visible = (
+        "[...document.querySelectorAll('.cards .{}')].filter((g) => getComputedStyle(g).display !== 'none').length"
+    )
+    assert page.value(visible.format("vectors")) == 2
+    assert page.value(visible.format("cells")) == 0
+    page.select("#cards-arrows", "field")
+    page.select("#cards-cells", "count")
+    assert page.value(visible.format("vectors")) == 0
+    assert page.value(visible.format("field")) == 2
+    assert page.value(visible.format("cells")) == 2
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_it_can_be_read(browser: Browser, result: Path, dark: bool) -> None:
+    browser.open(result / "report.html", dark=dark)
+    browser.value("for (const part of document.querySelectorAll('details')) part.open = true")
+    assert browser.value(PALE) == []
+    browser.value("document.querySelector('.note').style.color = '#999999'")
+    assert len(browser.value(PALE)) == int(not dark)  # what is too pale is seen
+
+
+def test_those_who_hear_it(page: Browser) -> None:
+    """Headings without a gap, tables with headings of rows and columns, names for pictures and controls."""
+    levels = page.value("[...document.querySelectorAll('h1, h2, h3')].map((h) => Number(h.tagName[1]))")
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
+    assert page.value("document.documentElement.lang") == "en"
+    for unnamed in (
+        "svg:not([role=img]):not([role=application]):not([aria-hidden])", "svg[role]:not([aria-label])",
+        "thead th:not([scope])", "main tbody tr > th:not([scope])", "button:empty:not([aria-label])", "img:not([alt])",
+        "[role=region]:not([aria-label])",
+    ):  # fmt: skip
+        assert page.value(f"document.querySelectorAll({json.dumps(unnamed)}).length") == 0, unnamed
+    assert page.value("[...document.querySelectorAll('select, input')].every((e) => e.closest('label'))")
+    ids = page.value("[...document.querySelectorAll('[id]')].map((e) => e.id)")
+    assert len(set(ids)) == len(ids)
+
+
+@pytest.mark.parametrize(
+    ("name", "width", "phone"), [("wall", 2560, False), ("desk", 1400, False), ("phone", 390, True)]
+)
+def test_fits_the_screen(browser: Browser, result: Path, name: str, width: int, phone: bool) -> None:
+    """The page is not wider than the screen (wide tables scroll within it); its picture stays."""
     PICTURES.mkdir(parents=True, exist_ok=True)
-    text = (simulated / "report.html").read_text(encoding="utf-8")
-    text = re.sub(r"<meta http-equiv[^>]*>", "", text)  # it would stop the script that tells the width
-    (tmp_path / "report.html").write_text(text.replace("</body>", f"{TELL_WIDTH}</body>"), encoding="utf-8")
-    frame = tmp_path / "frame.html"
-    frame.write_text(FRAME.format(width=width, height=height), encoding="utf-8")
-    window = f"--window-size={max(width, 500)},{height}"
-    browse(chromium, frame, tmp_path / "a", window, f"--screenshot={PICTURES / f'report_{name}.png'}")
-    dom = browse(chromium, frame, tmp_path / "b", window, "--virtual-time-budget=2000", "--dump-dom").stdout
-    needed, there = map(int, re.search(r"<title>(\d+) of (\d+)</title>", dom).groups())
-    assert there == width
-    assert needed <= there
-    assert (PICTURES / f"report_{name}.png").stat().st_size > 50_000
+    browser.open(result / "report.html", width, 844, phone=phone)
+    browser.value("for (const part of document.querySelectorAll('details')) part.open = true")
+    assert browser.value("[document.documentElement.scrollWidth, innerWidth]") == [width, width]
+    picture = PICTURES / f"report_{result.parent.name}_{name}.png"
+    browser.picture(picture)
+    assert picture.stat().st_size > 50_000
 
 
-def test_print(chromium: str, simulated: Path, tmp_path: Path) -> None:
+def test_print(page: Browser, simulated: Path) -> None:
+    """Every part is printed, also what is closed on the screen; the map as a whole; controls are not."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
     printed = PICTURES / "report.pdf"
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    browse(chromium, simulated / "report.html", tmp_path, "--no-pdf-header-footer", f"--print-to-pdf={printed}")
-    pages = len(re.findall(rb"/Type\s*/Page\b", printed.read_bytes()))
-    assert 2 <= pages <= 8
+    page.click("#zoom-in")
+    closed = "document.querySelectorAll('details:not([open])').length"
+    zoom = "document.querySelector('#block-map').dataset.zoom"
+    page.value(f"addEventListener('beforeprint', () => {{ window.seen = [{closed}, {zoom}]; }})")
+    page.print(printed)
+    assert page.value("window.seen") == [0, "1"]
+    assert page.value(zoom) == "2"  # and is as it was afterwards
+    content = printed.read_bytes()
+    pages = len(re.findall(rb"/Type\s*/Page\b", content))
+    assert 2 <= pages <= 14
+    page.command("Emulation.setEmulatedMedia", media="print", features=[])
+    hidden = "[...document.querySelectorAll({})].filter((e) => e.getClientRects().length).length"
+    assert page.value(hidden.format('".controls, nav, #map-point"')) == 0
+    headings = page.value("[...document.querySelectorAll('h2')].map((e) => e.getClientRects().length)")
+    assert len(headings) >= 9 and min(headings) == 1
+    page.command("Emulation.setEmulatedMedia", media="", features=[])

@@ -29,14 +29,14 @@
   // ---- Where the map stands: drawing = zoom * place + shift -------------------------------------------------------
   let zoom = 1, shift = [0, 0], grow = 1; // grow: text and points on a narrow screen
 
-  const move = (newZoom, newShift) => {
+  const move = (newZoom, newShift, onPaper = false) => {
     zoom = Math.min(Math.max(newZoom, 1), MOST_ZOOM);
     shift = newShift.map((value, axis) => {
       const size = axis ? map.height : map.width;
       return Math.min(Math.max(value, size * (1 - zoom)), 0); // the map fills its frame
     });
     view.setAttribute("transform", `matrix(${zoom} 0 0 ${zoom} ${shift[0]} ${shift[1]})`);
-    grow = Math.min(Math.max((0.85 * map.width) / svg.clientWidth, 1), 2);
+    grow = onPaper ? 1 : Math.min(Math.max((0.85 * map.width) / svg.clientWidth, 1), 2);
     svg.style.setProperty("--shrink", 1 / zoom);
     svg.style.setProperty("--grow", grow);
     svg.dataset.zoom = zoom;
@@ -398,7 +398,7 @@
   let before = null;
   addEventListener("beforeprint", () => {
     before = [zoom, shift];
-    showAll();
+    move(1, [0, 0], true);
   });
   addEventListener("afterprint", () => before && move(...before));
 
