@@ -86,7 +86,7 @@ class ReportFigures:
     normalised: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
-def drawn(figures: ReportFigures) -> dict[str, object]:
+def drawn(figures: ReportFigures) -> dict[str, Any]:
     """Return the drawings for the page's template; arrows have one scale for all images."""
     residuals = [card.residual_px for card in figures.cards if len(card.residual_px)]
     typical = typical_length(np.vstack(residuals)) if residuals else 0.0

@@ -263,10 +263,9 @@ def _pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Pictu
         step = max(1, -(-max(image.raster.size) // side))
         grey, valid = image.raster.read_reduced(step)
         if valid.any():
-            size = (image.raster.size[0] / step, image.raster.size[1] / step)
-            found[image.id] = Picture(
-                f"picture-{len(found)}", image.id, grey.shape[::-1], size, picture_uri(grey, valid)
-            )
+            covers = (image.raster.size[0] / step, image.raster.size[1] / step)
+            size, name = (int(grey.shape[1]), int(grey.shape[0])), f"picture-{len(found)}"
+            found[image.id] = Picture(name, image.id, size, covers, picture_uri(grey, valid))
     return found
 
 
