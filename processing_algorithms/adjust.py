@@ -7,6 +7,7 @@ from ..hrsi_engine.foundation.progress import stage
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
+from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_laser
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.adjust import AdjustAlgorithmOptions
@@ -25,10 +26,13 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     how = options.adjustment
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
+    laser = read_laser_points(images, options.laser, context)
+    how = with_laser(how, laser, options.dem, options.points)
     with plausibility.explained_by(reasons):
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
-    warnings, entries = [*warnings, *choice_warnings(result.choice)], choice_entries(how.model, result.choice)
+    warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
+    entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons)

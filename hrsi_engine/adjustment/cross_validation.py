@@ -35,7 +35,7 @@ def cross_validate(
         left[point, :2] = 0.0
         if rays[point] >= 2:
             left[point, 2] = 0.0
-        weighting = problem.survey_weighting(solution.weighting.image, left)
+        weighting = problem.survey_weighting(solution.weighting.image, left, solution.weighting.points)
         contributes = weighting.contributes.copy()
         contributes[point] = False
         without = loop.run(

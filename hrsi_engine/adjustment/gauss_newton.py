@@ -15,8 +15,8 @@ import numpy as np
 from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..ground.geodesy import moved_ground
-from .dem_heights import DemHeights
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
+from .held_heights import HeldHeights
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 
@@ -62,7 +62,7 @@ class GaussNewton:
 
     prior_weight : (cameras, p), infinite for a parameter that stays at its start
     rows_per_point : (m,) numbers of image points
-    heights : those of a DEM that hold points
+    heights : those of a DEM or of laser points that hold points
     """
 
     equations: NormalEquations
@@ -70,7 +70,7 @@ class GaussNewton:
     prior_weight: np.ndarray
     rows_per_point: np.ndarray
     max_iterations: int = 30
-    heights: DemHeights | None = None
+    heights: HeldHeights | None = None
     history: list[Iteration] = field(default_factory=list)
     solves: int = 0
 
@@ -117,7 +117,7 @@ class GaussNewton:
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweighted(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
-        """Return the same state with robust factors from its residuals and heights from the DEM."""
+        """Return the same state with robust factors from its residuals and the heights that hold points."""
         weighting = at.weighting
         if self.heights is not None:
             points = self.heights.apply(weighting.points, at.state.ground, at.normals.inverse)

@@ -8,6 +8,7 @@ from ..foundation.options import option, options, threads_option
 from ..refinement.options import BLOCK_MODEL_NAMES, RULE_NAMES
 
 if TYPE_CHECKING:
+    from ..block.laser import LaserPoints
     from ..surface.dem import HeightSurface
 
 #: Models and rules that choose one.
@@ -26,6 +27,8 @@ class AdjustOptions:
     ----------
     dem : HeightSurface, optional
         A surface that holds the heights of tie points, where ``sigma_dem_m`` says how well.
+    laser : LaserPoints, optional
+        Laser points that hold the heights of the tie points around them; those with a ``doubt`` hold none.
     max_iterations : int
         Of the Gauss-Newton loop.
     tolerance : float
@@ -90,6 +93,25 @@ class AdjustOptions:
         "Standard deviation of the heights of `dem`, which then hold the tie points; by default they hold none",
         name="sigma-dem",
         minimum=1e-6,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
+    laser: LaserPoints | None = None
+    laser_reach_m: float = option(
+        25.0,
+        "How far from a laser point tie points tell the ground's shape, and are held by its height",
+        name="laser-reach",
+        minimum=0.1,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
+    sigma_laser_m: float = option(
+        0.1,
+        "Standard deviation of every laser height beside the one that its file states",
+        name="sigma-laser",
+        minimum=0.0,
         unit="m",
         advanced=True,
         metavar="M",

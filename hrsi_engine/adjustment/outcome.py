@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,15 +19,19 @@ from .result import (
     CrossValidation,
     DatumPart,
     Decision,
-    DemAgreement,
     EstimatedCameras,
     Finding,
+    HeightAgreement,
+    LaserOutcome,
     ModelTest,
     VarianceComponent,
 )
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
-MANY_HEIGHTS_LEFT_OUT = 0.02  # share of the DEM's heights
+MANY_HEIGHTS_LEFT_OUT = 0.02  # share of a source's heights
+WHAT_STANDS_OUT = {
+    "DEM": "trees, buildings, or errors of the DEM", "laser": "canopy, clouds, or ground that has changed",
+}  # fmt: skip
 HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
 
 
@@ -80,8 +85,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     covariance = _spread(len(block.points), points, covariance)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-    heights = problem.dem_heights
-    agreement = None if heights is None else heights.agreement(solution.weighting.points, cameras.ground)
+    heights, laser = _held_heights(problem, solution)
     redundancy_numbers, statistic = _reliability(problem, solution, precise, found.tie_variance)
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
@@ -119,9 +123,10 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
             *problem.warnings,
             *found.warnings,
             *_find_undetermined(problem, loop, prior_share),
-            *_dem_warnings(agreement),
+            *_height_warnings(heights),
         ),
-        dem=agreement,
+        heights=heights,
+        laser=laser,
         estimate_residual_px=_estimate_residuals(problem, solution, kept),
         tests=found.tests,
         estimated_sigma_px=_measurement_sigmas(block, rows, found),
@@ -272,12 +277,37 @@ def _find_undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndar
     ]
 
 
-def _dem_warnings(agreement: DemAgreement | None) -> list[str]:
-    """Name a DEM many of whose heights do not fit the block."""
-    if agreement is None or agreement.left_out <= MANY_HEIGHTS_LEFT_OUT * agreement.points:
-        return []
-    return [
-        f"{agreement.left_out} of {agreement.points} heights of the DEM do not fit the points and are left out "
-        f"(the points lie {agreement.left_out_median_m:+.1f} m above it in the median): trees, buildings, or errors of "
-        "the DEM"
-    ]
+def _held_heights(problem: Problem, solution: Solution) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
+    """Return how the heights that hold points agree with them, and what became of each laser point."""
+    held = problem.held_heights
+    if held is None:
+        return (), None
+    agreements, judged = held.agreement(
+        solution.weighting.points, solution.state.ground, solution.normals.inverse
+    )  # fmt: skip
+    laser = problem.laser
+    if laser is None:
+        return agreements, None
+    one = next(one for one in judged if one.source is laser)
+    return agreements, laser.outcome(one, solution.state.ground)
+
+
+def _height_warnings(heights: Sequence[HeightAgreement]) -> list[str]:
+    """Name sources many of whose heights do not fit the block, and groups of heights that contradict the others."""
+    warnings = []
+    for one in heights:
+        for group in one.groups:
+            if group.wrong:
+                done = "left out" if group.left_out else "kept, as it cannot be told which of them are wrong"
+                warnings.append(
+                    f"{one.source}, {group.name}: its {group.observations} heights lie {group.offset_m:+.1f} m off the "
+                    f"others ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {done}; check what they refer to"
+                )
+        wrong_groups = sum(group.observations for group in one.groups if group.left_out)
+        if one.left_out - wrong_groups > MANY_HEIGHTS_LEFT_OUT * one.observations:
+            what = WHAT_STANDS_OUT[one.source]
+            warnings.append(
+                f"{one.left_out} of {one.observations} heights of the {one.source} do not fit the points and are left "
+                f"out (the points lie {one.left_out_median_m:+.1f} m above it in the median): {what}"
+            )
+    return warnings

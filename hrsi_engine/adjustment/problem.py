@@ -22,10 +22,11 @@ from ..refinement.image_space import ImagePolynomial, with_drift
 from ..refinement.model import Priors, RefinementModel, believed_priors, priors_of
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, Choice, choose_model
-from .dem_heights import DemHeights
 from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
+from .held_heights import DemHeights, HeightSource, HeldHeights
 from .intersection import fixed_cameras, start_positions
+from .laser_heights import LaserHeights
 from .observations import Observations, select
 from .options import AdjustOptions
 from .variance_components import GROUPINGS
@@ -76,24 +77,41 @@ class Problem:
         """Return a Gauss-Newton loop over the problem."""
         rows = np.diff(self.observations.first)
         return GaussNewton(
-            self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.dem_heights
+            self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.held_heights
         )
 
     @cached_property
-    def dem_heights(self) -> DemHeights | None:
-        """The DEM's heights that hold points, None without them."""
-        dem, sigma_m = self.options.dem, self.options.sigma_dem_m
-        if dem is None or sigma_m is None:
+    def held_heights(self) -> HeldHeights | None:
+        """The heights of a DEM and of laser points that hold points, None without them."""
+        options, observations = self.options, self.observations
+        free = observations.survey_weight[:, 2] == 0.0
+        sources: list[HeightSource] = []
+        if options.dem is not None and options.sigma_dem_m is not None:
+            by_dem = np.flatnonzero(self.weighting.points.observed[:, 2] & free)
+            sources.append(DemHeights.of(options.dem, by_dem, self.start.ground, options.sigma_dem_m))
+        if self.laser is not None:
+            sources.append(self.laser)
+        if not sources:
             return None
-        by_dem = self.weighting.points.observed[:, 2] & (self.observations.survey_weight[:, 2] == 0.0)
-        return DemHeights(dem, np.flatnonzero(by_dem), sigma_m)
+        return HeldHeights(tuple(sources), free, options.test_sigmas or options.variance_components)
 
-    def survey_weighting(self, image: np.ndarray, survey: np.ndarray) -> Weighting:
+    @cached_property
+    def laser(self) -> LaserHeights | None:
+        """The laser points, for the ties that several rays place; None without them."""
+        options, observations = self.options, self.observations
+        if options.laser is None:
+            return None
+        ties = observations.contributing_points & ~observations.surveyed & (np.diff(observations.first) > 1)
+        usable = np.flatnonzero(options.laser.doubt == "")
+        return LaserHeights(options.laser, usable, np.flatnonzero(ties), options.laser_reach_m, options.sigma_laser_m)
+
+    def survey_weighting(self, image: np.ndarray, survey: np.ndarray, before: PointPriors | None = None) -> Weighting:
         """Return a weighting with other weights of image points ``(n,)`` and of surveys ``(m, 3)``.
 
-        Points that are left with fewer than two measurements and no survey lose their say.
+        Points that are left with fewer than two measurements and no survey lose their say. Heights that hold points are
+        as they were judged ``before``.
         """
-        points = self.weighting.points
+        points = self.weighting.points if before is None else before
         surveyed = self.observations.survey_weight > 0.0
         fresh = PointPriors.of(self.observations, self.start.ground, survey)
         priors = PointPriors(
@@ -153,7 +171,8 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     return Problem(
         block, observations, model, camera, options, pattern, equations, prior_weight, guessed,
         _believed_drift(observations, model, camera), parts, State(start, ground),
-        Weighting(image_weight, priors, contributes), (*lost, *weak, *_part_warnings(observations, parts)), choice,
+        Weighting(image_weight, priors, contributes),
+        (*lost, *weak, *_part_warnings(observations, parts, options)), choice,
     )  # fmt: skip
 
 
@@ -201,7 +220,7 @@ def _parts(observations: Observations) -> tuple[Part, ...]:
     return tuple(sorted(parts, key=lambda part: -len(part.images)))
 
 
-def _part_warnings(observations: Observations, parts: Sequence[Part]) -> list[str]:
+def _part_warnings(observations: Observations, parts: Sequence[Part], options: AdjustOptions) -> list[str]:
     """Name the images that hang together with no others, and those that nothing holds but their RPC."""
     names = [image.id for image in observations.images]
     warnings = []
@@ -217,8 +236,10 @@ def _part_warnings(observations: Observations, parts: Sequence[Part]) -> list[st
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
         reasons = dict.fromkeys(believed_pointing(observations.images[i]).reason for part in free for i in part.images)
         believed = " | ".join([*reasons][:SENSORS_NAMED])
+        held = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
+        what = "position in plan" if held else "position"
         warnings.append(
-            f"no GCP holds {listed}: its position follows from the RPCs' own accuracy (priors; believed: {believed})"
+            f"no GCP holds {listed}: its {what} follows from the RPCs' own accuracy (priors; believed: {believed})"
         )
     return warnings
 

@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from ..block.block import Block
+from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..refinement.model import RefinementModel
 from ..refinement.selection import Choice
@@ -99,16 +100,57 @@ class DatumPart:
 
 
 @dataclass(frozen=True)
-class DemAgreement:
-    """Points whose heights a DEM holds: how many, how many of its heights do not fit and are left out.
+class HeightGroup:
+    """Heights that share errors, a laser track or a part of a DEM, against all groups of all sources.
 
-    rmse_m : of point - DEM, of those that fit; left_out_median_m : median of point - DEM of the others
+    offset_m : its heights less what the groups together say, with the standard deviation sigma_m
+    wrong : whether it contradicts the others; left_out : and was left out, as it is clear which are wrong
     """
 
-    points: int
+    name: str
+    observations: int
+    offset_m: float
+    sigma_m: float
+    wrong: bool
+    left_out: bool
+
+
+@dataclass(frozen=True)
+class HeightAgreement:
+    """A source of heights that hold tie points: how many they are, how many do not fit and are left out.
+
+    rmse_m : of point - source, of those that fit; left_out_median_m : median of point - source of the others
+    sigma_m : median standard deviation as estimated, sigma_factor times the given one
+    share : of what the sources together say of the block's height; alone_m : what the block would rise by if this
+    source alone held it
+    """
+
+    source: str
+    observations: int
     left_out: int
     rmse_m: float
     left_out_median_m: float
+    sigma_m: float
+    sigma_factor: float
+    share: float
+    alone_m: float
+    groups: tuple[HeightGroup, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class LaserOutcome:
+    """What became of each laser point ``(n,)``, in the order of the points.
+
+    points : the laser points; reason : why one holds nothing, empty where it holds
+    ties : number of tie points that it holds; residual_m : its height less theirs, NaN without any
+    sigma_m : standard deviation that it was given, with that of the ground between
+    """
+
+    points: LaserPoints
+    reason: np.ndarray
+    ties: np.ndarray
+    residual_m: np.ndarray
+    sigma_m: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +232,10 @@ class Adjustment:
         Each GCP as a check point in turn, where that was asked for.
     warnings : tuple of str
         What a user should know.
-    dem : DemAgreement or None
-        How tie points agree with the DEM that held them.
+    heights : tuple of HeightAgreement
+        How tie points agree with the DEM and the laser points that held their heights.
+    laser : LaserOutcome or None
+        What became of each laser point.
     estimate_residual_px : (measurements, 2) ndarray or None
         The residuals without the drift that the model does not follow, as it was estimated; redundancy numbers and
         statistic are of these. None: there is no such drift.
@@ -233,7 +277,8 @@ class Adjustment:
     parts: tuple[DatumPart, ...]
     cross_validation: CrossValidation | None
     warnings: tuple[str, ...]
-    dem: DemAgreement | None = None
+    heights: tuple[HeightAgreement, ...] = ()
+    laser: LaserOutcome | None = None
     estimate_residual_px: np.ndarray | None = None
     tests: tuple[ModelTest, ...] = ()
     estimated_sigma_px: np.ndarray | None = None

@@ -33,6 +33,7 @@ MOST_BYTES = {
     "journal": 256 * MIB,  # of what somebody measured by hand, point by point
     "result": 2048 * MIB,  # of one finished part of a search
 }
+MOST_LASER_POINTS = 50_000_000  # values of an array: a granule of GEDI has some 2e5 shots with 101 heights each
 LONGEST_LINE = 4 * MIB  # characters of a line of text
 LONGEST_TEXT = 4096  # characters of an id or an image's name: paths and signed addresses fit
 PLAIN_TEXT = 64  # characters that names may have in any number

@@ -24,6 +24,16 @@ LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
 }  # fmt: skip
 
+#: Of the reasons why laser points are left out.
+REASON_COLORS = (
+    "215,25,28,255",
+    "253,141,60,255",
+    "152,78,163,255",
+    "166,86,40,255",
+    "247,129,191,255",
+    "90,90,90,255",
+)
+
 LayerColumns = Mapping[str, Column]
 
 
@@ -124,9 +134,20 @@ def _thinned_points(color: str, size_mm: float) -> Callable[[LayerColumns], Styl
     return style
 
 
+def _laser_points(fields: LayerColumns) -> Style:
+    reason = np.asarray(fields.get("reason", np.empty(0, dtype=str)))
+    used, reasons = reason == "", sorted(set(reason[reason != ""].tolist()))
+    return _render_style(
+        "laser_points.qml.j2", "Laser points: used, and left out with the reason",
+        used_shares=shares(int(used.sum())), out_shares=shares(int((~used).sum())),
+        reasons=[(why, REASON_COLORS[number % len(REASON_COLORS)]) for number, why in enumerate(reasons)],
+    )  # fmt: skip
+
+
 #: Fields without which a style says nothing: other algorithms have layers of the same names for positions alone.
 NEEDED: dict[str, frozenset[str]] = {
     "ground_points": frozenset({"role"}),
+    "laser_points": frozenset({"used", "reason"}),
     "image_points": frozenset({"flag", "residual_sample_px", "residual_line_px"}),
 }
 STYLES: dict[str, Callable[[LayerColumns], Style]] = {
@@ -135,6 +156,7 @@ STYLES: dict[str, Callable[[LayerColumns], Style]] = {
     "image_points": _image_points,
     "interest_points": _interest_points,
     "gcps": _thinned_points("gcp", 2.4),
+    "laser_points": _laser_points,
     "targets": _thinned_points("check", 2.0),
     "tie_points": _tie_points,
     "misregistration_utm": _misregistration,

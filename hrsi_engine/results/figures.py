@@ -62,7 +62,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
         "variance_components": [asdict(part) for part in result.variance_components],
         "parts": [_part_entry(part) for part in result.parts],
         "cross_validation": _cross_validation(result),
-        "dem_heights": None if result.dem is None else asdict(result.dem),
+        "heights": [asdict(source) for source in result.heights],
     }
 
 

@@ -9,7 +9,15 @@ from ..ground.geodesy import WGS84
 from ..ground.map_crs import map_epsg, middle_position, to_projected
 from ..io.layers import Layer
 from .residuals import Residuals
-from .tables import Table, ground_points_table, image_points_table, images_table, positions, residuals_table
+from .tables import (
+    Table,
+    ground_points_table,
+    image_points_table,
+    images_table,
+    laser_points_table,
+    positions,
+    residuals_table,
+)
 
 RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
@@ -29,7 +37,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     Returns
     -------
     list of Layer
-        Footprints, points, measurements and residuals.
+        Footprints, points, measurements and residuals; laser points where there are any.
     """
     middle = middle_position(positions(result))
     left_over = residuals_table(result, left)
@@ -41,6 +49,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
         _point_layer("ground_points", ground_points_table(result), WGS84),
         _point_layer("image_points", image_points_table(result, left), WGS84),
         *(_point_layer(name, left_over, crs[name]) for name in chosen),
+        *([] if result.laser is None else [_point_layer("laser_points", laser_points_table(result.laser), WGS84)]),
     ]
 
 

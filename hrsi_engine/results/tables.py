@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.result import Adjustment
+from ..adjustment.result import Adjustment, LaserOutcome
 from ..block.block import Block
 from ..block.footprints import footprint
 from ..block.points import ROLE_LABELS
@@ -46,6 +46,26 @@ def images_table(result: Adjustment, height_m: float) -> Table:
         "footprint_height_m": np.full(len(images), height_m),
     }
     return Table([footprint(image, height_m) for image in images], columns)
+
+
+def laser_points_table(found: LaserOutcome) -> Table:
+    """Return all laser points with what their file says of them, whether they hold the block, and why not."""
+    points = found.points
+    columns = {
+        "id": points.ids,
+        "track": points.track,
+        "used": found.reason == "",
+        "reason": found.reason,
+        "residual_height_m": found.residual_m,
+        "ties": found.ties,
+        "sigma_m": found.sigma_m,
+        "stated_sigma_m": points.sigma_m,
+        "misfit_m": points.misfit_m,
+        "photons": points.photons,
+        "slope": points.slope,
+        "canopy_m": points.canopy_m,
+    }
+    return Table(points.ground, columns)
 
 
 def positions(result: Adjustment) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
-from ..interface.option_groups import NO_TIES, BlockOutput, DemOptions, PointFiles, images_option
+from ..interface.option_groups import NO_TIES, BlockOutput, DemOptions, LaserFile, PointFiles, images_option
 
 
 @options(kw_only=True)
@@ -21,6 +21,7 @@ class AdjustAlgorithmOptions:
         metavar=f"{NO_TIES}|FILE",
     )
     dem: DemOptions = nested(DemOptions)
+    laser: LaserFile = nested(LaserFile)
     adjustment: AdjustOptions = nested(AdjustOptions)
     output: BlockOutput = nested(BlockOutput)
 

@@ -10,6 +10,7 @@ from ..interface.option_groups import (
     NO_TIES,
     BlockOutput,
     DemOptions,
+    LaserFile,
     PointFiles,
     ReferenceImage,
     SearchOptions,
@@ -30,6 +31,7 @@ class TriangulateOptions:
         metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
     )
     dem: DemOptions = nested(DemOptions)
+    laser: LaserFile = nested(LaserFile)
     reference: ReferenceImage = nested(ReferenceImage)
     search: SearchOptions = nested(SearchOptions)
     adjustment: AdjustOptions = nested(AdjustOptions)

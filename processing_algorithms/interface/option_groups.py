@@ -124,6 +124,25 @@ class DemOptions:
     )
 
 
+@options
+class LaserFile:
+    """Laser points, and what their heights refer to."""
+
+    laser: str | None = option(
+        None,
+        "Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06, ATL08) or GEDI "
+        "L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h",
+        kind=Kind.POINTS,
+        metavar=POINTS,
+    )
+    laser_datum: str = option(
+        "ellipsoidal",
+        "What the heights of laser points in a layer refer to; those of granules are ellipsoidal",
+        advanced=True,
+        metavar=DATUMS,
+    )
+
+
 @options(kw_only=True)
 class RequiredDem(DemOptions):
     """A DEM that has to be named."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, dem_heights
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, held_heights
 from hrsi.hrsi_engine.adjustment.result import Decision
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
@@ -66,7 +66,7 @@ def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
     free = height_error_m(block, truth, AdjustOptions(test_sigmas=False))
     good = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=known, sigma_dem_m=SIGMA_DEM_M))
     robust = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
-    monkeypatch.setattr(dem_heights, "falling", np.ones_like)
+    monkeypatch.setattr(held_heights, "falling", np.ones_like)
     plain = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
     print(f"seed {seed}, least squares: {plain}")
     print(f"seed {seed}: mean and RMS of heights without DEM {free}, wrong heights known {good}, unknown {robust}")
@@ -80,14 +80,13 @@ def test_wrong_heights_are_counted_and_named():
     terrain, dirty, _ = surfaces(0.25, 1)
     block, _ = weak_block(terrain, 1)
     result = adjust(block, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
-    assert result.dem is not None
-    assert 0.15 < result.dem.left_out / result.dem.points < 0.35
-    assert result.dem.rmse_m < 7.0  # the rays' own 5 m
-    assert result.dem.left_out_median_m < -15.0
+    assert 0.15 < result.heights[0].left_out / result.heights[0].observations < 0.35
+    assert result.heights[0].rmse_m < 7.0  # the rays' own 5 m
+    assert result.heights[0].left_out_median_m < -15.0
     assert any("heights of the DEM do not fit" in text for text in result.warnings)
     _, clean, _ = surfaces(0.0, 1)
     result = adjust(block, AdjustOptions(test_sigmas=False, dem=clean, sigma_dem_m=SIGMA_DEM_M))
-    assert result.dem is not None and result.dem.left_out <= 4
+    assert result.heights[0].left_out <= 4
     assert not any("heights of the DEM" in text for text in result.warnings)
 
 

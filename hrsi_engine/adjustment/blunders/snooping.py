@@ -51,16 +51,21 @@ class Snooping:
         self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
         self._undecided: list[Finding] = []
 
-    def weighting(self, survey_weight: np.ndarray | None = None) -> Weighting:
-        """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own."""
+    def weighting(self, last: Solution | None, survey_weight: np.ndarray | None = None) -> Weighting:
+        """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own.
+
+        Heights that hold points are as they were judged at the ``last`` solution.
+        """
+        before = None if last is None else last.weighting.points
         image = np.where(self.found.decision == int(Decision.KEPT), self.image_weight, 0.0)
-        return self.problem.survey_weighting(image, self.survey_weight if survey_weight is None else survey_weight)
+        survey = self.survey_weight if survey_weight is None else survey_weight
+        return self.problem.survey_weighting(image, survey, before)
 
     def solve(self, last: Solution | None, progress: Progress) -> Solution:
         """Run the loop from the last solution, or from the start."""
         options = self.problem.options
         state = self.problem.start if last is None else last.state
-        return self.loop.run(state, self.weighting(), options.robust, options.tolerance, progress)
+        return self.loop.run(state, self.weighting(last), options.robust, options.tolerance, progress)
 
     # ---- measurements ----------------------------------------------------------------------------------------------
 
@@ -77,7 +82,7 @@ class Snooping:
         for _ in range(TIE_ROUNDS):
             if not self._judged(solution, solution.weighting, everything):
                 break
-            present = self.weighting(lenient)
+            present = self.weighting(solution, lenient)
             solution = self.loop.run(solution.state, present, problem.options.robust, LOOSE_TOLERANCE, progress)
         of_control = observations.surveyed[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
@@ -121,8 +126,8 @@ class Snooping:
         return squares, freedom
 
     def _by_rays(self, solution: Solution, present: Weighting) -> Weighting:
-        """Return weights by which rays are judged by rays, not by a DEM that may be wrong where they meet."""
-        if self.problem.dem_heights is None:
+        """Return weights by which rays are judged by rays, not by heights that may be wrong where they meet."""
+        if self.problem.held_heights is None:
             return present
         return replace(
             present, points=PointPriors.of(self.problem.observations, solution.state.ground, self.survey_weight)

@@ -19,6 +19,7 @@ TEXT_FIELDS: dict[str, tuple[str, ...]] = {
     "image": ("image", "image_id", "filename", "file"),
     "role": ("role",),
     "kind": ("kind",),
+    "track": ("track",),
 }
 #: Number fields and what else they may be called.
 NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
@@ -26,12 +27,12 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "lat": ("lat", "latitude"),
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
-    "height": ("height", "h", "z", "elev", "elevation", "altitude"),
+    "height": ("height", "h", "z", "elev", "elevation", "altitude", "h_mean", "h_li"),
     "survey_lon": ("survey_lon",),
     "survey_lat": ("survey_lat",),
     "survey_height": ("survey_height",),
     "sigma_xy": ("sigma_xy",),
-    "sigma_h": ("sigma_h", "sigma_z"),
+    "sigma_h": ("sigma_h", "sigma_z", "h_sigma", "h_li_sigma"),
     "sigma_height_m": ("sigma_height_m",),
     "sigma_east": ("sigma_east", "sigma_e", "sigma_x"),
     "sigma_north": ("sigma_north", "sigma_n", "sigma_y"),
@@ -48,6 +49,13 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "line": ("line", "row", "line_px", "y_px"),
     "sigma": ("sigma", "sigma_px"),
     "quality": ("quality",),
+    # of laser heights, as SlideRule calls them
+    "slope": ("dh_fit_dx",),
+    "misfit": ("rms_misfit",),
+    "photons": ("n_fit_photons",),
+    "canopy": ("h_canopy",),
+    "rgt": ("rgt",),
+    "cycle": ("cycle",),
 }
 FIELDS = TEXT_FIELDS | NUMBER_FIELDS
 #: Fields where ``inf`` means something: a coordinate that was not surveyed.

@@ -1,0 +1,107 @@
+"""Laser points: places on the ground whose height a satellite's laser measured (ICESat-2, GEDI).
+
+They carry no image points. What a laser point says is the mean height of the ground under its footprint (11 m wide,
+or a segment of 20 to 100 m along the track); its place is known to some metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .columns import Columns
+
+DEFAULT_SIGMA_M = 0.3  # of a laser height that states none: land under ICESat-2 in the open (Neuenschwander 2020)
+
+
+@dataclass(frozen=True, eq=False)
+class LaserPoints(Columns):
+    """Heights by laser, and what their files tell of their quality; NaN where a file does not say.
+
+    Parameters
+    ----------
+    ids, track : (n,) ndarray of str
+        Their names; and the pass that measured them, whose errors they share.
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres.
+    sigma_m : (n,) ndarray
+        Standard deviation of the height, as the file states it.
+    slope : (n,) ndarray
+        Of the ground along the track, metres per metre.
+    misfit_m : (n,) ndarray
+        Spread of the photons about the fitted segment.
+    photons : (n,) ndarray
+        Number of photons in the fit.
+    canopy_m : (n,) ndarray
+        Height of the vegetation above the ground.
+    doubt : (n,) ndarray of str
+        Why the file itself does not trust a point; empty where it does.
+    source : str
+        The file and layer, for messages.
+    """
+
+    ids: np.ndarray
+    track: np.ndarray
+    ground: np.ndarray
+    sigma_m: np.ndarray
+    slope: np.ndarray
+    misfit_m: np.ndarray
+    photons: np.ndarray
+    canopy_m: np.ndarray
+    doubt: np.ndarray
+    source: str = ""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def create(
+        cls,
+        ground: np.ndarray,
+        *,
+        ids: Sequence[str] | np.ndarray | None = None,
+        track: Sequence[str] | np.ndarray | str = "",
+        sigma_m: np.ndarray | float = np.nan,
+        slope: np.ndarray | float = np.nan,
+        misfit_m: np.ndarray | float = np.nan,
+        photons: np.ndarray | float = np.nan,
+        canopy_m: np.ndarray | float = np.nan,
+        doubt: Sequence[str] | np.ndarray | str = "",
+        source: str = "",
+    ) -> LaserPoints:
+        """Make columns of matching length from arrays or single values.
+
+        Parameters
+        ----------
+        ground : (n, 3) array_like
+            Lon, lat in degrees, ellipsoidal height in metres.
+        ids : (n,) sequence of str, optional
+            By default numbers.
+        track, doubt : (n,) sequence of str or str
+            Pass; why a point is not trusted.
+        sigma_m, slope, misfit_m, photons, canopy_m : (n,) array_like or float
+            As the fields of the class.
+        source : str
+            The file and layer, for messages.
+
+        Returns
+        -------
+        LaserPoints
+            The table.
+        """
+        place = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
+        count = len(place)
+        names = np.char.add("L", np.char.zfill(np.arange(1, count + 1).astype(str), 6)) if ids is None else ids
+
+        def column(values: np.ndarray | float) -> np.ndarray:
+            return np.broadcast_to(np.asarray(values, dtype=np.float64), (count,)).copy()
+
+        def texts(values: Sequence[str] | np.ndarray | str) -> np.ndarray:
+            return np.broadcast_to(np.asarray(values, dtype=str), (count,)).copy()
+
+        return cls(
+            np.asarray(names, dtype=str), texts(track), place, column(sigma_m), column(slope), column(misfit_m),
+            column(photons), column(canopy_m), texts(doubt), source,
+        )  # fmt: skip

@@ -1,0 +1,121 @@
+"""Which laser points say anything of the ground's height: what their files tell, and their neighbours on the track.
+
+Photons come back from clouds, fog, treetops and water too. What gives such points away before any image is looked at:
+the product's own flags, a large standard deviation, a wide spread of the photons about the fitted segment, few of
+them, a steep slope (a laser point's place is known to some metres, which a slope turns into height), vegetation, and a
+height that no neighbour on the track shares. The limits leave out what would have hardly a weight; the adjustment
+weights the rest by how well it fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..block.laser import LaserPoints
+from ..ground.geodesy import metres_per_degree, wrap_degrees
+
+TRACK_NEIGHBOURS, NEIGHBOUR_REACH_M = 8, 150.0
+STEEP_ANYWAY = 0.3  # height per distance that neighbours may differ by without being suspected
+STANDING_OUT = 5.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class LaserLimits:
+    """Beyond what a laser point is left out before the adjustment.
+
+    Parameters
+    ----------
+    sigma_m : float
+        Standard deviation that its file states.
+    misfit_m : float
+        Spread of its photons about the fitted segment.
+    photons : float
+        Fewest of them.
+    slope : float
+        Steepest ground along the track.
+    canopy_m : float
+        Highest vegetation: below, what an image shows is still the ground between it.
+    """
+
+    sigma_m: float = 1.0
+    misfit_m: float = 1.0
+    photons: float = 10.0
+    slope: float = 0.3
+    canopy_m: float = 3.0
+
+
+def laser_reasons(points: LaserPoints, limits: LaserLimits | None = None) -> np.ndarray:
+    """Return why each laser point is left out.
+
+    Parameters
+    ----------
+    points : LaserPoints
+        The points.
+    limits : LaserLimits, optional
+        Beyond what they are left out.
+
+    Returns
+    -------
+    (n,) ndarray of str
+        Empty where nothing speaks against a point.
+    """
+    limits = limits or LaserLimits()
+    with np.errstate(invalid="ignore"):
+        tests = (
+            (points.sigma_m > limits.sigma_m, f"standard deviation above {limits.sigma_m:g} m"),
+            (points.misfit_m > limits.misfit_m, f"photons spread by more than {limits.misfit_m:g} m"),
+            (points.photons < limits.photons, f"fewer than {limits.photons:g} photons"),
+            (np.abs(points.slope) > limits.slope, f"slope above {100.0 * limits.slope:g} %"),
+            (points.canopy_m > limits.canopy_m, f"vegetation above {limits.canopy_m:g} m"),
+        )
+    reason = points.doubt.astype("U64")
+    for wrong, why in tests:
+        reason = np.where((reason == "") & wrong, why, reason)
+    good = np.flatnonzero(reason == "")
+    lonely = good[standing_out(points.select(good))]
+    reason[lonely] = "stands out from its neighbours on the track"
+    return reason
+
+
+def standing_out(points: LaserPoints) -> np.ndarray:
+    """Tell which points lie off the middle of their neighbours on the same track, by more than slopes explain.
+
+    Parameters
+    ----------
+    points : LaserPoints
+        The points that are to be compared.
+
+    Returns
+    -------
+    (n,) ndarray
+        Bool; False where a point has too few neighbours.
+    """
+    result = np.zeros(len(points), dtype=bool)
+    order = np.argsort(points.track, kind="stable")
+    names = points.track[order]
+    for rows in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1 if len(order) else []):
+        if len(rows) > 3:
+            result[rows] = _off_middle(points.ground[rows], points.sigma_m[rows])
+    return result
+
+
+def _off_middle(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+    away = ground[:, :2] - ground[0, :2]
+    away[:, 0] = wrap_degrees(away[:, 0])
+    metres = away * metres_per_degree(ground[:1])[:, :2]
+    count = min(TRACK_NEIGHBOURS, len(ground) - 1)
+    distance, near = cKDTree(metres).query(metres, k=count + 1, distance_upper_bound=NEIGHBOUR_REACH_M)
+    distance, near = distance[:, 1:], near[:, 1:]  # the nearest is the point itself
+    there = np.isfinite(distance)
+    height = np.where(there, np.append(ground[:, 2], np.nan)[near], np.nan)
+    enough = there.sum(axis=1) >= 3
+    off, spread, reach = np.zeros(len(ground)), np.zeros(len(ground)), np.zeros(len(ground))
+    middle = np.nanmedian(height[enough], axis=1)
+    off[enough] = np.abs(ground[enough, 2] - middle)
+    spread[enough] = 1.4826 * np.nanmedian(np.abs(height[enough] - middle[:, None]), axis=1)
+    reach[enough] = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
+    allowed = STEEP_ANYWAY * reach + STANDING_OUT * np.hypot(spread, np.nan_to_num(sigma_m))
+    return np.asarray(enough & (off > allowed))

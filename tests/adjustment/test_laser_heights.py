@@ -1,0 +1,125 @@
+"""Laser points hold the heights of a block without GCPs; groups of heights that lie off are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laser_scenes import LaserScene, laser_scene
+
+from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.held_heights import agree_on
+from hrsi.hrsi_engine.adjustment.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
+from hrsi.hrsi_engine.block.laser import LaserPoints
+from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
+from hrsi.hrsi_engine.simulation.laser import LaserSpec
+from hrsi.hrsi_engine.surface.dem import GridSurface
+
+OPTIONS = AdjustOptions(model="shift")
+
+
+def adjusted(scene: LaserScene, points: LaserPoints | None = None, **more: object) -> Adjustment:
+    return adjust(scene.block, replace(OPTIONS, laser=scene.points if points is None else points, **more))
+
+
+@pytest.fixture(scope="module")
+def scene() -> LaserScene:
+    return laser_scene(2)
+
+
+def test_laser_points_hold_the_height(scene):
+    free = scene.height_errors_m(adjust(scene.block, OPTIONS))[:, 2]
+    result = adjusted(scene)
+    held = scene.height_errors_m(result)[:, 2]
+    assert result.converged
+    assert abs(free.mean()) > 5.0  # two RPCs of 4.4 m, at 24 degrees
+    assert abs(held.mean()) < 0.3  # passes are biased by 0.1 m; three of them, and canopy
+    assert np.sqrt(np.mean(held**2)) < 0.9  # the check points' own rays: 0.6 m
+    assert result.heights[0].source == "laser" and result.heights[0].share == 1.0
+    assert any("position in plan" in text for text in result.warnings)
+
+
+def test_every_laser_point_says_what_became_of_it(scene):
+    found = adjusted(scene).laser
+    assert found is not None
+    left = scene.points.doubt != ""
+    assert (found.reason[left] == scene.points.doubt[left]).all()
+    assert set(np.unique(found.reason[~left])) <= {"", NO_TIES_NEAR, MISFIT}
+    used = found.reason == ""
+    assert (found.ties[used] > 0).all() and np.isfinite(found.residual_m[used]).all()
+    wrong = (np.abs(scene.laser.error_m) > 8.0) & ~left & (found.reason != NO_TIES_NEAR)
+    assert wrong.sum() > 5 and not used[wrong].any()
+
+
+def test_canopy_and_clouds_do_little_harm():
+    clean = laser_scene(5, LaserSpec(3, canopy=0.0, clouds=0.0))
+    dirty = laser_scene(5, LaserSpec(3, canopy=0.25, clouds=0.05))
+    errors = [one.height_errors_m(adjusted(one))[:, 2] for one in (clean, dirty)]
+    good, bad = (np.sqrt(np.mean(error**2)) for error in errors)
+    assert bad < 1.1 * good
+
+
+def shifted_track(points: LaserPoints, by_m: float) -> tuple[LaserPoints, str]:
+    """Return the points with the heights of one track off, and its name."""
+    name = str(np.unique(points.track)[0])
+    ground = points.ground.copy()
+    ground[points.track == name, 2] += by_m
+    return replace(points, ground=ground), name
+
+
+def test_a_track_in_the_other_datum_is_named_and_left_out(scene):
+    points, name = shifted_track(scene.points, 48.0)
+    result = adjusted(scene, points)
+    assert [group.name for group in result.heights[0].groups if group.left_out] == [f"track {name}"]
+    assert abs(scene.height_errors_m(result)[:, 2].mean()) < 0.3
+    assert any(name in text and "+4" in text and "left out" in text for text in result.warnings)
+
+
+def test_two_tracks_that_differ_accuse_one_another(scene):
+    chosen = np.isin(scene.points.track, np.unique(scene.points.track)[:2])
+    points, _ = shifted_track(scene.points.select(chosen), 8.0)
+    result = adjusted(scene, points)
+    assert not any(group.left_out for group in result.heights[0].groups)
+    assert any("cannot be told" in text for text in result.warnings)
+
+
+def dem_of(scene: LaserScene, above_m: float, step_m: float = 30.0) -> GridSurface:
+    """Return the scene's terrain in cells of a free DEM."""
+    spec, terrain = scene.simulated.spec, scene.simulated.scene.terrain
+    cell = step_m / metres_per_degree(np.array([[spec.lon_deg, spec.lat_deg, 0.0]]))[0, :2]
+    side = int(2.0 * 4500.0 / step_m)
+    origin = np.array([spec.lon_deg, spec.lat_deg]) - 0.5 * (side - 1) * cell * [1.0, -1.0]
+    lon, lat = np.meshgrid(origin[0] + cell[0] * np.arange(side), origin[1] - cell[1] * np.arange(side))
+    height = terrain.height_at(np.column_stack([lon.ravel(), lat.ravel()])).reshape(side, side)
+    return GridSurface.from_array(height + above_m, tuple(origin), (cell[0], -cell[1]))
+
+
+def test_thousands_of_dem_heights_do_not_outvote_the_laser(scene):
+    result = adjusted(scene, dem=dem_of(scene, 4.0), sigma_dem_m=3.0)
+    shares = {one.source: one.share for one in result.heights}
+    assert shares["laser"] > 0.9
+    assert abs(scene.height_errors_m(result)[:, 2].mean()) < 0.4
+
+
+def test_opinions_are_joined_robustly():
+    off, decided, middle = agree_on([0.0, 0.1, 8.0], [0.02, 0.02, 0.02])
+    assert off.tolist() == [False, False, True] and decided and middle == pytest.approx(0.05)
+    off, decided, _ = agree_on([0.0, 8.0], [0.02, 0.02])
+    assert off.any() and not decided
+    off, decided, _ = agree_on([0.0, 8.0, 0.5, -0.5], [0.02, 0.02, 4.0, 4.0])  # a DEM's two parts tell which
+    assert off.tolist() == [False, True, False, False] and decided
+    assert agree_on([], [])[1:] == (True, 0.0)
+
+
+def test_planes_follow_slopes_and_leave_roofs_out():
+    rng = np.random.default_rng(1)
+    away = rng.uniform(-10.0, 10.0, (50, 8, 2))
+    height = 5.0 + away @ [0.1, -0.05] + rng.normal(0.0, 0.1, (50, 8))
+    height[:, 0] += 6.0
+    planes = fit_planes(away, height, np.ones((50, 8), dtype=bool))
+    np.testing.assert_allclose(planes.slope.mean(axis=0), [0.1, -0.05], atol=0.01)
+    assert np.median(planes.share[:, 0]) < 0.02
+    single = fit_planes(away[:, :1], height[:, :1], np.ones((50, 1), dtype=bool))
+    np.testing.assert_allclose(single.share, 1.0)
+    assert np.abs(single.slope).max() < 1e-3
