@@ -23,6 +23,7 @@ def run(options: SimulateOptions, context: Context) -> Report:
     report = simulation_outputs.report_simulated_block(simulated, context.record)
     with stage_folder(folder, context.inputs, options.folder.overwrite) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
+        names += simulation_outputs.write_laser(temporary, simulated, options)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))
         report["outputs"] = [os.path.join(folder, name) for name in names]
         write_report_json(str(temporary / "report.json"), report)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
-from ..hrsi_engine.foundation.progress import stage
 from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
+from .block_steps.laser_points import (
+    adjust_at_laser_points,
+    laser_entries,
+    laser_warnings,
+    read_laser_points,
+    with_laser,
+)
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.triangulate import TriangulateOptions
@@ -34,13 +39,15 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     with plausibility.explained_by(reasons):
+        laser = read_laser_points(images, options.laser, context)
+        how = with_laser(how, laser, options.dem, options.points)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
-        result = adjust(block, how, stage(context.progress, 0.5, 0.7))
+        result, few = adjust_at_laser_points(block, how, options.search.threads, context.stage(0.5, 0.7))
     clock.lap("adjust")
     rest = context.stage(0.7, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
-    warnings += [*more, *choice_warnings(result.choice), *offset]
-    entries |= choice_entries(how.model, result.choice) | held
+    warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
+    entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons, kept)
 
 

@@ -257,6 +257,39 @@ class Block:
         another[1:] = (point[1:] != point[:-1]) | (image[1:] != image[:-1])
         return np.bincount(point[another], minlength=len(self.points))
 
+    def with_ties(self, ties: ImagePoints) -> Block:
+        """Return the block with further tie points behind its own.
+
+        Parameters
+        ----------
+        ties : ImagePoints
+            Measurements on images of the block, with a sigma each; none of their points is in the block yet.
+
+        Returns
+        -------
+        Block
+            With new points and measurements.
+        """
+        ids, point = unique_ids(ties.ids)
+        place = {image.id: index for index, image in enumerate(self.images)}
+        image = np.array([place[name] for name in ties.image_ids.tolist()], dtype=self.measurements.image.dtype)
+        order = np.lexsort((image, point))
+        added = GroundPoints.create(ids, np.full((len(ids), 3), np.nan), Role.TIE)
+        columns = {
+            "point": (len(self.points) + point).astype(self.measurements.point.dtype), "image": image, "xy": ties.xy,
+            "sigma_px": ties.sigma_px, "kind": ties.kind, "quality": ties.quality,
+        }  # fmt: skip
+        rows = {
+            name: np.concatenate([getattr(self.measurements, name), values[order]]) for name, values in columns.items()
+        }
+        own = self.points
+        points = GroundPoints(
+            np.concatenate([own.ids, added.ids]), np.concatenate([own.ground, added.ground]),
+            np.concatenate([own.role, added.role]), np.concatenate([own.sigma_m, added.sigma_m]), own.source,
+            _all_covariances([own, added]),
+        )  # fmt: skip
+        return replace(self, points=points, measurements=Measurements(**rows))
+
     def with_measurements(self, keep: np.ndarray) -> Block:
         """Return the block with only the chosen measurements; points stay.
 

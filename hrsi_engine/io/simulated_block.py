@@ -14,6 +14,7 @@ import numpy as np
 from osgeo import gdal, osr
 
 from ..block.block import Block, GroundPoints, ImagePoints, Raster, Role
+from ..block.laser import LaserPoints
 from ..camera.rpc import RPC
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
@@ -141,6 +142,17 @@ def write_ground_points(path: str, points: GroundPoints) -> None:
     numbers = np.column_stack([points.ground, points.sigma_m])[known].tolist()
     rows = [[name, role, *values] for name, role, values in zip(names, roles, numbers, strict=True)]
     write_csv(path, ["id", "role", "lon", "lat", "height", "sigma_xy", "sigma_h"], rows)
+
+
+def write_laser_points(path: str, points: LaserPoints) -> None:
+    """Write laser points as CSV, in the names of SlideRule: h_mean, h_sigma, rms_misfit …; and their track."""
+    columns = {
+        "id": points.ids, "lon": points.ground[:, 0].round(9), "lat": points.ground[:, 1].round(9),
+        "h_mean": points.ground[:, 2].round(4), "h_sigma": points.sigma_m.round(4),
+        "rms_misfit": points.misfit_m.round(4), "n_fit_photons": points.photons, "dh_fit_dx": points.slope.round(5),
+        "track": points.track,
+    }  # fmt: skip
+    write_csv(path, list(columns), zip(*(column.tolist() for column in columns.values()), strict=True))
 
 
 def write_image_points(path: str, block: Block) -> None:

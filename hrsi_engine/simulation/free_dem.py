@@ -1,7 +1,7 @@
 """A DEM as everybody can have it: cells of 30 m, with trees and buildings smoothed into it, and errors of its own.
 
-Copernicus GLO-30 and its like are surfaces seen by radar: half of a wood's height or more stands in them. Its errors are
-those of cells (white), and those of a scene it was made from (one for all).
+Copernicus GLO-30 and its like are surfaces seen by radar: half of a wood's height or more stands in them. Its errors
+are those of cells (white), and those of a scene it was made from (one for all).
 """
 
 from __future__ import annotations

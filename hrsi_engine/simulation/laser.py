@@ -1,12 +1,12 @@
 """Laser points as ICESat-2 measures them, over a simulated terrain: tracks, places, heights and their errors.
 
-Six beams fly over the scene at once, in three pairs 3.3 km apart, 90 m within a pair. A segment's height is the mean of
-the terrain below it, 40 m along the track, at a place that is known to some metres: the same error for all of a pass.
-The spread of the photons and their number are drawn from distributions fitted to 10 527 segments of ATL06-SR over
-Utqiagvik, Alaska (2018 to 2024, medians 0.24 m and 24 photons): 82 % of the spreads are log-normal about 0.23 m, 18 %
-about 0.26 m with a tail of four times the width; the standard deviation that a segment states is the spread over the
-root of the number of photons, times 1 to 1.8. The error has in addition what no segment states. Canopy comes in patches
-along the track and reads high by some metres with a wider spread; clouds read anything.
+Six beams fly over the scene at once, in three pairs 3.3 km apart, 90 m within a pair. A segment's height is the mean
+of the terrain below it, 40 m along the track by default, at a place that is known to some metres: the same error for
+all of a pass. The spread of the photons and their number are drawn from distributions fitted to 10 527 segments of
+ATL06-SR over Utqiagvik, Alaska (2018 to 2024, medians 0.24 m and 24 photons): 82 % of the spreads are log-normal about
+0.23 m, 18 % about 0.26 m with a tail of four times the width; the standard deviation that a segment states is the
+spread over the root of the number of photons, times 1 to 1.8. The error has in addition what no segment states. Canopy
+comes in patches along the track and reads high by some metres with a wider spread; clouds read anything.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .terrain import SimulatedTerrain
 
 PAIRS_APART_M, BEAMS_APART_M = 3300.0, 90.0
 AZIMUTH_DEG = 7.0  # of a pass to or from north, at middle latitudes
-SEGMENT_M, BEAM_WIDTH_M = 40.0, 11.0
+BEAM_WIDTH_M = 11.0
 SPACINGS_M = (20.0, 40.0)
 PLACE_M, PASS_M, ALL_M, SEGMENT_ERROR_M = 2.5, 0.1, 0.05, 0.1
 SPREAD = ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254))  # share, mean and sigma of the logarithm
@@ -48,6 +48,15 @@ class LaserSpec:
         maximum=1.0,
         advanced=True,
         metavar="SHARE",
+    )
+    segment_m: float = option(
+        40.0,
+        "Length of the segments whose mean height a laser point is",
+        name="laser-segment",
+        minimum=1.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
     )
     clouds: float = option(
         0.03,
@@ -142,14 +151,15 @@ def _measured(
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Return the segments of a beam at ``stated (n, 2)`` chart positions, which were measured at the ``true`` ones."""
     count = len(stated)
-    ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * SEGMENT_M, np.linspace(-0.5, 0.5, 3) * BEAM_WIDTH_M)
+    ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * spec.segment_m, np.linspace(-0.5, 0.5, 3) * BEAM_WIDTH_M)
     offsets = ahead.ravel()[:, None] * along + side.ravel()[:, None] * across
     below = terrain.height(*np.moveaxis(true[:, None] + offsets, 2, 0))
     height = below.mean(axis=1)
     slope = ((below - height[:, None]) * ahead.ravel()).mean(axis=1) / float(np.mean(ahead**2))
     part = np.where(rng.random(count) < SPREAD[0][0], 0, 1)
     middle, width = np.array(SPREAD)[part, 1], np.array(SPREAD)[part, 2]
-    spread = np.exp(rng.normal(middle, width))
+    rough = (below - height[:, None] - slope[:, None] * ahead.ravel()).std(axis=1)  # buildings, a step, a terrace
+    spread = np.hypot(np.exp(rng.normal(middle, width)), rough)
     photons = np.maximum(np.round(np.exp(rng.normal(*PHOTONS, count))), 5.0)
     sigma = rng.uniform(*STATED_SHARE, count) * spread / np.sqrt(photons)
     met = _met(count, np.hypot(*(stated[-1] - stated[0])) / max(count - 1, 1), spec, rng)

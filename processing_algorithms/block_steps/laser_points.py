@@ -7,12 +7,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Adjustment
-from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.adjustment.solver import adjust
+from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.laser import LaserPoints
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.progress import stage
+from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.measurement.reference.checks import dem_sigma_m
 from ...hrsi_engine.plausibility.laser_quality import laser_reasons
@@ -23,6 +27,8 @@ from ..interface.option_groups import DemOptions, LaserFile, PointFiles
 
 MAY_LIE_BESIDE_PX = 100.0  # a laser point so far beside an image may come to lie on it when the block moves
 NOT_SEEN = "not on two images"
+LOOK_UPS, MOVED_PLAN_M, MOVED_HEIGHT_M = 3, 3.0, 4.0  # rounds, and moves of the block after which there is another one
+TIES_COMPARED = 8  # with a laser point, before any tie is measured there
 FEW_HOLD = 10  # laser points, below which a user should know
 
 
@@ -75,6 +81,54 @@ def with_laser(options: AdjustOptions, laser: LaserPoints | None, dem: DemOption
     if surface is not None and sigma_m is None:
         sigma_m = dem_sigma_m(cell_size_m(surface, laser.ground[len(laser) // 2]))
     return replace(options, laser=laser, sigma_dem_m=sigma_m)
+
+
+def adjust_at_laser_points(
+    block: Block, options: AdjustOptions, threads: int, context: Context
+) -> tuple[Adjustment, list[str]]:
+    """Adjust a block with laser points, with tie points measured at them; also warnings.
+
+    The laser points are looked up with the cameras of an adjustment before, and again where the block has moved by more
+    than the ties may lie beside them.
+    """
+    from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # needs OpenCV, which a QGIS may lack
+
+    laser = options.laser
+    result = adjust(block, options, stage(context.progress, 0.0, 0.1))
+    if laser is None or sum(image.raster is not None for image in block.images) < 2:
+        return result, []
+    for number in range(LOOK_UPS):
+        part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
+        images = [
+            replace(image, rpc=result.model.refined_rpc(image, values).rpc)
+            for image, values in zip(block.images, result.values, strict=True)
+        ]
+        lifted = laser.ground + [0.0, 0.0, _above_laser_m(result, laser)]
+        ties = measure_laser_ties(images, replace(laser, ground=lifted), threads, stage(part.progress, 0.0, 0.7))
+        context.log(f"{len(np.unique(ties.ids))} tie points measured at laser points")
+        if not len(ties):
+            return result, ["no tie point could be measured at a laser point: other tie points tell the ground there"]
+        before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
+        moved = ground_difference_m(result.ground[: len(block.points)], before.ground)
+        moved = np.abs(np.median(moved[np.isfinite(moved).all(axis=1)], axis=0))
+        if np.hypot(*moved[:2]) < MOVED_PLAN_M and moved[2] < MOVED_HEIGHT_M:
+            break
+    return result, []
+
+
+def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
+    """Return by how much the block lies above the laser points; 0 where they hold it already."""
+    found = result.laser
+    if found is not None and (found.reason == "").sum() >= FEW_HOLD:
+        return 0.0
+    ties = result.ground[(result.block.points.role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
+    good = laser.ground[laser.doubt == ""]
+    if not len(ties) or not len(good):
+        return 0.0
+    frame = LocalFrame(*ties[0])
+    count = min(TIES_COMPARED, len(ties))
+    _, near = cKDTree(frame.from_ground(ties)[:, :2]).query(frame.from_ground(good)[:, :2], k=count)
+    return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 
 
 def laser_entries(result: Adjustment, options: LaserFile) -> Report:

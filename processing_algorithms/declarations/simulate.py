@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.simulation.laser import LaserSpec
 from ...hrsi_engine.simulation.options import HEADING_DEG, SENSOR_NAMES, STRIP_OVERLAP, Noise, PointCounts, SceneSpec
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import Common, ResultFolder
@@ -95,6 +96,7 @@ class SimulateOptions:
     points: PointCounts = nested(PointCounts)
     noise: Noise = nested(Noise)
     vendor: VendorErrorOptions = nested(VendorErrorOptions)
+    laser: LaserSpec = nested(LaserSpec)
     pixels: bool = option(True, "Render the images; without, RPC files stand for them")
     ms: bool = option(False, "Render multispectral images of larger pixels too")
     ortho: bool = option(False, "Write an orthophoto of the scene, georeferenced and free of errors")
@@ -113,7 +115,9 @@ ALGORITHM = Algorithm(
         "image points and the truth of all of them, to test methods and to plan blocks.\n\n"
         "With `dates` the images are taken over a year: shading and cast shadows as the sun stands, crops and leaves "
         "by the season, ploughed fields, snow, buildings that stand up and of which some are built or torn down, cars, "
-        "haze and gain. truth.gpkg then says what changed when."
+        "haze and gain. truth.gpkg then says what changed when.\n\n"
+        "With `laser_passes` a laser altimeter flies over it: laser.csv holds its points as SlideRule writes them, "
+        "with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each met."
     ),
     options=SimulateOptions,
     module=algorithm_module(__name__),

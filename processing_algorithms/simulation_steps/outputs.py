@@ -18,13 +18,17 @@ from ...hrsi_engine.io.simulated_block import (  # fmt: skip
     write_ground_points,
     write_image,
     write_image_points,
+    write_laser_points,
 )
+from ...hrsi_engine.simulation.laser import simulate_laser
 from ...hrsi_engine.simulation.render import multispectral_renderers, orthophoto, renderer
 from ...hrsi_engine.simulation.synthesis import SimulatedBlock
 from ...hrsi_engine.simulation.truth_tables import truth_document, truth_tables
 from ...hrsi_engine.simulation.vendor import multispectral_rpc
 from ..declarations.simulate import SimulateOptions
 from ..interface.declare import Report
+
+LASER_SEED = 50  # of the laser points beside the scene's own
 
 
 def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
@@ -61,6 +65,21 @@ def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]
     ]
     write_geopackage(str(folder / "truth.gpkg"), layers)
     return ["dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg"]
+
+
+def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOptions) -> list[str]:
+    """Write laser points and what is true of them; return the names of the files."""
+    if not options.laser.passes:
+        return []
+    half_m = simulated.scene.half_extent_m
+    laser = simulate_laser(simulated.scene.terrain, half_m, options.laser, [options.scene.seed, LASER_SEED])
+    write_laser_points(str(folder / "laser.csv"), laser.points)
+    met = np.array(["ground", "canopy", "cloud"])[laser.met]
+    columns = {"id": laser.points.ids, "track": laser.points.track, "met": met, "error_m": laser.error_m}
+    write_geopackage(
+        str(folder / "true_laser.gpkg"), [Layer("true_laser_points", "PointZ", WGS84_3D, laser.points.ground, columns)]
+    )
+    return ["laser.csv", "true_laser.gpkg"]
 
 
 def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> list[str]:

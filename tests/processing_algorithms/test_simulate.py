@@ -11,6 +11,7 @@ import pytest
 from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io.laser_files import read_laser
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.simulation import SENSORS
 from hrsi.hrsi_engine.simulation.options import SENSOR_NAMES
@@ -35,6 +36,25 @@ def test_files(folder: Path):
         "image_1.tif", "image_1_ms.tif", "image_2.tif", "image_2_ms.tif", "orthophoto.tif", "dem.tif",
         "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg", "report.json",
     }  # fmt: skip
+
+
+def test_laser_points(tmp_path: Path):
+    run(
+        "simulate",
+        output_dir=str(tmp_path / "a"),
+        pixels=False,
+        laser_passes=3,
+        laser_canopy=0.3,
+        laser_clouds=0.1,
+        **SMALL,
+    )
+    points = read_laser(str(tmp_path / "a" / "laser.csv"))
+    truth = ogr.Open(str(tmp_path / "a" / "true_laser.gpkg"))
+    rows = [(feature["met"], feature["error_m"]) for feature in truth.GetLayer(0)]
+    met, error = (np.array(column) for column in zip(*rows, strict=True))
+    assert len(points) == len(met) > 20
+    assert set(points.track.tolist()) == {"pass 1", "pass 2", "pass 3"}
+    assert np.abs(np.median(error[met == "ground"])) < 1.0 < np.median(error[met != "ground"])
 
 
 def test_truth_agrees_with_the_files(folder: Path):

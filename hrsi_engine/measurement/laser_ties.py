@@ -1,0 +1,187 @@
+"""Tie points at laser points: a laser point is looked up where the cameras see it, and measured in all images.
+
+Every laser point is projected into the image that looks at it most steeply. Interest points around it, some for each
+footprint, are then sought in the other images where their height puts them, and measured as tie points are. Of large
+images only the windows that show laser points are read. Which ties lie at which laser point is not kept: the adjustment
+finds that out again, with the ties where they really are (`adjustment.laser_heights`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..block.block import Image
+from ..block.imaging_geometry import rays_up
+from ..block.laser import LaserPoints
+from ..block.points import ImagePoints
+from ..foundation.progress import Progress, advance, silent
+from ..foundation.threads import thread_count
+from .block_matching.windows import ImageWindow, predicted_window, read_tile
+from .tile_matching.options import TileMatchOptions
+from .tile_matching.pair_matching import TileMatches, TilePairGeometry, transfer_points
+from .tile_matching.points import tile_points
+
+MOST_LOOKED_UP = 2000  # laser points: what more of them say is what their tracks say already
+CELL_PX = 384  # laser points that are looked up together, and read in one window
+AROUND_M = 15.0  # of a laser point, within which ties are sought
+TIES_EACH = 6
+HEIGHT_ROOM_M = 8.0  # by which the ground may lie above or below its laser point, and the cameras be off
+BORDER_PX = 40
+LEAST_HALF_SIGMA_PX = 0.05  # of a measured position, that windows do not tell
+MATCHED = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
+LASER_TIE, LASER_TIE_IDS = "laser", "LT"
+
+
+class _Window(NamedTuple):
+    """Laser points that one image sees in one window."""
+
+    image: int
+    window: ImageWindow
+    xy: np.ndarray
+    height_m: np.ndarray
+
+
+class _Found(NamedTuple):
+    """Measurements of a window's points: number of the point, image, xy (n, 2), sigma (n,) px."""
+
+    point: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+    sigma_px: np.ndarray
+
+
+def measure_laser_ties(
+    images: Sequence[Image], laser: LaserPoints, threads: int = 0, progress: Progress = silent
+) -> ImagePoints:
+    """Return tie points around laser points, measured in all images that show them.
+
+    Parameters
+    ----------
+    images : those with pixels are used; their cameras should fit one another to a pixel, and the ground to some metres
+    laser : points without a ``doubt`` are looked up, at most `MOST_LOOKED_UP` of them, evenly taken along the tracks
+    threads : 0 takes all processors
+    progress : callback; False cancels
+    """
+    usable = [number for number, image in enumerate(images) if image.raster is not None]
+    rows = evenly_taken(laser, MOST_LOOKED_UP)
+    windows = _windows(images, usable, laser.ground[rows])
+    with ThreadPoolExecutor(thread_count(threads)) as pool:
+        found = []
+        for number, part in enumerate(pool.map(lambda window: _measured_in(images, usable, window), windows)):
+            advance(progress, (number + 1) / len(windows), "measuring at laser points")
+            found.append(part)
+    return _image_points(images, found)
+
+
+def evenly_taken(laser: LaserPoints, most: int) -> np.ndarray:
+    """Return indices of usable laser points, at most so many, evenly along each track."""
+    usable = np.flatnonzero(laser.doubt == "")
+    order = usable[np.lexsort((laser.ground[usable, 0], laser.ground[usable, 1], laser.track[usable]))]
+    every = max(1, int(np.ceil(len(order) / most)))
+    return order[::every]
+
+
+def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray) -> list[_Window]:
+    """Return the windows in which laser points are looked up, each in the image that sees them most steeply."""
+    steep = np.full((len(images), len(ground)), -np.inf)
+    place = np.zeros((len(images), len(ground), 2))
+    for number in usable:
+        image = images[number]
+        place[number] = image.rpc.project(ground)
+        size = np.array(image.known_size, dtype=np.float64)
+        with np.errstate(invalid="ignore"):
+            inside = ((place[number] > BORDER_PX) & (place[number] < size - BORDER_PX)).all(axis=1)
+        steep[number, inside] = rays_up(image.rpc, ground[inside])[:, 2]
+    best = steep.argmax(axis=0)
+    seen = np.isfinite(steep).sum(axis=0) >= 2
+    windows = []
+    for number in usable:
+        here = np.flatnonzero(seen & (best == number))
+        cells = np.floor(place[number, here] / CELL_PX).astype(np.int64)
+        keys, inverse = np.unique(cells, axis=0, return_inverse=True)
+        for key in range(len(keys)):
+            rows = here[inverse.ravel() == key]
+            xy = place[number, rows]
+            border = _around_px(images[number], ground[rows[0]]) + BORDER_PX
+            low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
+            window = ImageWindow(int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
+            windows.append(_Window(number, window.inside(images[number].known_size), xy, ground[rows, 2]))
+    return windows
+
+
+def _around_px(image: Image, ground: np.ndarray) -> float:
+    return AROUND_M * float(image.rpc.px_per_m(ground[None])[0])
+
+
+def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) -> _Found:
+    """Return the measurements of the interest points around a window's laser points."""
+    image = images[task.image]
+    tile = read_tile(image, task.window)
+    nothing = _Found(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
+    if tile is None:
+        return nothing
+    ground, _ = image.rpc.localize(task.xy[:1], task.height_m[:1])
+    xy = tile.to_image(tile_points(tile, MATCHED))
+    distance, nearest = cKDTree(task.xy).query(xy) if len(xy) else (np.zeros(0), np.zeros(0, np.int64))
+    near = np.flatnonzero(distance <= _around_px(image, ground[0]))
+    # The nearest ones of each laser point
+    near = near[np.lexsort((distance[near], nearest[near]))]
+    first = np.unique(nearest[near], return_index=True)[1]
+    rank = np.arange(len(near)) - np.repeat(first, np.diff(np.r_[first, len(near)]))
+    near = near[rank < TIES_EACH]
+    xy, height = xy[near], task.height_m[nearest[near]]
+    if not len(xy):
+        return nothing
+    parts = []
+    low, high = float(task.height_m.min()) - HEIGHT_ROOM_M, float(task.height_m.max()) + HEIGHT_ROOM_M
+    for number in usable:
+        other = images[number]
+        if number == task.image:
+            continue
+        geometry = TilePairGeometry(image.rpc, other.rpc, low, high, margin_px=(4.0, 4.0))
+        there = predicted_window(geometry, task.window, BORDER_PX).inside(other.known_size)
+        shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * BORDER_PX else None
+        if shown is not None:
+            parts.append((number, transfer_points(tile, shown, geometry, xy, height, MATCHED)))
+    return _joined(task.image, xy, parts)
+
+
+def _joined(reference: int, xy: np.ndarray, parts: Sequence[tuple[int, TileMatches]]) -> _Found:
+    """Return the matches with all partners as measurements of the reference's points."""
+    tree = cKDTree(xy)
+    points, images, places, sigmas = [], [], [], []
+    for number, matches in parts:
+        if len(matches):
+            points.append(tree.query(matches.first_xy)[1])
+            images.append(np.full(len(matches), number))
+            places.append(matches.second_xy)
+            sigmas.append(matches.sigma_px)
+    if not points:
+        return _Found(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
+    seen, own = np.unique(np.concatenate(points), return_inverse=True)
+    sigma = np.concatenate(sigmas)
+    mean = np.sqrt(np.bincount(own, sigma**2) / np.bincount(own))
+    both = np.hypot(np.r_[mean, sigma] / np.sqrt(2.0), LEAST_HALF_SIGMA_PX)
+    return _Found(
+        np.r_[seen, np.concatenate(points)], np.r_[np.full(len(seen), reference), np.concatenate(images)],
+        np.concatenate([xy[seen], *places]), both,
+    )  # fmt: skip
+
+
+def _image_points(images: Sequence[Image], found: Sequence[_Found]) -> ImagePoints:
+    """Return all windows' measurements, with ids."""
+    first = np.cumsum([0, *(int(part.point.max(initial=-1)) + 1 for part in found)])
+    if not first[-1]:
+        return ImagePoints.create([], [], np.empty((0, 2)), source="laser points")
+    number = np.concatenate([part.point + start for part, start in zip(found, first[:-1], strict=True)])
+    names = np.char.add(LASER_TIE_IDS, np.char.zfill(number.astype(str), len(str(first[-1]))))
+    image_ids = np.array([image.id for image in images])[np.concatenate([part.image for part in found])]
+    return ImagePoints.create(
+        names, image_ids, np.concatenate([part.xy for part in found]),
+        np.concatenate([part.sigma_px for part in found]), LASER_TIE, source="laser points",
+    )  # fmt: skip
