@@ -29,7 +29,8 @@ SOUND: dict[str, Any] = {
     "tie_points": "ties.csv", "tracks": "ties.csv", "used_points": "points.csv", "points": "points.csv",
     "edges": "edges.csv", "terrain_points": "points.csv",
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
-    "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "work_dir": "kept",
+    "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
+    "laser_datum": "geoid.tif", "work_dir": "kept",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
 #: Where one algorithm needs something else.
@@ -60,7 +61,17 @@ INSTEAD_OF = {
     "work_dir": ("tie_points", "tracks"),
 }
 #: Inputs that are given only where they are looked at.
-SELDOM = {"reference", "edges", "terrain_points", "rpc", "before", "work_dir", "height_datum", "dem_datum"}
+SELDOM = {
+    "reference",
+    "edges",
+    "terrain_points",
+    "rpc",
+    "before",
+    "work_dir",
+    "height_datum",
+    "dem_datum",
+    "laser_datum",
+}
 #: What kind of input an option takes, by its key; else by its kind.
 ROLES = {"reference": REFERENCE, "rpc": RPC_FILE, "before": FOLDER, "work_dir": FOLDER}
 ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind.FILE: POINTS, Kind.TEXT: GRID}

@@ -44,7 +44,7 @@ FITTING, WRONG = 2.5, 4.0
 CUT_AT, CUTS = 2.5, 20
 LEAST_BY_RAYS = 1e-4  # share of a height that comes from rays; below, nothing judges what holds it
 GROUP_WRONG = 3.5  # standard deviations beyond which a group disagrees with the others
-DECISIVE = 4.0  # by how much (chi²) one opinion on the block's height must be better than another one
+DECIDED_BY = 4.0  # by how much (chi²) one opinion on the block's height must be better than another one
 LEAST_OF_GROUP = 3  # observations, below which a group is judged by its members alone
 BELIEVED = 20.0  # observations that the sigma as given counts for in its variance component
 SIGMA_FACTORS, HALVINGS = (0.5, 5.0), 12  # of a sigma, and steps to find one
@@ -369,7 +369,7 @@ def agree_on(offset_m: Sequence[float], variance: Sequence[float]) -> tuple[np.n
     wrong = apart > GROUP_WRONG**2
     cost = np.minimum(apart, GROUP_WRONG**2).sum(axis=1)
     best = int(np.argmin(cost + 1e-9 * squared))
-    rivals = wrong[best] & (cost < cost[best] + DECISIVE)
+    rivals = wrong[best] & (cost < cost[best] + DECIDED_BY)
     fitting = ~wrong[best]
     middle = float((values[fitting] / squared[fitting]).sum() / (1.0 / squared[fitting]).sum())
     return wrong[best], not rivals.any(), middle

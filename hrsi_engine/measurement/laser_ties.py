@@ -27,13 +27,13 @@ from .tile_matching.pair_matching import TileMatches, TilePairGeometry, transfer
 from .tile_matching.points import tile_points
 
 MOST_LOOKED_UP = 2000  # laser points: what more of them say is what their tracks say already
-CELL_PX = 384  # laser points that are looked up together, and read in one window
+LOOKED_UP_PX = 384  # laser points that are looked up together, and read in one window
 AROUND_M = 15.0  # of a laser point, within which ties are sought
 TIES_EACH = 6
-HEIGHT_ROOM_M = 8.0  # by which the ground may lie above or below its laser point, and the cameras be off
-BORDER_PX = 40
+LASER_HEIGHT_ROOM_M = 8.0  # by which the ground may lie above or below its laser point, and the cameras be off
+WINDOW_MARGIN_PX = 40
 LEAST_HALF_SIGMA_PX = 0.05  # of a measured position, that windows do not tell
-MATCHED = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
+MATCHED_AT_LASER = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
 LASER_TIE, LASER_TIE_IDS = "laser", "LT"
 
 
@@ -95,19 +95,19 @@ def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray)
         place[number] = image.rpc.project(ground)
         size = np.array(image.known_size, dtype=np.float64)
         with np.errstate(invalid="ignore"):
-            inside = ((place[number] > BORDER_PX) & (place[number] < size - BORDER_PX)).all(axis=1)
+            inside = ((place[number] > WINDOW_MARGIN_PX) & (place[number] < size - WINDOW_MARGIN_PX)).all(axis=1)
         steep[number, inside] = rays_up(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
     seen = np.isfinite(steep).sum(axis=0) >= 2
     windows = []
     for number in usable:
         here = np.flatnonzero(seen & (best == number))
-        cells = np.floor(place[number, here] / CELL_PX).astype(np.int64)
+        cells = np.floor(place[number, here] / LOOKED_UP_PX).astype(np.int64)
         keys, inverse = np.unique(cells, axis=0, return_inverse=True)
         for key in range(len(keys)):
             rows = here[inverse.ravel() == key]
             xy = place[number, rows]
-            border = _around_px(images[number], ground[rows[0]]) + BORDER_PX
+            border = _around_px(images[number], ground[rows[0]]) + WINDOW_MARGIN_PX
             low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
             window = ImageWindow(int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
             windows.append(_Window(number, window.inside(images[number].known_size), xy, ground[rows, 2]))
@@ -126,7 +126,7 @@ def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) 
     if tile is None:
         return nothing
     ground, _ = image.rpc.localize(task.xy[:1], task.height_m[:1])
-    xy = tile.to_image(tile_points(tile, MATCHED))
+    xy = tile.to_image(tile_points(tile, MATCHED_AT_LASER))
     distance, nearest = cKDTree(task.xy).query(xy) if len(xy) else (np.zeros(0), np.zeros(0, np.int64))
     near = np.flatnonzero(distance <= _around_px(image, ground[0]))
     # The nearest ones of each laser point
@@ -138,16 +138,16 @@ def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) 
     if not len(xy):
         return nothing
     parts = []
-    low, high = float(task.height_m.min()) - HEIGHT_ROOM_M, float(task.height_m.max()) + HEIGHT_ROOM_M
+    low, high = float(task.height_m.min()) - LASER_HEIGHT_ROOM_M, float(task.height_m.max()) + LASER_HEIGHT_ROOM_M
     for number in usable:
         other = images[number]
         if number == task.image:
             continue
         geometry = TilePairGeometry(image.rpc, other.rpc, low, high, margin_px=(4.0, 4.0))
-        there = predicted_window(geometry, task.window, BORDER_PX).inside(other.known_size)
-        shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * BORDER_PX else None
+        there = predicted_window(geometry, task.window, WINDOW_MARGIN_PX).inside(other.known_size)
+        shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * WINDOW_MARGIN_PX else None
         if shown is not None:
-            parts.append((number, transfer_points(tile, shown, geometry, xy, height, MATCHED)))
+            parts.append((number, transfer_points(tile, shown, geometry, xy, height, MATCHED_AT_LASER)))
     return _joined(task.image, xy, parts)
 
 
