@@ -92,7 +92,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         if verdict := report.get("verdict"):
             log_verdict(verdict, self._spelt(headline(verdict)), feedback)
         self._report = report
-        show_layers(self.declaration, self._options, context)
+        show_layers(self.declaration, self._options, report, context)
         return collect_results(self.declaration, self._options, report)
 
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:

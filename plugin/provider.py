@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
-from qgis.core import Qgis, QgsMessageLog, QgsProcessingProvider
+from qgis.core import Qgis, QgsMessageLog, QgsProcessingModelAlgorithm, QgsProcessingProvider
 from qgis.PyQt.QtGui import QIcon
 
 from ..processing_algorithms.interface.declare import Algorithm
@@ -12,9 +13,11 @@ from .algorithm import DeclaredAlgorithm
 from .dependencies import missing_package_message
 from .icons import icon_path
 
+MODELS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
+
 
 class HrsiProvider(QgsProcessingProvider):
-    """Group *HRSI* of the Processing toolbox.
+    """Group *HRSI* of the Processing toolbox: the declared algorithms, and models that chain them.
 
     ``declarations`` are the algorithms to show by name; None takes HRSI's own registry.
     """
@@ -47,6 +50,11 @@ class HrsiProvider(QgsProcessingProvider):
             return
         for declaration in declarations.values():
             self.addAlgorithm(DeclaredAlgorithm(declaration))
+        if self._declarations is None:
+            for path in sorted(MODELS.glob("*.model3")):
+                model = QgsProcessingModelAlgorithm()
+                if model.fromFile(str(path)):
+                    self.addAlgorithm(model)
 
 
 def _registry() -> Mapping[str, Algorithm]:

@@ -6,23 +6,27 @@ from pathlib import Path
 from typing import Any
 
 from qgis.core import (
+    QgsLayerTreeGroup,
+    QgsMapLayer,
     QgsProcessingContext,
     QgsProcessingFeedback,
     QgsProcessingLayerPostProcessorInterface,
     QgsProcessingOutputDefinition,
     QgsProcessingOutputFile,
     QgsProcessingOutputHtml,
+    QgsProcessingOutputMultipleLayers,
     QgsProcessingOutputString,
     QgsProcessingOutputVectorLayer,
     QgsProcessingUtils,
     QgsVectorLayer,
+    QgsWkbTypes,
 )
 from qgis.PyQt import sip
 
 from ..hrsi_engine.foundation.json_values import json_text
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 
-REPORT, REPORT_HTML, VERDICT = "REPORT", "REPORT_HTML", "VERDICT"
+REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
 
 
 def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
@@ -32,6 +36,8 @@ def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefini
         outputs.append(QgsProcessingOutputHtml(REPORT_HTML, "Report (HTML)"))
     if any(param.key == "force_write" for param in declaration.params):
         outputs.append(QgsProcessingOutputString(VERDICT, "Verdict: ok, doubtful or unusable"))
+    if declaration.images_made:
+        outputs.append(QgsProcessingOutputMultipleLayers(IMAGES_MADE, declaration.images_made))
     outputs += [QgsProcessingOutputVectorLayer(name.upper(), name) for name in map(layer_name, declaration.layers)]
     return outputs
 
@@ -41,18 +47,26 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
 
     An algorithm that writes no report itself leaves it in QGIS's temporary folder.
     """
+    made: dict[str, Any] = {IMAGES_MADE: images_made(report)} if declaration.images_made else {}
     folder = Path(options["output_dir"]) if options.get("output_dir") else None
     if folder is None or not (folder / "report.json").exists():
         path = Path(QgsProcessingUtils.generateTempFilename("report.json"))
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json_text(report, indent=1), encoding="utf-8")
-        return {REPORT: str(path)} | ({"OUTPUT_DIR": str(folder)} if folder else {})
+        return made | {REPORT: str(path)} | ({"OUTPUT_DIR": str(folder)} if folder else {})
     files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
     layers = {layer_name(source).upper(): source for source in _written_layers(declaration, options)}
     verdict = {VERDICT: report["verdict"]["level"]} if "verdict" in report else {}
-    return {"OUTPUT_DIR": str(folder), **layers, **verdict} | {
+    return {"OUTPUT_DIR": str(folder), **layers, **verdict, **made} | {
         name: str(path) for name, path in files.items() if path.exists()
     }
+
+
+def images_made(report: Report) -> list[str]:
+    """Return the images that a run has written."""
+    entries = report.get("images")
+    entries = entries.values() if isinstance(entries, dict) else ()
+    return [entry["output"] for entry in entries if isinstance(entry, dict) and entry.get("output")]
 
 
 def layer_name(source: str) -> str:
@@ -66,33 +80,60 @@ def _written_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str
     return [source for source in sources if QgsVectorLayer(source, "", "ogr").isValid()]
 
 
-def show_layers(declaration: Algorithm, options: dict[str, Any], context: QgsProcessingContext) -> None:
-    """Ask QGIS to load the declared layers that this run has written, if there is a project to load them to."""
+def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report, context: QgsProcessingContext) -> None:
+    """Ask QGIS to load what this run has made, if there is a project to load it to: in a group, images at the bottom.
+
+    Images without map coordinates are not loaded: they would lie beside everything.
+    """
     if context.project() is None or not options.get("output_dir"):
         return
-    for source in _written_layers(declaration, options):
+    group = f"HRSI {declaration.title.lower()}: {Path(options['output_dir']).name}"
+    rasters = images_made(report) if declaration.are_maps else []
+    for source in [*rasters, *_written_layers(declaration, options)]:
         name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
-        details.setPostProcessor(_stored_style())
+        details.setPostProcessor(_kept(Placement(group)))
         context.addLayerToLoadOnCompletion(source, details)
 
 
-class StoredStyle(QgsProcessingLayerPostProcessorInterface):
-    """Draw a loaded layer with the style in its GeoPackage: Processing loads layers without it."""
+class Placement(QgsProcessingLayerPostProcessorInterface):
+    """Puts a loaded layer on top of a run's group, with the style in its GeoPackage: Processing does neither."""
+
+    def __init__(self, group: str) -> None:
+        super().__init__()
+        self._group = group
 
     def postProcessLayer(
-        self, layer: QgsVectorLayer, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+        self, layer: QgsMapLayer, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> None:
-        layer.loadDefaultStyle()
+        if isinstance(layer, QgsVectorLayer):
+            layer.loadDefaultStyle()
+        root = context.project().layerTreeRoot()
+        group = root.findGroup(self._group) or root.insertGroup(0, self._group)
+        node = root.findLayer(layer.id())
+        if node is not None and node.parent() is not group:
+            group.insertChildNode(_place_in(group, layer), node.clone())
+            node.parent().removeChildNode(node)
         layer.triggerRepaint()
 
 
-_ALIVE: list[StoredStyle] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
+def _place_in(group: QgsLayerTreeGroup, layer: QgsMapLayer) -> int:
+    """Return where a layer belongs: points above footprints above images."""
+    above = [_rank(node.layer()) < _rank(layer) for node in group.findLayers() if node.layer() is not None]
+    return sum(above)
 
 
-def _stored_style() -> StoredStyle:
+def _rank(layer: QgsMapLayer) -> int:
+    if not isinstance(layer, QgsVectorLayer):
+        return 2
+    return int(layer.geometryType() == QgsWkbTypes.GeometryType.PolygonGeometry)
+
+
+_ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
+
+
+def _kept(processor: Placement) -> Placement:
     """Return a post-processor that lives until the Processing context, its owner, deletes it."""
-    processor = StoredStyle()
     sip.transferto(processor, None)
     _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]
     return processor

@@ -38,4 +38,5 @@ ALGORITHM = Algorithm(
     options=AdjustAlgorithmOptions,
     module=algorithm_module(__name__),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
+    images_made="Refined images",
 )

@@ -49,6 +49,7 @@ class OrthorectifyOptions:
         None,
         "CRS of the orthoimages; by default the UTM zone of the block's middle, or UPS beyond 84 degrees north and 80 "
         "south",
+        kind=Kind.CRS,
         metavar="CRS",
     )
     resolution: float | None = option(
@@ -104,4 +105,6 @@ ALGORITHM = Algorithm(
     ),
     options=OrthorectifyOptions,
     module=algorithm_module(__name__),
+    images_made="Orthoimages",
+    are_maps=True,
 )  # fmt: skip

@@ -53,5 +53,6 @@ ALGORITHM = Algorithm(
     options=TriangulateOptions,
     module=algorithm_module(__name__),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
+    images_made="Refined images",
     packages=("cv2", "dask"),
 )

@@ -48,4 +48,5 @@ ALGORITHM = Algorithm(
     ),
     options=WriteRpcOptions,
     module=algorithm_module(__name__),
+    images_made="Images with their RPCs",
 )  # fmt: skip

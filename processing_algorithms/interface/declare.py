@@ -223,6 +223,8 @@ class Algorithm:
         says in a line why there is no solution, where that is written and no error), and ``summarise(report)``, which
         returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is heavy
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
+    images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
+        the next step takes them; ``are_maps`` where they have map coordinates, so that a map shows them
     packages : Python packages (by import name) for what it does with pixels, which a QGIS may lack
     """
 
@@ -234,6 +236,8 @@ class Algorithm:
     options: type
     module: str
     layers: tuple[str, ...] = ()
+    images_made: str = ""
+    are_maps: bool = False
     packages: tuple[str, ...] = ()
 
     @cached_property

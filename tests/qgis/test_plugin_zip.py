@@ -59,7 +59,7 @@ def test_without_opencv_the_plugin_loads_and_says_what_to_install(profile: Path,
     without = {"PYTHONPATH": str(tmp_path)}
     listed = qgis_process(profile, "--json", "list", **without)
     assert listed.returncode == 0, listed.stderr
-    assert len(json.loads(listed.stdout)["providers"]["hrsi"]["algorithms"]) == len(REGISTRY)
+    assert len(json.loads(listed.stdout)["providers"]["hrsi"]["algorithms"]) == len(REGISTRY) + 1  # a model
     done = triangulate(profile, tmp_path / "adjusted", "--TIE_POINTS=none", "--GCP_IDS=H003,H022,H058,H105", **without)
     assert done.returncode == 0, done.stderr  # the adjustment does without
     helped = qgis_process(profile, "help", "hrsi:interestpoints", **without)

@@ -1,0 +1,101 @@
+"""Make the models that the QGIS plugin brings: ``python scripts/make_models.py [FOLDER]``, by default plugin/models.
+
+A model is a file of QGIS; it is made here, so that it names the algorithms and options that there are.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+os.environ["QT_HASH_SEED"] = "0"  # the same model is the same file; Qt reads it when it is loaded
+
+from qgis.core import (
+    QgsApplication,
+    QgsProcessing,
+    QgsProcessingModelAlgorithm,
+    QgsProcessingModelChildAlgorithm,
+    QgsProcessingModelChildParameterSource,
+    QgsProcessingModelOutput,
+    QgsProcessingModelParameter,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterFeatureSource,
+    QgsProcessingParameterMultipleLayers,
+    QgsProcessingParameterRasterLayer,
+)
+from qgis.PyQt.QtCore import QPointF
+
+ROOT = Path(__file__).resolve().parents[1]
+NAME = "triangulate_to_orthoimages"
+HELP = (
+    "Triangulates a block, makes orthoimages with the refined RPCs and the DEM, and measures how well these fit one "
+    "another. Open it in the model designer to see and change the chain."
+)
+DATUMS = ["layer", "ellipsoidal", "egm96", "egm2008"]
+Source = QgsProcessingModelChildParameterSource
+
+
+def triangulate_to_orthoimages() -> QgsProcessingModelAlgorithm:
+    """Return the chain from images to checked orthoimages."""
+    model = QgsProcessingModelAlgorithm("Triangulate, orthorectify, check", "Models")
+    model.setName("triangulatetoorthoimages")
+    inputs: list[QgsProcessingParameterDefinition] = [
+        QgsProcessingParameterMultipleLayers("IMAGES", "Images with RPC", QgsProcessing.TypeRaster),
+        QgsProcessingParameterFeatureSource("GCPS", "Ground points", [QgsProcessing.TypeVector], optional=True),
+        QgsProcessingParameterFeatureSource("IMAGE_POINTS", "Image points", [QgsProcessing.TypeVector], optional=True),
+        QgsProcessingParameterRasterLayer("DEM", "DEM"),
+        QgsProcessingParameterEnum(
+            "DEM_DATUM", "Heights of the DEM refer to", DATUMS, defaultValue="layer", usesStaticStrings=True
+        ),
+    ]
+    for number, param in enumerate(inputs):
+        place = QgsProcessingModelParameter(param.name())
+        place.setPosition(QPointF(120.0, 60.0 + 90.0 * number))
+        model.addModelParameter(param, place)
+    model.setParameterOrder([param.name() for param in inputs])
+    asked = {name: Source.fromModelParameter(name) for name in ("IMAGES", "GCPS", "IMAGE_POINTS", "DEM", "DEM_DATUM")}
+    terrain = {"DEM": asked["DEM"], "DEM_DATUM": asked["DEM_DATUM"]}
+    _add_step(model, "triangulate", asked, "Triangulation")
+    refined = Source.fromChildOutput("triangulate", "IMAGES_MADE")
+    _add_step(model, "orthorectify", {"IMAGES": refined, **terrain}, "Orthoimages")
+    made = Source.fromChildOutput("orthorectify", "IMAGES_MADE")
+    _add_step(model, "orthocheck", {"IMAGES": made}, "Check of the orthoimages")
+    model.setHelpContent({"ALG_DESC": HELP})
+    return model
+
+
+def _add_step(model: QgsProcessingModelAlgorithm, name: str, sources: dict[str, Source], folder: str) -> None:
+    """Add an algorithm of HRSI as a step; its output folder becomes one of the model's outputs."""
+    step = QgsProcessingModelChildAlgorithm(f"hrsi:{name}")
+    step.setChildId(name)
+    step.setDescription(folder)
+    step.setPosition(QPointF(420.0 + 220.0 * len(model.childAlgorithms()), 160.0 + 60.0 * len(model.childAlgorithms())))
+    for key, source in sources.items():
+        step.addParameterSources(key, [source])
+    output = QgsProcessingModelOutput(folder)
+    output.setChildId(name)
+    output.setChildOutputName("OUTPUT_DIR")
+    step.setModelOutputs({folder: output})
+    model.addChildAlgorithm(step)
+
+
+def main() -> int:
+    """Write the models; return the exit code."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "plugin" / "models"
+    folder.mkdir(parents=True, exist_ok=True)
+    application = QgsApplication([], False)
+    application.initQgis()
+    sys.path.insert(0, str(Path(application.pkgDataPath()) / "python" / "plugins"))
+    from hrsi.plugin.provider import HrsiProvider
+
+    provider = HrsiProvider()
+    application.processingRegistry().addProvider(provider)
+    written = triangulate_to_orthoimages().toFile(str(folder / f"{NAME}.model3"))
+    application.processingRegistry().removeProvider(provider)
+    return 0 if written else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
