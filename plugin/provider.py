@@ -13,7 +13,7 @@ from .algorithm import DeclaredAlgorithm
 from .dependencies import missing_package_message
 from .icons import icon_path
 
-MODELS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
+CHAINS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
 
 
 class HrsiProvider(QgsProcessingProvider):
@@ -51,7 +51,7 @@ class HrsiProvider(QgsProcessingProvider):
         for declaration in declarations.values():
             self.addAlgorithm(DeclaredAlgorithm(declaration))
         if self._declarations is None:
-            for path in sorted(MODELS.glob("*.model3")):
+            for path in sorted(CHAINS.glob("*.model3")):
                 model = QgsProcessingModelAlgorithm()
                 if model.fromFile(str(path)):
                     self.addAlgorithm(model)
