@@ -151,9 +151,8 @@ class GaussNewton:
     def _step(self, at: Solution, damping: float) -> Step[Solution]:
         """Return the next state and the decrease of the cost that the equations promise for it."""
         right = at.normals.right - self._finite_prior * at.state.values
-        self.system.factorise(at.normals.blocks, self.prior_weight, damping)
+        by_values = self.system.solve_near(at.normals.blocks, self.prior_weight, damping, right)
         self.solves += 1
-        by_values = self.system.solve(right)
         by_ground = self.equations.point_steps(at.state, at.weight, at.normals, by_values)
         ahead = self._at(
             State(at.state.values + by_values, moved_ground(at.state.ground, by_ground)), at.weighting, at.factor

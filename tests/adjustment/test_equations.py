@@ -83,6 +83,31 @@ def test_conjugate_gradients_equal_the_factors():
     assert not found[0][3].any()
 
 
+@pytest.mark.parametrize(("change", "factors"), [(0.05, 1), (30.0, 2)])
+def test_a_matrix_near_the_last_one_needs_no_new_factors(change, factors, monkeypatch):
+    """Both solutions are those of dense algebra; a matrix far from the last one gets factors of its own."""
+    made = []
+    factorise = SparseFactor.factorise
+    monkeypatch.setattr(SparseFactor, "factorise", lambda *given: (made.append(1), factorise(*given)))
+    pattern, upper, dense = grid_matrix(14, 6)
+    system, prior = Factored(pattern), np.full((pattern.cameras, 6), 0.1)
+    prior[3] = np.inf
+    right = np.random.default_rng(2).normal(size=prior.shape)
+    system.factorise(upper, prior)
+    system.factorise(upper, prior)
+    free = np.isfinite(prior.ravel())
+    factor = 1.0 + change * np.random.default_rng(4).random(pattern.cameras)  # D S D, positive definite as well
+    other = upper * factor[pattern.rows][:, None, None] * factor[pattern.columns][:, None, None]
+    found = system.solve_near(other, prior, 0.0, right)
+    scaled = np.repeat(factor, 6)
+    whole = dense * scaled[:, None] * scaled + 0.1 * np.eye(len(dense))
+    expected = np.zeros(prior.size)
+    expected[free] = np.linalg.solve(whole[np.ix_(free, free)], right.ravel()[free])
+    tolerance = 1e-6 * np.abs(expected).max()
+    np.testing.assert_allclose(found.ravel(), expected, rtol=1e-5, atol=tolerance)
+    assert len(made) == factors
+
+
 def linearised(name: str):
     """Return observations, model, pattern, a state away from the solution, weights and priors of a small block."""
     block, _, _ = blocks.block(gcps=6, checks=5, ties=40, count=4, seed=3)

@@ -22,6 +22,8 @@ ITERATIVE_LIMIT = 300_000  # cameras; the factors of an affine block that large 
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
 CG_ITERATIONS = 20_000
+NEAR_TOLERANCE = 1e-7  # of a step, by the factors of a matrix near it; a pass of Gauss-Newton mends what is left
+NEAR_ITERATIONS = 10  # each a twentieth of new factors in a large block
 NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
 
@@ -33,6 +35,9 @@ class CameraSystem(Protocol):
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution for a right-hand side ``(cameras, p)`` or several ``(cameras, p, k)``."""
+
+    def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
+        """Return the solution ``(cameras, p)`` of a matrix near the last one; arguments of `factorise` and `solve`."""
 
     def braked(self, step: np.ndarray) -> float:
         """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
@@ -85,10 +90,56 @@ class Factored(_Scaled):
     def __init__(self, pattern: Pattern) -> None:
         super().__init__(pattern)
         self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters, pattern.position)
+        self._factorised: tuple[np.ndarray, np.ndarray, float] | None = None
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        """See `CameraSystem`."""
+        """See `CameraSystem`; the matrix that is factorised already costs nothing."""
+        last = self._factorised
+        if last is not None and last[0] is blocks and last[1] is prior_weight and last[2] == damping:
+            return
+        self._factorised = None
         self._factor.factorise(self.scaled(blocks, prior_weight, damping))
+        self._factorised = blocks, prior_weight, damping
+
+    def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
+        """See `CameraSystem`: by conjugate gradients with the factors of the last matrix, where these lead there."""
+        if self._factorised is not None and self._factorised[2] == damping == 0.0:
+            solution = self._by_gradients(blocks, prior_weight, right)
+            if solution is not None:
+                return solution
+        self.factorise(blocks, prior_weight, damping)
+        return self.solve(right)
+
+    def _by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+        """Return the solution, None where the factors at hand are too far from the matrix to be of help."""
+        pattern, size = self.pattern, right.size
+        upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))
+        lower = upper.T
+        twice = blocks[pattern.diagonal]
+        own = np.where(np.isinf(prior_weight), 0.0, prior_weight)
+
+        def times(x: np.ndarray) -> np.ndarray:
+            flat = x.ravel()
+            both = (upper @ flat + lower @ flat).reshape(x.shape)
+            return np.asarray(both - np.einsum("cij,cj->ci", twice, x) + own * x)
+
+        solution, rest = np.zeros_like(right), right.copy()
+        ahead = self.solve(rest)
+        direction, square = ahead, float(np.sum(rest * ahead))
+        limit = NEAR_TOLERANCE**2 * square
+        for _ in range(NEAR_ITERATIONS):
+            if square <= limit:
+                return solution
+            along = times(direction)
+            curvature = float(np.sum(direction * along))
+            if not curvature > 0.0:
+                return None
+            solution += square / curvature * direction
+            rest -= square / curvature * along
+            ahead = self.solve(rest)
+            before, square = square, float(np.sum(rest * ahead))
+            direction = ahead + square / before * direction
+        return solution if square <= limit else None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """See `CameraSystem`."""
@@ -126,6 +177,11 @@ class Iterative(_Scaled):
         for group in self._groups:
             chosen = slice(group[0] * p, (group[-1] + 1) * p)
             self._parts.append((chosen, linalg.cho_factor(self._matrix[chosen, chosen].toarray(), lower=True)))
+
+    def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
+        """See `CameraSystem`."""
+        self.factorise(blocks, prior_weight, damping)
+        return self.solve(right)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """See `CameraSystem`; raises `SolveError` where the iteration does not converge."""

@@ -29,13 +29,33 @@ SMALL_TRIANGLE = 48  # unknowns
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
 
 
+@dataclass(frozen=True, eq=False)
+class FrontEntries:
+    """The blocks of the matrix that a front takes up.
+
+    row, column : (k,) where they stand among the front's cameras (own, border)
+    number : (k,) of the blocks
+    transposed : (k,) whether the front has the block's transpose
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    number: np.ndarray
+    transposed: np.ndarray
+
+
 @dataclass(eq=False)
 class Front:
-    """A node of the tree: the cameras it eliminates, those on its border, its children; L11^-1 and B as numbers."""
+    """A node of the tree: the cameras it eliminates, those on its border, its children; L11^-1 and B as numbers.
+
+    place : of the border's unknowns in the parent's front
+    """
 
     own: np.ndarray
     children: list[Front] = field(default_factory=list)
     border: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    place: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    entries: FrontEntries = field(init=False)
     factor: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     coupling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -141,9 +161,10 @@ class SparseFactor:
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number
-        self._lower = self._lower_index(graph)
+        index = self._lower_index(graph)
         for number, front in enumerate(self.fronts):
             front.border = self._border(graph, front, number)
+            self._prepare(front, index)
 
     def _lower_index(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
         """Return a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)."""
@@ -155,6 +176,19 @@ class SparseFactor:
         neighbours = graph[front.own].indices
         reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
         return reached[self._order[reached] > number].astype(np.int64)
+
+    def _prepare(self, front: Front, index: sparse.csr_matrix) -> None:
+        """Find where the front's blocks stand in it, and the borders of its children."""
+        cameras = np.concatenate([front.own, front.border])
+        order = np.argsort(cameras)
+        rows = index[front.own]
+        column = order[np.minimum(np.searchsorted(cameras[order], rows.indices), len(cameras) - 1)]
+        here = cameras[column] == rows.indices
+        row = np.repeat(np.arange(len(front.own)), np.diff(rows.indptr))
+        number = rows.data[here]
+        front.entries = FrontEntries(row[here], column[here], np.abs(number) - 1, number < 0)
+        for child in front.children:
+            child.place = self._unknowns(order[np.searchsorted(cameras[order], child.border)])
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
@@ -169,23 +203,17 @@ class SparseFactor:
             updates[id(front)] = matrix[own:, own:] - front.coupling @ front.coupling.T
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
-        cameras, p = np.concatenate([front.own, front.border]), self.size
-        local = {int(camera): place for place, camera in enumerate(cameras)}
-        matrix = np.zeros((len(cameras), p, len(cameras), p))
-        entries = self._lower[front.own]
-        i = np.repeat(np.arange(len(front.own)), np.diff(entries.indptr))
-        j = np.array([local.get(int(column), -1) for column in entries.indices], dtype=np.int64)
-        here = j >= 0
-        i, j, number = i[here], j[here], entries.data[here]
-        values = blocks[np.abs(number) - 1]
-        values = np.where((number < 0)[:, None, None], values.transpose(0, 2, 1), values)
-        matrix[i, :, j, :] = values
-        outer = j >= len(front.own)
-        matrix[j[outer], :, i[outer], :] = values[outer].transpose(0, 2, 1)
-        matrix = matrix.reshape(len(cameras) * p, len(cameras) * p)
+        cameras, p = len(front.own) + len(front.border), self.size
+        matrix = np.zeros((cameras, p, cameras, p))
+        entries = front.entries
+        values = blocks[entries.number]
+        values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
+        matrix[entries.row, :, entries.column, :] = values
+        outer = entries.column >= len(front.own)
+        matrix[entries.column[outer], :, entries.row[outer], :] = values[outer].transpose(0, 2, 1)
+        matrix = matrix.reshape(cameras * p, cameras * p)
         for child in front.children:
-            place = self._unknowns(np.array([local[int(camera)] for camera in child.border], dtype=np.int64))
-            matrix[np.ix_(place, place)] += updates.pop(id(child))
+            matrix[np.ix_(child.place, child.place)] += updates.pop(id(child))
         return matrix
 
     def _unknowns(self, cameras: np.ndarray) -> np.ndarray:
@@ -220,13 +248,10 @@ class SparseFactor:
             if not len(taking_part):
                 borders[id(front)] = taking_part, np.zeros((len(front.border) * self.size, 0))
                 continue
-            cameras = np.concatenate([front.own, front.border])
-            place = {int(camera): number for number, camera in enumerate(cameras)}
-            x = np.zeros((len(cameras) * self.size, len(taking_part)))
+            x = np.zeros((own + len(front.border) * self.size, len(taking_part)))
             x[here.col, np.searchsorted(taking_part, here.row)] = here.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
-                at = self._unknowns(np.array([place[int(camera)] for camera in child.border], dtype=np.int64))
-                x[np.ix_(at, np.searchsorted(taking_part, numbers))] += values
+                x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
             y = front.factor @ x[:own]
             result[np.ix_(taking_part, taking_part)] += y.T @ y
             borders[id(front)] = taking_part, x[own:] - front.coupling @ y
@@ -235,12 +260,15 @@ class SparseFactor:
     def inverse_blocks(self) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern of the matrix."""
         result = np.empty((len(self._columns), self.size, self.size))
-        for front, cameras, inverse in self._inverses():
-            self._pick(front, cameras, inverse, result)
+        for front, inverse in self._inverses():
+            entries, cameras = front.entries, len(front.own) + len(front.border)
+            values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
+            values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
+            result[entries.number] = values
         return result
 
-    def _inverses(self) -> Iterator[tuple[Front, np.ndarray, np.ndarray]]:
-        """Yield each front with its cameras (own, border) and the inverse over their unknowns, the root first."""
+    def _inverses(self) -> Iterator[tuple[Front, np.ndarray]]:
+        """Yield each front with the inverse over the unknowns of its cameras (own, border), the root first."""
         borders: dict[int, np.ndarray] = {}
         for front in reversed(self.fronts):
             border = borders.pop(id(front), np.zeros((0, 0)))
@@ -251,22 +279,6 @@ class SparseFactor:
             pulled = border @ gain
             inverse[own:, :own], inverse[:own, own:] = -pulled, -pulled.T
             inverse[:own, :own] = front.factor.T @ front.factor + gain.T @ pulled
-            cameras = np.concatenate([front.own, front.border])
-            place = {int(camera): number for number, camera in enumerate(cameras)}
             for child in front.children:
-                chosen = np.array([place[int(camera)] for camera in child.border], dtype=np.int64)
-                unknowns = self._unknowns(chosen)
-                borders[id(child)] = inverse[np.ix_(unknowns, unknowns)]
-            yield front, cameras, inverse
-
-    def _pick(self, front: Front, cameras: np.ndarray, inverse: np.ndarray, result: np.ndarray) -> None:
-        """Copy the blocks of a front's own cameras that belong to the pattern."""
-        p = self.size
-        place = {int(camera): number for number, camera in enumerate(cameras)}
-        entries = self._lower[front.own]
-        i = np.repeat(np.arange(len(front.own)), np.diff(entries.indptr))
-        j = np.array([place.get(int(column), -1) for column in entries.indices], dtype=np.int64)
-        here = j >= 0
-        i, j, number = i[here], j[here], entries.data[here]
-        blocks = inverse.reshape(len(cameras), p, len(cameras), p)[i, :, j, :]
-        result[np.abs(number) - 1] = np.where((number < 0)[:, None, None], blocks.transpose(0, 2, 1), blocks)
+                borders[id(child)] = inverse[np.ix_(child.place, child.place)]
+            yield front, inverse
