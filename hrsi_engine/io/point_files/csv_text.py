@@ -1,7 +1,8 @@
 """CSV with a header line: comma, semicolon or tab; UTF-8 (with or without BOM), UTF-16 or Latin-1.
 
 Decimal commas are understood where the separator is not the comma. The file is read in chunks of rows, and only
-the fields that are known are kept, so that millions of image points need little more memory than their columns.
+the fields that are known are kept, so that millions of image points need little more memory than their columns. Large
+files that are plain enough are read by compiled loops (`plain_csv`).
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from typing import BinaryIO, TextIO
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import LONGEST_LINE, MOST_BYTES, require_size, require_texts
+from ..budgets import LONGEST_LINE, MOST_BYTES, file_bytes, require_size, require_texts
 from ..rpc_files.content import read_head
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
+from .plain_csv import is_worth_it, read_plain
 from .table import PointReader, PointTable
 
 EXTENSIONS = (".csv", ".tsv", ".txt", ".tab")
@@ -49,7 +51,11 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
             f"add a header line, with separators ',', ';' or tab"
         )
     row_name = partial(_row_name, path, encoding)
-    decimal_comma = _separator(path, encoding) != ","
+    separator = _separator(path, encoding)
+    plain = _plain_columns(path, encoding, separator, len(names), found)
+    if plain is not None:
+        return PointTable(path, plain, tuple(names), row_name)
+    decimal_comma = separator != ","
     parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
     done = 0
     while chunk := list(islice(rows, _CHUNK_ROWS)):
@@ -60,6 +66,20 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
         done += len(chunk)
     columns = {field: _joined(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
     return PointTable(path, columns, tuple(names), row_name)
+
+
+def _plain_columns(
+    path: str, encoding: str, separator: str, width: int, found: Mapping[str, int]
+) -> dict[str, np.ndarray] | None:
+    """Return the columns of a large plain file; None for all others."""
+    if encoding != "utf-8" or not is_worth_it(file_bytes(path) or 0):
+        return None
+    with _open_bytes(path) as file:
+        header = next((line for line in file if _is_header(line.decode(encoding))), b"")
+        if b'"' in header or b"\r" in header.rstrip(b"\r\n"):
+            return None
+        columns = read_plain(file, separator, width, found)
+    return columns and {field: _joined(path, field, [column]) for field, column in columns.items()}
 
 
 def _values(
