@@ -18,7 +18,7 @@ from .interface.declare import Context, Report
 def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
-    images = open_images(options.images, context.log)
+    images = open_images(options.images, context)
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points, options.dem, options.tie_points)
@@ -28,6 +28,8 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     clock.lap("check")
     laser = read_laser_points(images, options.laser, context)
     how = with_laser(how, laser, options.dem, options.points)
+    if context.dry_run:
+        return block_outputs.plan_results(options, images, block, warnings, reasons, context)
     with plausibility.explained_by(reasons):
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))

@@ -45,7 +45,7 @@ from .block_steps.outputs import Clock
 from .block_steps.summary import number
 from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.image_files import open_images
-from .files.result_folder import check_folder, tell
+from .files.result_folder import check_folder, plan_page, tell
 from .files.rpc_folders import rpcs_of_folder
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
@@ -70,11 +70,13 @@ class EvaluatedSet:
 
 def run(options: EvaluateOptions, context: Context) -> Report:
     """Read or find points, fit them under every set of RPCs, write what came out."""
-    check_folder(options.folder)
+    check_folder(options.folder, context)
     clock = Clock()
-    images = open_images(options.images, context.log)
+    images = open_images(options.images, context)
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum)
+    if context.dry_run:
+        return _plan(options, images, list(cameras), surface, context)
     clock.lap("read")
     block, warnings, search_folders = _read_points(options, images, surface, context)
     clock.lap("tracks")
@@ -126,6 +128,27 @@ def run(options: EvaluateOptions, context: Context) -> Report:
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
+
+
+def _plan(
+    options: EvaluateOptions,
+    images: Sequence[Image],
+    sets: Sequence[str],
+    surface: HeightSurface | None,
+    context: Context,
+) -> Report:
+    """Return what would be done: the pairs are counted, not matched."""
+    counts = {"images": len(images), "sets of RPCs": len(sets)}
+    warnings: list[str] = []
+    if options.tracks == AUTOMATIC_TRACKS:
+        from .block_steps.tie_search import count_pairs  # needs OpenCV, which a QGIS may lack
+
+        counts["overlapping pairs to be matched"] = count_pairs(images, options.search, surface)
+    if options.tracks != AUTOMATIC_TRACKS or options.points.gcps or options.points.image_points:
+        file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
+        block, warnings = read_block(images, options.points, options.dem, file)
+        counts |= {"points": len(block.points), "image points": len(block.measurements)}
+    return plan_page(options.folder, LAYERS_FILE, options.report, counts, warnings, context)
 
 
 def _open_sets(

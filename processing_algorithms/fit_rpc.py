@@ -14,6 +14,7 @@ from ..hrsi_engine.io.position_tables import read_correspondences
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
 from .declarations.fit_rpc import FitRpcOptions
+from .files.dry_run import plan
 from .files.result_folder import check_folder, tell
 from .interface.declare import Context, Report
 
@@ -25,13 +26,16 @@ SEED = 1  # of the choice of check points: the same ones every time
 
 def run(options: FitRpcOptions, context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
-    check_folder(options.folder)
+    check_folder(options.folder, context)
     table = read_correspondences(options.points, ground_crs=options.ground_crs, height_datum=options.height_datum)
-    advance(context.progress, 0.2, "fitting")
-    fit, check = fit_points(table.ground, table.image, options.common_denominator)
     require_plain_name(options.id or "rpc", "the id")
     stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
     name = f"{options.id or stem}_RPC.TXT"
+    if context.dry_run:
+        names, counts = ["report.json", name], {"correspondences": len(table.ground)}
+        return plan(context, options.folder.output_dir, names, counts, table.warnings)
+    advance(context.progress, 0.2, "fitting")
+    fit, check = fit_points(table.ground, table.image, options.common_denominator)
     low, high = float(table.ground[:, 2].min()), float(table.ground[:, 2].max())
     wanted = (
         low if options.min_height is None else options.min_height,

@@ -11,7 +11,7 @@ from .block_steps import reference_control
 from .block_steps.reference_control import KIND, PREFIX, FromReference
 from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromReferenceOptions
 from .files.image_files import open_images
-from .files.result_folder import check_folder, write_folder
+from .files.result_folder import check_folder, plan_folder, write_folder
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 
@@ -20,8 +20,12 @@ REJECTED = "rejected"
 
 def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
-    check_folder(options.folder)
-    images = open_images(options.images, context.log)
+    check_folder(options.folder, context)
+    images = open_images(options.images, context)
+    if context.dry_run:
+        reference_control.open_reference(options.reference.reference, options.reference.reference_band)
+        dem_surface(options.dem, options.height_datum)
+        return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
     matching = context.stage(0.0, 0.9)
     found = reference_control.match(
         images, options.reference, dem_surface(options.dem, options.height_datum), options.sigma_dem, matching

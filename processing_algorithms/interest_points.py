@@ -15,7 +15,7 @@ from ..hrsi_engine.measurement.interest_points.points import InterestPoints, joi
 from .declarations.interest_points import LAYER, LAYERS_FILE, InterestPointsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
-from .files.result_folder import check_folder, tell, write_folder
+from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
@@ -24,14 +24,16 @@ QUARTERS = ("upper left", "upper right", "lower left", "lower right")
 
 def run(options: InterestPointsOptions, context: Context) -> Report:
     """Detect the points of every image and write them as one layer."""
-    check_folder(options.folder)
+    check_folder(options.folder, context)
     images = [open_pixels(path, options.band) for path in options.images]
     require_ids([image.path for image in images], [image.id for image in images])
     surface = open_terrain(options.terrain)
+    region = window_area(options.window, "window")
+    if context.dry_run:
+        return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
     names = DETECTOR_SETS[options.detector]
     tables = []
     for number, image in enumerate(images):
-        region = window_area(options.window, "window")
         parts = [
             detect_interest_points(image.raster, name, options.detection, region, stage(context.progress, *share))
             for name, share in zip(names, _shares(number, len(images), len(names)), strict=True)

@@ -14,7 +14,7 @@ from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.localize import LAYERS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
 from .files.image_files import is_on_image, open_images
-from .files.result_folder import check_folder, tell, write_folder
+from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
@@ -23,11 +23,14 @@ LOCALIZED_LINE = "sample line height"
 
 def run(options: LocalizeOptions, context: Context) -> Report:
     """Read image points from a file or standard input and follow their rays to the ground."""
-    check_folder(options.folder)
-    images = open_images(options.images, context.log, always=False)
+    check_folder(options.folder, context)
+    images = open_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
     ids = [image.id for image in images]
     points = read_image_positions(options.points, ids) if options.points else _from_lines(images)
+    if context.dry_run:
+        counts = {"images": len(images), "image points": len(points.ids)}
+        return plan_folder(options.folder, LAYERS_FILE, counts, [], context)
     columns, warnings = _localize(images, points, surface)
     tell(warnings, context)
     report: Report = {

@@ -23,7 +23,7 @@ from ..hrsi_engine.measurement.interest_points.detectors import inside
 from ..hrsi_engine.measurement.interest_points.windows import Area
 from .declarations.match import LAYER, LAYERS_FILE, MatchAlgorithmOptions
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
-from .files.result_folder import check_folder, tell
+from .files.result_folder import check_folder, plan_page, tell
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
@@ -34,7 +34,7 @@ TABLE_FILE, PAGE_FILE = "correspondences.csv", "report.html"
 def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     """Match the two images and write correspondences, picture and report."""
     started = perf_counter()
-    check_folder(options.folder)
+    check_folder(options.folder, context)
     # The images under ids that differ, also where both windows are of one file
     if len(options.images) != 2:
         raise InputError(f"match takes two images, {len(options.images)} are given: name two")
@@ -45,6 +45,8 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
         inside(window_area(options.window_1, "window_1"), images[0].raster),
         inside(window_area(options.window_2, "window_2"), images[1].raster),
     ]
+    if context.dry_run:
+        return plan_page(options.folder, LAYERS_FILE, options.report, {"images": len(images)}, [], context)
     found = match_windows(
         images[0].raster, images[1].raster, options.matching, areas[0], areas[1], stage(context.progress, 0.0, 0.9)
     )

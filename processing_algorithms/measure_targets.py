@@ -22,7 +22,7 @@ from ..hrsi_engine.plausibility.places import EDGE_SLACK_PX
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
-from .files.result_folder import check_folder, tell
+from .files.result_folder import check_folder, plan_page, tell
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report
 
@@ -42,9 +42,12 @@ class Target(NamedTuple):
 
 def run(options: MeasureTargetsOptions, context: Context) -> Report:
     """Measure every target and write points, chips and report."""
-    check_folder(options.folder)
+    check_folder(options.folder, context)
     images: list[ImagePixels] = []
     warnings: list[str] = []
+    if context.dry_run and options.points is not None and options.edges is None:
+        points, warnings = _approximate_points(_open_images(options.images), options.points, options)
+        return plan_page(options.folder, LAYERS_FILE, options.report, {"targets": len(points)}, warnings, context)
     if options.points is not None and options.edges is None:
         images = _open_images(options.images)
         targets, warnings = _near_positions(images, options.points, options, context)
@@ -52,6 +55,8 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         targets, warnings = _of_edges(options.edges, _open_images(options.images), options)
     else:
         raise InputError("give either `points` (approximate positions) or `edges` (hand-measured edge points)")
+    if context.dry_run:
+        return plan_page(options.folder, LAYERS_FILE, options.report, {"targets": len(targets)}, warnings, context)
     made = [target for target in targets if not target.measurement.refusal]
     warnings += _refused_everywhere(targets, {image_id(path): path for path in options.images})
     tell(warnings, context)

@@ -7,14 +7,18 @@ from dataclasses import replace
 from ..hrsi_engine.foundation.threads import thread_count
 from ..hrsi_engine.io.output_dir import check_output_dir
 from .declarations.ortho_check import OrthoCheckOptions
+from .files.result_folder import plan_page
 from .interface.declare import Context, Report
 from .ortho_steps import pairs as ortho_pairs
 
 
 def run(options: OrthoCheckOptions, context: Context) -> Report:
     """Match windows of every overlapping pair and write figures, arrows and maps."""
-    check_output_dir(options.folder.output_dir, options.folder.overwrite)
+    check_output_dir(options.folder.output_dir, options.folder.overwrite, looking=context.dry_run)
     pairs, warnings = ortho_pairs.open_pairs(options)
+    if context.dry_run:
+        counts = {"orthoimages": len(options.images), "overlapping pairs": len(pairs)}
+        return plan_page(options.folder, ortho_pairs.LAYERS_FILE, options.report, counts, warnings, context)
     part = context.stage(0.0, 0.9)
     window_px = options.matching.window_px + options.matching.window_px % 2  # windows have an even side
     how = replace(options.matching, window_px=window_px)

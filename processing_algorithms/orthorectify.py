@@ -15,11 +15,13 @@ from .ortho_steps import outputs as ortho_outputs
 def run(options: OrthorectifyOptions, context: Context) -> Report:
     """Plan the grids, make the orthoimages that are not there yet, write the report."""
     start = time.monotonic()
-    images = open_images(options.images, context.log)
+    images = open_images(options.images, context)
     terrain = ortho_inputs.open_ortho_terrain(options)
     plan = ortho_inputs.plan_block(images, terrain, options)
     jobs = ortho_jobs.jobs_of(plan, options)
     ortho_outputs.check_ortho_folder(options, jobs)
+    if context.dry_run:
+        return ortho_outputs.plan_orthoimages(plan, jobs, options, context)
     entries = ortho_outputs.make_all(jobs, options, context)
     return ortho_outputs.write_report(plan, entries, options, time.monotonic() - start, context)
 

@@ -35,13 +35,15 @@ ANY_ORIENTATION = (1e5, 0.1)
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
     clock = block_outputs.Clock()
-    images = open_images(options.images, context.log)
+    images = open_images(options.images, context)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
     expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else (None, None)
     reasons = plausibility.input_reasons(block, options.points, None, *expected)
     clock.lap("check")
+    if context.dry_run:
+        return block_outputs.plan_results(options, images, block, warnings, reasons, context)
     with plausibility.explained_by(reasons):
         refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
     result = separate_result(block, refinements)

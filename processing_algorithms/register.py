@@ -21,7 +21,7 @@ from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.measurement.registration import MethodComparison, compare_kinds, group_of
 from ..hrsi_engine.surface.dem import ConstantHeight, intersect_surface
 from .declarations.register import LAYER, LAYERS_FILE, RegisterOptions
-from .files.result_folder import check_folder
+from .files.result_folder import check_folder, plan_page
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
@@ -30,7 +30,7 @@ PAGE_FILE = "report.html"
 
 def run(options: RegisterOptions, context: Context) -> Report:
     """Register the images, tabulate the residuals by kind and write tables and plots."""
-    check_folder(options.folder)
+    check_folder(options.folder, context)
     first, second, points = _match(options)
     start = _carry(options, points["first"]) if options.registration.by_rpcs else points["first"]
     known = np.isfinite(start).all(axis=1)
@@ -41,6 +41,8 @@ def run(options: RegisterOptions, context: Context) -> Report:
             "`dem` or `height`"
         )
     start, points = start[known], {name: column[known] for name, column in points.items()}
+    if context.dry_run:
+        return plan_page(options.folder, LAYERS_FILE, options.report, {"matched points": len(start)}, lost, context)
     unit = options.gsd or 1.0
     sigma = points["sigma"]
     result = compare_kinds(

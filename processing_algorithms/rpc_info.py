@@ -15,18 +15,20 @@ from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_images
-from .files.result_folder import check_folder, tell, write_folder
+from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
 
 def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
-    check_folder(options.folder)
-    images = open_images(options.images, context.log)
+    check_folder(options.folder, context)
+    images = open_images(options.images, context)
     surface, warnings = _surface(options, images)
     tell(warnings, context)
     views = [ViewDirection(image, surface) for image in images]
+    if context.dry_run:
+        return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, warnings, context)
     geometries: list[ViewGeometry] = []
     for number, view in enumerate(views):
         advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")

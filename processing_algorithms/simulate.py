@@ -9,6 +9,7 @@ from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.simulation.synthesis import simulate_block
 from .declarations.simulate import SimulateOptions
+from .files.dry_run import plan
 from .interface.declare import Context, Report
 from .simulation_steps import inputs as simulation_inputs
 from .simulation_steps import outputs as simulation_outputs
@@ -17,8 +18,11 @@ from .simulation_steps import outputs as simulation_outputs
 def run(options: SimulateOptions, context: Context) -> Report:
     """Simulate a block and write its files."""
     folder = options.folder.output_dir
-    check_output_dir(folder, options.folder.overwrite)
+    check_output_dir(folder, options.folder.overwrite, looking=context.dry_run)
     views = simulation_inputs.make_views(options.views, options.vendor, options.scene)
+    if context.dry_run:
+        names = ["report.json", *simulation_outputs.files_of_simulation(views, options)]
+        return plan(context, folder, names, {"images": len(views), "GCPs": options.points.gcps})
     simulated = simulate_block(options.scene, views, options.points, options.noise, stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.report_simulated_block(simulated, context.record)
     with stage_folder(folder, context.inputs, options.folder.overwrite) as temporary:

@@ -17,8 +17,9 @@ from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.measurement.tie_points import TiePoints
 from .block_steps.outputs import Clock
-from .block_steps.tie_search import find, held_entries
+from .block_steps.tie_search import count_pairs, find, held_entries
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
+from .files.dry_run import plan
 from .files.image_files import open_images
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
@@ -28,11 +29,16 @@ TABLE_FILE, MEASUREMENTS_LAYER = "tie_points.csv", "image_points"
 
 def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
-    check_output_dir(options.folder.output_dir, options.folder.overwrite)
+    check_output_dir(options.folder.output_dir, options.folder.overwrite, looking=context.dry_run)
     clock = Clock()
-    images = open_images(options.images, context.log)
+    images = open_images(options.images, context)
     surface = open_terrain(options.terrain)
     clock.lap("read")
+    if context.dry_run:
+        pairs = count_pairs(images, options.search, surface)
+        counts = {"images": len(images), "overlapping pairs to be matched": pairs}
+        files = ["report.json", LAYERS_FILE, *([TABLE_FILE] if options.csv else [])]
+        return plan(context, options.folder.output_dir, files, counts)
     searching = context.stage(0.0, 0.95)
     found, finished = find(images, options.search, surface, options.folder.output_dir, searching)
     clock.lap("tie_points")

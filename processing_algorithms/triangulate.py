@@ -23,18 +23,25 @@ from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 from .interface.option_groups import AUTOMATIC_TIES
 
+#: Where tie points are found, points read, the block adjusted: with a search for tie points in the images, and without.
+SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
+
 
 def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     clock = block_outputs.Clock()
-    images = open_images(options.images, context.log)
+    images = open_images(options.images, context)
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")
-    searching = context.stage(0.0, 0.4)
+    if context.dry_run:
+        return _plan(images, options, context)
+    # The share of the time that each step takes: where tie points are found in the images, that is most of it
+    found_at, read_at, adjusted_at = SHARES[options.tie_points == AUTOMATIC_TIES]
+    searching = context.stage(0.0, found_at)
     found, warnings, kept, held = _automatic_ties(images, options, searching)
     clock.lap("tie_points")
-    block, more, entries = _read(images, options, found, context.stage(0.4, 0.5))
+    block, more, entries = _read(images, options, found, context.stage(found_at, read_at))
     how = options.adjustment
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
@@ -42,13 +49,30 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         laser = read_laser_points(images, options.laser, context)
         how = with_laser(how, laser, options.dem, options.points)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
-        result, few = adjust_at_laser_points(block, how, options.search.threads, context.stage(0.5, 0.7))
+        part = context.stage(read_at, adjusted_at)
+        result, few = adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")
-    rest = context.stage(0.7, 1.0)
+    rest = context.stage(adjusted_at, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
     warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
     entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons, kept)
+
+
+def _plan(images: Sequence[Image], options: TriangulateOptions, context: Context) -> Report:
+    """Return what would be done: the pairs are counted, not matched, and checks look at the points that files hold."""
+    read_laser_points(images, options.laser, context)
+    points, how, pairs = options.points, options.adjustment, None
+    file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
+    if options.tie_points == AUTOMATIC_TIES:
+        from .block_steps.tie_search import count_pairs  # needs OpenCV, which a QGIS may lack
+
+        pairs = count_pairs(images, options.search, dem_surface(options.dem, points.height_datum))
+    if pairs and not points.gcps and not points.image_points:
+        return block_outputs.plan_results(options, images, None, [], [], context, pairs)
+    block, warnings = block_inputs.read_block(images, points, options.dem, file)
+    reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift)
+    return block_outputs.plan_results(options, images, block, warnings, reasons, context, pairs)
 
 
 def _automatic_ties(

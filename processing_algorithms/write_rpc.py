@@ -22,6 +22,7 @@ from ..hrsi_engine.io.rpc_files import (
     rpc_reader_of,
 )
 from .declarations.write_rpc import OUTPUT_ENDINGS, WriteRpcOptions
+from .files.dry_run import plan
 from .interface.declare import Context, Report
 
 _NEEDS_FOLDER = ("copy", "vrt")
@@ -32,6 +33,10 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
     """Find every image's RPC and its output first, then write; or restore."""
     report: Report = {**context.record, "images": {}, "warnings": []}
     jobs = [] if options.restore else _jobs(options)
+    if context.dry_run:
+        return plan(context, None, [job.output for job in jobs] or options.images, {"images": len(options.images)})
+    if options.output_dir:
+        os.makedirs(options.output_dir, exist_ok=True)
     steps = len(jobs) or len(options.images)
     for index in range(steps):
         part = stage(context.progress, index / steps, (index + 1) / steps)
@@ -71,8 +76,6 @@ def _jobs(options: WriteRpcOptions) -> list[WriteJob]:
             raise InputError(
                 f"{first} and {job.path} have the same id, so that one result would replace the other: rename one"
             )
-    if options.output_dir:
-        os.makedirs(options.output_dir, exist_ok=True)
     return jobs
 
 

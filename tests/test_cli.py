@@ -11,7 +11,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.processing_algorithms import REGISTRY
@@ -151,7 +153,11 @@ def test_wrong_algorithm(words, fragments, capsys):
 
 def test_version(capsys):
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"hrsi {VERSION}\n"
+    first, *libraries = capsys.readouterr().out.splitlines()
+    assert first == f"hrsi {VERSION}"
+    told = dict(line.split(maxsplit=1) for line in libraries)
+    assert told["gdal"] == gdal.__version__ and told["numpy"] == np.__version__
+    assert {"proj", "scipy", "shapely", "python"} <= told.keys()
 
 
 def test_help_lists_algorithms_by_group(capsys):

@@ -113,10 +113,15 @@ def run_parts(
         if keeper is not None and by_key[key].keep:
             keeper.save(key, result)
         results[key] = result
-        advance(progress, len(results) / (before + len(missing)), by_key[key].label)
+        tell(key)
+
+    def tell(key: str) -> None:
+        every = before + len(missing)
+        label = by_key[key].label
+        advance(progress, len(results) / every, f"{label} ({len(results)} of {every} parts done)" if label else "")
 
     if missing:
-        advance(progress, before / (before + len(missing)), by_key[missing[0]].label)
+        tell(missing[0])
         scheduler(_graph(by_key, missing), missing, done)
     return {key: results[key] for key in wanted}
 

@@ -1,7 +1,8 @@
-"""What a person names as images: files, lists of files, and folders or archives as they were delivered."""
+"""What a person names as images: files, patterns, lists of files, and folders or archives as they were delivered."""
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Callable, Iterator, Sequence
 
@@ -19,7 +20,7 @@ IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix
 
 
 def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
-    """Return the images that names stand for: folders, archives and lists are replaced by what they hold.
+    """Return the images that names stand for: patterns, folders, archives and lists are replaced by what they hold.
 
     Raises `InputError` for one that holds no image with an RPC.
     """
@@ -32,9 +33,24 @@ def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str,
             images = _delivered(name, folder)
             log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
             found += images
+        elif _is_pattern(name):
+            found += _matching(name)
         else:
             found.append(name)
     return tuple(found)
+
+
+def _is_pattern(name: str) -> bool:
+    """Tell whether a name is a pattern (``*.tif``) that no shell has replaced by the files that it fits."""
+    return glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name)
+
+
+def _matching(pattern: str) -> list[str]:
+    """Return the files that a pattern fits, in order; `InputError` where there are none."""
+    files = sorted(file for file in glob.glob(pattern, recursive=True) if os.path.isfile(file))
+    if not files:
+        raise InputError(f"{pattern}: no file fits this pattern: check the folder and the ending")
+    return files
 
 
 def _folder_of(name: str) -> str | None:

@@ -44,6 +44,19 @@ def only_writer(folder: str | None) -> Iterator[None]:
                 os.rmdir(path)
 
 
+def require_writable(folder: str) -> None:
+    """Raise `InputError` where a folder takes no files, or cannot be made; nothing is made to find that out."""
+    if folder.startswith("/vsi"):
+        return
+    there = os.path.abspath(folder)
+    while not os.path.lexists(there):
+        there = os.path.dirname(there)
+    if not os.path.isdir(there):
+        raise InputError(f"{there} is a file: name a directory as `output_dir`")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{there} cannot be written (Permission denied): choose another `output_dir`")
+
+
 def remove_dead_lock(folder: str) -> None:
     """Remove the lock's file that a killed run left in a folder; that of a living one stays."""
     path = os.path.join(folder, LOCK)

@@ -28,6 +28,7 @@ MOST_LISTED = 10_000  # files of a folder among the inputs
 _READ_BYTES = 2**20
 #: Vector formats whose CRS is known from opening them, which reads no rows.
 _LAYERED = ("GPKG", "ESRI Shapefile", "FlatGeobuf")
+HIDDEN = "***"  #: what stands for a password
 _SECRET = re.compile(r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]+(?=@)", re.IGNORECASE)
 
 
@@ -60,7 +61,7 @@ def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[
 
 def without_secrets(text: str) -> str:
     """Return a text without the passwords of connections to data bases and servers."""
-    return _SECRET.sub(lambda found: f"{found[1] or found[2]}***", text)
+    return _SECRET.sub(lambda found: f"{found[1] or found[2]}{HIDDEN}", text)
 
 
 def without_secrets_in(value: Any) -> Any:

@@ -29,10 +29,12 @@ RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
 VIRTUAL = "/vsi"
 
 
-def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = ()) -> list[str]:
+def check_output_dir(
+    path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = (), looking: bool = False
+) -> list[str]:
     """Make sure, before the work begins, that its results can be written; return notices for the log.
 
-    What an interrupted run left in the folder is finished or removed first.
+    What an interrupted run left in the folder is finished or removed first, unless one is only ``looking``.
 
     Parameters
     ----------
@@ -40,6 +42,7 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
     overwrite : whether files that are there may be replaced
     names : names of the files that will be written, as far as they are known
     inputs : files that the run reads; neither they nor what belongs to them is ever replaced
+    looking : whether nothing may be changed
 
     Raises
     ------
@@ -53,7 +56,7 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
         folder = Path(path)
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{path} is a file: name a directory as `output_dir`")
-        notices = finish_interrupted([path]) if folder.exists() else []
+        notices = finish_interrupted([path]) if folder.exists() and not looking else []
         found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
         raise InputError(
@@ -157,8 +160,7 @@ def _move_into_place(
 
 def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str], overwrite: bool) -> None:
     """Raise `InputError` where a file of these names is there and is an input, or may not be replaced."""
-    exists = _virtual_exists if path.startswith(VIRTUAL) else os.path.exists
-    targets = [target for name in names if exists(target := os.path.join(path, name))]
+    targets = [target for name in names if exists_anywhere(target := os.path.join(path, name))]
     if not targets:
         return
     read = {os.path.realpath(file) for file in inputs if file}
@@ -202,8 +204,9 @@ def read_report(path: str) -> dict[str, Any] | None:
     return report if isinstance(report, dict) and {"schema", "algorithm"} <= report.keys() else None
 
 
-def _virtual_exists(path: str) -> bool:
-    return virtual_status(path) is not None
+def exists_anywhere(path: str) -> bool:
+    """Return whether there is a file, on the disk or in one of GDAL's virtual file systems."""
+    return virtual_status(path) is not None if path.startswith(VIRTUAL) else os.path.exists(path)
 
 
 def files_with(inputs: Iterable[str]) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 import pyproj
 import shapely
 from osgeo import gdal
+from shapely.geos import geos_version
 
 from ..foundation.version import VERSION
 
@@ -22,8 +23,6 @@ _DISTRIBUTIONS = {
     "jinja2": ("Jinja2",),
 }
 
-_GEOS = shapely.geos_version if hasattr(shapely, "geos_version") else shapely.geos.geos_version  # shapely 2, and 1.8
-
 
 @cache
 def versions() -> dict[str, str]:
@@ -33,7 +32,7 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         "gdal": gdal.__version__,
         "proj": pyproj.proj_version_str,
-        "geos": ".".join(map(str, _GEOS)),
+        "geos": ".".join(map(str, geos_version)),
         "numpy": np.__version__,
         "shapely": shapely.__version__,
         "pyproj": pyproj.__version__,

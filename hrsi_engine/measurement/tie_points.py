@@ -42,7 +42,7 @@ from .tile_matching.options import TileMatchOptions
 
 FEW_LINKS = 3  # of an image: below, its pairs are matched thoroughly
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
-CELLS_PER_PART = 12  # of a star job: about a second of work
+CELLS_PER_PART = 12  # of a star job: about a second of work, as is one cell of an image that is matched everywhere
 DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
 
 
@@ -176,6 +176,36 @@ def find_tie_points(
     return TiePoints(points, ground, summaries, tuple(warnings), holds)
 
 
+def overlapping_pairs(
+    images: Sequence[Image], options: TieOptions | None = None, surface: HeightSurface | None = None
+) -> list[tuple[str, str]]:
+    """Return the ids of the images that may show common ground, pair by pair, before any pixel is looked at.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        The block.
+    options : TieOptions, optional
+        How tie points would be found.
+    surface : HeightSurface, optional
+        The ground, where it is known.
+
+    Returns
+    -------
+    list of tuple of str
+        The pairs.
+
+    Raises
+    ------
+    InputError
+        Fewer than two images have pixels, or no two of them overlap.
+    """
+    search = _Search(images, options or TieOptions(), surface, open_scheduler(), None, marked=False)
+    found = search.find_overlapping()
+    own = [images[index].id for index in search.usable]
+    return [(own[pair.first], own[pair.second]) for pair in found]
+
+
 class _EstimatedPair(NamedTuple):
     job: coarse.CoarseJob
     first: int
@@ -193,13 +223,14 @@ class _Search:
         surface: HeightSurface | None,
         scheduler: Scheduler,
         keeper: Keeper | None,
+        marked: bool = True,
     ) -> None:
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
             raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
         self._scheduler, self._keeper = scheduler, keeper
-        self._marks = {index: _mark(images[index]) for index in self.usable}
+        self._marks = {index: _mark(images[index]) for index in self.usable} if marked else {}
         self._features: list[PartResult] = []  # of the overviews, where pairs are probed
         self._terrain: dict[int, np.ndarray] = {}
         self._results: list[tuple[int, PartResult]] = []
@@ -208,8 +239,8 @@ class _Search:
         self.pairs: list[_EstimatedPair] = []
         self.reasons: dict[int, str] = {}  #: why images are left out
 
-    def choose_pairs(self, progress: Progress) -> None:
-        """Find the pairs to match, with what is known of each; raise `InputError` where there are none."""
+    def find_overlapping(self) -> list[overlaps.Overlap]:
+        """Return the pairs of usable images that overlap; raise `InputError` where there are none."""
         images = [self.images[index] for index in self.usable]
         self._ranges = overlaps.ground_ranges(images, self.surface, DEM_MARGIN_M)
         found = overlaps.find_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
@@ -218,6 +249,12 @@ class _Search:
                 f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "
                 "check that they show the same area, or name the terrain's heights with `dem`"
             )
+        return found
+
+    def choose_pairs(self, progress: Progress) -> None:
+        """Find the pairs to match, with what is known of each; raise `InputError` where there are none."""
+        found = self.find_overlapping()
+        images = [self.images[index] for index in self.usable]
         self._coarseness = [overlaps.coarseness(image) for image in images]
         self._steps = [overview_step(image.known_size) for image in images]
         if 2 * len(found) <= self.options.most_partners * len(images):
@@ -380,8 +417,9 @@ class _Search:
         cells = [cell for row in rows for cell in row]
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []
-        for start in range(0, len(cells), CELLS_PER_PART):
-            chosen = tuple(cells[start : start + CELLS_PER_PART])
+        per_part = 1 if plan.is_matched_everywhere(image) else CELLS_PER_PART
+        for start in range(0, len(cells), per_part):
+            chosen = tuple(cells[start : start + per_part])
             job = StarJob(
                 number,
                 image,

@@ -8,8 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from ...hrsi_engine.adjustment.result import Adjustment
-from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.layer_styles import default_styles
@@ -26,6 +28,7 @@ from ...hrsi_engine.results.layers import block_layers, residuals_epsg
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
+from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
@@ -42,7 +45,9 @@ from .rpc_outputs import (
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
-LAYERS_FILE, REPORT_FILE, PAGE_FILE = "block.gpkg", "report.json", "report.html"
+LAYERS_FILE = "block.gpkg"
+#: What a dry run counts, and the roles of the points.
+COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE}
 
 
 class BlockOptions(Protocol):
@@ -73,11 +78,52 @@ class Clock:
 
 def require_room(output: BlockOutput, images: Sequence[Image], context: Context) -> None:
     """Raise `InputError`, before the work begins, where its results would replace what they may not replace."""
-    names = [REPORT_FILE, LAYERS_FILE, *([PAGE_FILE] if output.report else [])]
-    names += planned_names(images, output.write).values()
+    names = _file_names(output, images)
     folder = output.folder
-    for notice in check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs):
+    told = check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs, context.dry_run)
+    for notice in told:
         context.log(notice)
+
+
+def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
+    """Return the names of the files that a block's results are written into."""
+    own = [REPORT_FILE, LAYERS_FILE, *([PAGE_FILE] if output.report else [])]
+    return [*own, *planned_names(images, output.write).values()]
+
+
+def plan_results(
+    options: BlockOptions,
+    images: Sequence[Image],
+    block: Block | None,
+    warnings: Sequence[str],
+    reasons: Sequence[Reason],
+    context: Context,
+    pairs: int | None = None,
+) -> Report:
+    """Return the report of a dry run: the files, the counts and the verdict of the checks before an adjustment.
+
+    Parameters
+    ----------
+    options : of the algorithm
+    images : opened
+    block : as far as it is known before tie points are found; None where nothing is
+    warnings : what the user should know
+    reasons : what was found in the inputs
+    context : of the run
+    pairs : overlapping pairs in which tie points would be looked for
+    """
+    counts = {"images": len(images)}
+    if block is not None:
+        counts |= {name: int(np.sum(block.points.role == role)) for name, role in COUNTED.items()}
+        counts["image points"] = len(block.measurements)
+    if pairs is not None:
+        counts["overlapping pairs to be matched"] = pairs
+    output = options.output
+    names = _file_names(output, images)
+    if output.write == IN_PLACE:
+        names += [os.path.abspath(image.path) for image in images if image.raster is not None]
+    found = Verdict.of("nothing wrong was found" if not reasons else "the inputs were checked", reasons)
+    return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
 
 
 def write_results(

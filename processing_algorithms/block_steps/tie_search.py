@@ -10,7 +10,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.scheduling import open_scheduler
 from ...hrsi_engine.io.finished_parts import FinishedParts
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
-from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
+from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points, overlapping_pairs
 from ...hrsi_engine.surface.dem import HeightSurface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import SearchOptions
@@ -40,6 +40,11 @@ def find(
     for hold in found.holds:
         context.log(hold.sentence)
     return found, finished
+
+
+def count_pairs(images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None) -> int:
+    """Return the number of pairs that overlap; `InputError` where there are none, as in the search itself."""
+    return len(overlapping_pairs(images, options.search, surface))
 
 
 def held_entries(found: TiePoints) -> Report:

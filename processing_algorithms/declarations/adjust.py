@@ -37,6 +37,12 @@ ALGORITHM = Algorithm(
     ),
     options=AdjustAlgorithmOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi adjust block/image_*.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --height-datum ellipsoidal --output-dir adjusted",
+        "hrsi adjust block/image_*.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --height-datum ellipsoidal --dry-run --output-dir checked",
+    ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
 )

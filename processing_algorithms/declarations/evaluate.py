@@ -77,6 +77,10 @@ ALGORITHM = Algorithm(
     ),
     options=EvaluateOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi evaluate block/image_*.tif --rpcs refined=adjusted --tracks block/image_points.csv "
+        "--height-datum ellipsoidal --output-dir evaluation",
+    ),
     layers=(f"{LAYERS_FILE}|layername=images",),
     packages=("cv2", "dask"),
 )

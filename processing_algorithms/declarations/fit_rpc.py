@@ -44,4 +44,7 @@ ALGORITHM = Algorithm(
     ),
     options=FitRpcOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi fit-rpc --points grid.csv --height-datum ellipsoidal --output-dir fitted",
+    ),
 )  # fmt: skip

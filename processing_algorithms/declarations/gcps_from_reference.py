@@ -44,6 +44,10 @@ ALGORITHM = Algorithm(
     ),
     options=GcpsFromReferenceOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi gcps-from-reference block/image_*.tif --reference block/orthophoto.tif "
+        "--dem block/dem.tif --height-datum ellipsoidal --output-dir control",
+    ),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
     packages=("cv2",),
 )  # fmt: skip

@@ -39,6 +39,10 @@ ALGORITHM = Algorithm(
     ),
     options=InterestPointsOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi interest-points block/image_1.tif --detector centres --dem block/dem.tif "
+        "--height-datum ellipsoidal --output-dir interest",
+    ),
     packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

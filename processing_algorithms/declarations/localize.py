@@ -41,5 +41,8 @@ ALGORITHM = Algorithm(
     ),
     options=LocalizeOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "echo 40 60 | hrsi localize block/image_1.tif --dem block/dem.tif --height-datum ellipsoidal",
+    ),
     layers=(f"{LAYERS_FILE}|layername=ground_points",),
 )  # fmt: skip

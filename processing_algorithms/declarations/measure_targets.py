@@ -61,6 +61,10 @@ ALGORITHM = Algorithm(
     ),
     options=MeasureTargetsOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi measure-targets block/image_*.tif --points block/ground_points.csv "
+        "--height-datum ellipsoidal --output-dir targets",
+    ),
     packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

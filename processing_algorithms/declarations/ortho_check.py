@@ -39,6 +39,9 @@ ALGORITHM = Algorithm(
     ),
     options=OrthoCheckOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi ortho-check ortho/image_*_ortho.tif --output-dir check",
+    ),
     packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYERS[0]}",),
 )  # fmt: skip

@@ -107,4 +107,8 @@ ALGORITHM = Algorithm(
     module=algorithm_module(__name__),
     images_made="Orthoimages",
     are_maps=True,
+    examples=(
+        "hrsi orthorectify adjusted/image_*.tif --dem block/dem.tif --height-datum ellipsoidal "
+        "--extent overlap --output-dir ortho",
+    ),
 )  # fmt: skip

@@ -40,5 +40,9 @@ ALGORITHM = Algorithm(
     ),
     options=ProjectOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi project block/image_1.tif --points block/ground_points.csv --height-datum ellipsoidal",
+        "echo 2.35 48.85 60 | hrsi project block/image_1.tif",
+    ),
     layers=(f"{LAYERS_FILE}|layername=image_points",),
 )  # fmt: skip

@@ -32,6 +32,10 @@ ALGORITHM = Algorithm(
     ),
     options=RefineAlgorithmOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi refine-rpc block/image_1.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --height-datum ellipsoidal --compare --write none --output-dir refined",
+    ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
 )  # fmt: skip

@@ -41,5 +41,8 @@ ALGORITHM = Algorithm(
     ),
     options=RegisterOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi register --image-points block/image_points.csv --model affine --output-dir registration",
+    ),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

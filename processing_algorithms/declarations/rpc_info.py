@@ -34,5 +34,8 @@ ALGORITHM = Algorithm(
     ),
     options=RpcInfoOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi rpc-info block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal",
+    ),
     layers=(f"{LAYERS_FILE}|layername=images",),
 )  # fmt: skip

@@ -121,6 +121,9 @@ ALGORITHM = Algorithm(
     ),
     options=SimulateOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi simulate --images 2 --size 160 --gcps 8 --checks 4 --ties 20 --ortho --output-dir block",
+    ),
     layers=(
         "truth.gpkg|layername=true_ground_points",
         "truth.gpkg|layername=true_image_points",

@@ -37,6 +37,9 @@ ALGORITHM = Algorithm(
     ),
     options=TiePointsOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi tie-points block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal --csv --output-dir ties",
+    ),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
     packages=("cv2", "dask"),
 )

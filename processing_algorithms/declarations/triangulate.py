@@ -52,6 +52,11 @@ ALGORITHM = Algorithm(
     ),
     options=TriangulateOptions,
     module=algorithm_module(__name__),
+    examples=(
+        "hrsi triangulate block/image_*.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --dem block/dem.tif --height-datum ellipsoidal --output-dir result",
+        "hrsi triangulate block --dem block/dem.tif --height-datum ellipsoidal --sigma-dem 2 --output-dir relative",
+    ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
     packages=("cv2", "dask"),

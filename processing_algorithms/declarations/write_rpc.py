@@ -49,4 +49,8 @@ ALGORITHM = Algorithm(
     options=WriteRpcOptions,
     module=algorithm_module(__name__),
     images_made="Images with their RPCs",
+    examples=(
+        "hrsi write-rpc block/image_1.tif --rpc adjusted/image_1.tif --write sidecar --output-dir rpcs",
+        "hrsi write-rpc block/image_1.tif --rpc adjusted/image_1.tif --write vrt --output-dir virtual",
+    ),
 )  # fmt: skip

@@ -11,24 +11,25 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters import open_image_and_source
 from ...hrsi_engine.io.transactions import finish_interrupted
-from ..interface.declare import Log
+from ..interface.declare import Context
 
 MOST_LINES = 20  # of a large block only the images with several RPCs are told
 
 
-def open_images(paths: Sequence[str], log: Log, always: bool = True) -> list[Image]:
+def open_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:
     """Open images or RPC files alone; log the source of each RPC and the others that were not used.
 
-    What an interrupted run left of images that it wrote in place is finished first. A filter stays silent (not
-    ``always``) unless there was a choice between several RPCs.
+    What an interrupted run left of images that it wrote in place is finished first, but for a dry run. A filter stays
+    silent (not ``always``) unless there was a choice between several RPCs.
     """
-    for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
-        log(notice)
+    if not context.dry_run:
+        for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
+            context.log(notice)
     images = []
     for path in paths:
         image, found = open_image_and_source(path)
         if found.ignored or (always and len(paths) <= MOST_LINES):
-            log(f"{image.id}: {found.summary}")
+            context.log(f"{image.id}: {found.summary}")
         images.append(image)
     require_ids(paths, [image.id for image in images])
     return images

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.io.layers import Layer, write_geopackage
@@ -10,12 +10,33 @@ from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.io.report import write_report_json
 from ..interface.declare import Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
+from .dry_run import PAGE_FILE, REPORT_FILE, plan
 
 
-def check_folder(options: ResultFolder | OptionalFolder) -> None:
+def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> None:
     """Raise `InputError` where the output directory of the options, if any, cannot take a result."""
     if options.output_dir:
-        check_output_dir(options.output_dir, options.overwrite)
+        check_output_dir(options.output_dir, options.overwrite, looking=context.dry_run)
+
+
+def plan_folder(
+    options: ResultFolder | OptionalFolder,
+    file: str,
+    counts: Mapping[str, int],
+    warnings: Sequence[str],
+    context: Context,
+) -> Report:
+    """Return the report of a dry run of what `write_folder` writes."""
+    names = [REPORT_FILE, file] if options.output_dir else []
+    return plan(context, options.output_dir, names, counts, warnings)
+
+
+def plan_page(
+    options: ResultFolder, file: str, page: bool, counts: Mapping[str, int], warnings: Sequence[str], context: Context
+) -> Report:
+    """Return the report of a dry run that would write a report, perhaps its page, and one more file."""
+    names = [REPORT_FILE, file, *([PAGE_FILE] if page else [])]
+    return plan(context, options.output_dir, names, counts, warnings)
 
 
 def write_folder(

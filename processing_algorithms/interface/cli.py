@@ -15,11 +15,13 @@ from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, S
 from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, signals_as_exceptions
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
-from .command_parser import algorithm_parser, registry_help
-from .declare import Algorithm, Context, is_unusable, unusable_text
+from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
+from .declare import Algorithm, Context, Report, is_unusable, made_options, unusable_text
+from .log_file import RunLog, require_own_file
 from .naming import spell_arguments
-from .options import checked_options, find_algorithm
-from .terminal import SilentTerminal, TerminalProgress
+from .option_groups import LineOptions
+from .options import TYPED, OptionSource, checked_options, find_algorithm
+from .terminal import Listeners, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
@@ -83,47 +85,131 @@ def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> int:
     first, *rest = words
     if first in PAGES:
         print(PAGES[first](registry))
+    elif first == "help":
+        print(_help_page(rest, registry), end="")
+    elif first == "completion":
+        print(_completion(rest, registry), end="")
+    elif first == "rerun" and not HELP & set(rest):
+        from .rerun import repeated_run  # loads NumPy, which help does without
+
+        return _run_algorithm(*repeated_run(rest, registry))
     elif first.startswith("-"):
         raise InputError(f"{first} stands before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
     elif HELP & set(rest):
-        print(algorithm_parser(find_algorithm(registry, first)).format_help(), end="")
+        print(_help_page([first], registry), end="")
     else:
-        return _run_algorithm(find_algorithm(registry, first), rest)
+        return _run_algorithm(find_algorithm(registry, first, COMMANDS), rest)
     return 0
 
 
-def _run_algorithm(algorithm: Algorithm, words: list[str]) -> int:
-    """Run an algorithm and print what came out; return 1 where it found no solution, 3 where none can be used."""
-    given = algorithm_parser(algorithm).parse_words(words)
-    quiet, as_json = given.pop("quiet", False), given.pop("json", False)
-    options = checked_options(algorithm, given)
-    terminal = (SilentTerminal if quiet else TerminalProgress)(sys.stderr)
+def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
+    """Return the page of an algorithm or of a command; without words, or for several, the list of them."""
+    if len(words) != 1 or words[0] in HELP:
+        return f"{registry_help(registry)}\n"
+    if words[0] in COMMAND_PAGES:
+        return COMMAND_PAGES[words[0]]
+    return algorithm_parser(find_algorithm(registry, words[0], COMMANDS)).format_help()
+
+
+def _completion(words: list[str], registry: Mapping[str, Algorithm]) -> str:
+    from .completion import SHELLS, completion_script
+
+    if len(words) != 1:
+        raise InputError(f"completion needs the name of a shell: hrsi completion {'|'.join(SHELLS)}")
+    return completion_script(words[0], registry)
+
+
+def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource = TYPED) -> int:
+    """Run an algorithm and print what came out.
+
+    Parameters
+    ----------
+    algorithm : the algorithm
+    words : its options as they were typed
+    origin : where further options come from
+
+    Returns
+    -------
+    0, 1 where it found no solution, 2 where a dry run found the input wrong, 3 where no result can be used
+    """
     spelt = partial(spell_arguments, params=algorithm.params)
+    log = _open_log(algorithm, words, origin, spelt)
     try:
-        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-            told = Context(
-                terminal.progress,
-                lambda message: terminal.log(spelt(message)),
-                command=shlex.join(["hrsi", algorithm.name, *words]),
-            )
-            report = algorithm.execute(options, told)
-        terminal.finish()
+        code = _run_told(algorithm, words, origin, log)
+    except (Exception, KeyboardInterrupt) as error:
+        if log is not None:
+            log.write("ERROR", spelt(describe(error)[0]))
+        raise
+    if log is not None:
+        log.write("END", f"exit code {code}")
+    return code
+
+
+def _open_log(
+    algorithm: Algorithm, words: list[str], origin: OptionSource, spell: Callable[[str], str]
+) -> RunLog | None:
+    """Return the log that the words name, begun, so that it gets wrong options too; None where they name none."""
+    path, others = split_log(words)
+    if path is None:
+        return None
+    given = [item for value in origin.given.values() for item in (value if isinstance(value, list) else [value])]
+    require_own_file(path, [*others, *(item for item in given if isinstance(item, str))])
+    log = RunLog(path, spell)
+    log.write("START", f"{shlex.join(['hrsi', algorithm.name, *words])} (version {VERSION})")
+    return log
+
+
+def _run_told(algorithm: Algorithm, words: list[str], origin: OptionSource, log: RunLog | None) -> int:
+    spelt = partial(spell_arguments, params=algorithm.params)
+    typed = {**origin.given, **algorithm_parser(algorithm).parse_words(words)}
+    line = made_options(LineOptions, typed)
+    keys = {param.key for param in LINE_PARAMS}
+    options = checked_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
+    terminal = terminal_of(sys.stderr, line.quiet)
+    listeners = Listeners([terminal, *([log] if log else [])])
+    context = Context(
+        listeners.progress,
+        lambda message: listeners.log(spelt(message)),
+        command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]),
+        record=dict(origin.record),
+        dry_run=line.dry_run,
+    )
+    try:
+        for message in origin.messages:
+            context.log(message)
+        with contextlib.redirect_stdout(sys.stderr) if line.json else contextlib.nullcontext():
+            report = algorithm.execute(options, context)
+        listeners.finish()
     finally:
-        terminal.break_line()
-    if as_json:
+        listeners.break_line()
+    summary = "" if line.json and log is None else spelt(algorithm.summarise(report))
+    if log is not None:
+        for text in filter(None, map(str.strip, summary.splitlines())):
+            log.write("RESULT", text)
+    if line.json:
         from ...hrsi_engine.foundation.json_values import json_text  # loads NumPy, which help does without
 
         print(json_text(report, indent=2))
-    elif not (quiet and options.get("output_dir")):  # what lies in files needs no summary; else stdout is the result
-        print(spelt(algorithm.summarise(report)))
-    if unsolved := report.get("unsolved"):
-        print(f"ERROR: {spelt(unsolved)}", file=sys.stderr)
-        return SolveError.exit_code
-    if not is_unusable(report):
+    elif not (line.quiet and options.get("output_dir")):  # what lies in files needs no summary; else stdout has it
+        print(summary)
+    failed = failure_of(report)
+    if failed is None:
         return 0
-    if quiet or as_json:
-        print(f"ERROR: {spelt(unusable_text(report))}", file=sys.stderr)
-    return UNUSABLE
+    code, reason = failed
+    if code != UNUSABLE or line.quiet or line.json:  # a summary ends with the verdict
+        print(f"ERROR: {spelt(reason)}", file=sys.stderr)
+    if log is not None:
+        log.write("ERROR", spelt(reason))
+    return code
+
+
+def failure_of(report: Report) -> tuple[int, str] | None:
+    """Return exit code and reason of a report that tells of no success; None of one that does."""
+    if unsolved := report.get("unsolved"):
+        return SolveError.exit_code, str(unsolved)
+    if is_unusable(report):
+        return (InputError.exit_code if report.get("dry_run") else UNUSABLE), unusable_text(report)
+    return None
 
 
 def _describe_own(error: BaseException) -> tuple[str, int]:
@@ -172,8 +258,51 @@ HELP = {"--help", "-h"}
 #: What is printed instead of running an algorithm.
 PAGES: dict[str, Callable[[Mapping[str, Algorithm]], str]] = {
     **dict.fromkeys(HELP, registry_help),
-    "--version": lambda registry: f"hrsi {VERSION}",
+    "--version": lambda registry: version_page(),
 }
+#: Pages of the commands that are no algorithms.
+COMMAND_PAGES = {
+    "completion": """\
+usage: hrsi completion bash|zsh|fish
+
+Prints what the shell needs to complete algorithms, options, choices and files. It is read once; no key press starts
+hrsi.
+
+  bash  source <(hrsi completion bash)
+  zsh   source <(hrsi completion zsh)
+  fish  hrsi completion fish | source
+""",
+    "help": """\
+usage: hrsi help [ALGORITHM]
+
+Shows the options and examples of an algorithm; without one, the list.
+""",
+    "rerun": """\
+usage: hrsi rerun report.json [options]
+
+Repeats the run that a report tells of: the same algorithm, options and inputs. Options that are given win over those of
+the report; images that are given take the place of its images. Relative paths of inputs count from the folder in which
+the run was started, or from where the report lies now where all was moved together. The output directory counts from
+the current folder; what is there is replaced only with --overwrite. Inputs that have changed since, by their SHA-256,
+and other versions of libraries are named.
+
+example:
+  hrsi rerun adjusted/report.json --model shift --output-dir shifted
+""",
+}
+
+
+def version_page() -> str:
+    """Return the version, and below it those of the libraries, as far as they can be loaded."""
+    lines = {}
+    try:
+        from ...hrsi_engine.io.versions import versions
+
+        lines = {name: text for name, text in versions().items() if name != "hrsi"}
+    except ImportError as error:
+        lines = {"libraries": f"cannot be loaded ({error}); see README.md on how to install HRSI"}
+    width = max(map(len, lines))
+    return "\n".join([f"hrsi {VERSION}", *(f"{name:{width}} {text}" for name, text in lines.items())])
 
 
 def _silence_stdout() -> None:

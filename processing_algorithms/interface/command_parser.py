@@ -15,11 +15,18 @@ from typing import Any, NoReturn
 from ...hrsi_engine.foundation.errors import InputError
 from .declare import Algorithm, Kind, Param, params_of, typed_value
 from .naming import spell_arguments
-from .option_groups import Common, ResultFolder
+from .option_groups import Common, LineOptions, ResultFolder
 from .options import suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
 OUTPUT_PARAMS, COMMON_PARAMS = params_of(ResultFolder), params_of(Common)
+LINE_PARAMS = params_of(LineOptions)  #: of the command line itself
+#: Commands that are no algorithms, and what they do.
+COMMANDS = {
+    "help": "Show the page of an algorithm",
+    "rerun": "Repeat a run from its report.json, with other options where they are given",
+    "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
+}
 COMMON = "common options"  #: heading of the options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
@@ -87,6 +94,7 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
         prog,
         usage=f"{prog} [options]{images}",
         description=_description(algorithm),
+        epilog=_examples(algorithm),
         argument_default=argparse.SUPPRESS,
     )
     for title, params in sections(algorithm.params).items():
@@ -110,9 +118,12 @@ def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[
 
 def add_common_options(section: argparse._ArgumentGroup) -> None:
     """Add the options that belong to the command line and not to an algorithm."""
-    section.add_argument("--quiet", action="store_true", help="no progress and no messages, only errors")
-    section.add_argument("--json", action="store_true", help="print the report as one JSON document")
-    section.add_argument("-h", "--help", action="help", help="show this page and leave")
+    for param in LINE_PARAMS:
+        if param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
+            section.add_argument(f"--{param.name}", action="store_true", help=param.help)
+        else:
+            add_option(section, param, LINE_PARAMS)
+    section.add_argument("-h", "--help", action="help", help="Show this page and leave")
 
 
 def option_help(param: Param, params: Sequence[Param]) -> str:
@@ -146,7 +157,13 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
         "usage: hrsi ALGORITHM [options] IMAGE...\n\n"
         "Block triangulation of high-resolution satellite images with RPC camera models.\n\n"
         f"{listing}\n\n"
-        "hrsi ALGORITHM --help shows an algorithm's options; hrsi --version shows the version."
+        "More:\n"
+        "  hrsi help ALGORITHM                an algorithm's options and examples, as hrsi ALGORITHM --help\n"
+        "  hrsi rerun report.json [options]   a run again, with other options where they are given\n"
+        "  hrsi completion bash|zsh|fish      what a shell needs to complete all this\n"
+        "  hrsi --version                     the version, and those of the libraries\n\n"
+        "IMAGE is an image with RPC, an RPC file alone, a folder or archive as delivered, a pattern ('*.tif'),\n"
+        "or @list.txt with one a line."
     )
 
 
@@ -158,6 +175,19 @@ def value_name(param: Param) -> str:
 def _description(algorithm: Algorithm) -> str:
     paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
     return "\n\n".join(textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip())
+
+
+def _examples(algorithm: Algorithm) -> str:
+    """Return the examples as a shell takes them, lines broken before options."""
+    lines = [f"example{'s' * (len(algorithm.examples) > 1)}:"] if algorithm.examples else []
+    for example in algorithm.examples:
+        lines.append("  ")
+        for part in re.split(r" (?=--)", example):
+            if len(lines[-1]) + len(part) > _help_width() - 3 and lines[-1].strip():
+                lines[-1] += "\\"
+                lines.append("    ")
+            lines[-1] += f"{part} "
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
@@ -195,6 +225,18 @@ def _join_negative_values(words: Sequence[str]) -> list[str]:
         else:
             joined.append(word)
     return joined
+
+
+def split_log(words: Sequence[str]) -> tuple[str | None, list[str]]:
+    """Return the file that words name as ``--log``, before they are parsed (what is wrong in them goes there too), and
+    the other words."""
+    for place, word in enumerate(words):
+        name, equals, value = word.partition("=")
+        if name == "--log" and equals:
+            return value or None, [*words[:place], *words[place + 1 :]]
+        if name == "--log" and place + 1 < len(words):
+            return words[place + 1], [*words[:place], *words[place + 2 :]]
+    return None, list(words)
 
 
 def _help_width() -> int:

@@ -109,6 +109,7 @@ class Context:
     command : the run as a person typed it; made from the options where nobody did
     inputs : files that its options name for reading: no result may take their place
     record : the entries that every report begins with: what ran, when, how, on which inputs
+    dry_run : whether all is read and checked, and nothing done or written
     """
 
     progress: Progress
@@ -116,6 +117,7 @@ class Context:
     command: str = ""
     inputs: tuple[str, ...] = ()
     record: Report = field(default_factory=dict)
+    dry_run: bool = False
 
     def stage(self, begin: float, end: float) -> Context:
         """Return the context of a part of the work, between two fractions of the whole."""
@@ -222,6 +224,7 @@ class Algorithm:
     module : that holds ``run(options, context)``, which returns the report as a dict for JSON (its key ``unsolved``
         says in a line why there is no solution, where that is written and no error), and ``summarise(report)``, which
         returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is heavy
+    examples : command lines that run on what ``hrsi simulate``'s own example makes
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
     images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
         the next step takes them; ``are_maps`` where they have map coordinates, so that a map shows them
@@ -235,6 +238,7 @@ class Algorithm:
     help: str
     options: type
     module: str
+    examples: tuple[str, ...] = ()
     layers: tuple[str, ...] = ()
     images_made: str = ""
     are_maps: bool = False
@@ -264,13 +268,16 @@ class Algorithm:
             "schema": SCHEMA, "algorithm": self.name,
             **lineage.run_record(context.command or self.command(given), named),
             "options": {key: _plain(value) for key, value in given.items()}, "settings": settings_of(made),
+            **context.record,
             "crs": {
                 "positions": POSITIONS_CRS, "heights": "ellipsoidal", "input_heights": options.get("height_datum"),
             },
         }  # fmt: skip
         context = replace(context, inputs=self.inputs(options), record=lineage.without_secrets_in(record))
         try:
-            with lock.only_writer(options.get("output_dir")):
+            if context.dry_run and options.get("output_dir"):
+                lock.require_writable(options["output_dir"])
+            with lock.only_writer(None if context.dry_run else options.get("output_dir")):
                 report: Report = values.json_ready(work.run(made, context))
             return report
         finally:
@@ -278,6 +285,8 @@ class Algorithm:
 
     def summarise(self, report: Report) -> str:
         """Return the lines of a report that a person reads."""
+        if report.get("dry_run"):
+            return plan_text(report)
         text: str = import_module(self.module).summarise(report)
         return text
 
@@ -333,9 +342,22 @@ def is_unusable(report: Report) -> bool:
     return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
 
 
+def plan_text(report: Report) -> str:
+    """Return what a person reads of a dry run."""
+    lines = [f"{count} {name}" for name, count in report["counts"].items()]
+    files = [f"{entry['path']}{' (replaced)' if entry['replaces'] else ''}" for entry in report["files"]]
+    lines += ["would be written:", *(f"  {file}" for file in files)] if files else ["nothing would be written"]
+    lines += [f"warning: {text}" for text in report["warnings"]]
+    for reason in reversed(report["verdict"]["reasons"]):
+        lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
+    verdict = report["verdict"]
+    return "\n".join([*lines, f"dry run: {verdict['sentence']}. Verdict of the checks: {verdict['level']}"])
+
+
 def unusable_text(report: Report) -> str:
     """Return on one line why a result cannot be used, and what to do first."""
     verdict = report["verdict"]
     worst = next(iter(verdict["reasons"]), None)
     reason = f": {worst['message']}; {worst['advice']}" if worst else ""
-    return f"the result is unusable{reason}"
+    what = "the inputs are wrong" if report.get("dry_run") else "the result is unusable"
+    return f"{what}{reason}"

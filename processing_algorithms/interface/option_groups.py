@@ -48,6 +48,21 @@ class Common:
     threads: int = threads_option()
 
 
+@options
+class LineOptions:
+    """What the command line has for every algorithm, and QGIS and Python do without."""
+
+    dry_run: bool = option(False, "Read and check everything, write nothing, and say what would be done")
+    log: str | None = option(
+        None,
+        "Text file to which the run adds its progress, warnings and errors, with their times",
+        kind=Kind.FILE,
+        metavar="FILE",
+    )
+    quiet: bool = option(False, "No progress and no messages, only errors")
+    json: bool = option(False, "Print the report as one JSON document")
+
+
 @options(kw_only=True)
 class ResultFolder:
     """Where results go."""

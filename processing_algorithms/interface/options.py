@@ -9,13 +9,32 @@ import difflib
 import math
 import numbers
 import os
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
 from .declare import Algorithm, Kind, Param
 from .naming import option_label
+
+
+@dataclass(frozen=True)
+class OptionSource:
+    """Where the options of a run come from, besides what was typed.
+
+    Parameters
+    ----------
+    given : options by key, over which those that were typed win
+    messages : what is told first
+    record : further entries of the report
+    """
+
+    given: Mapping[str, Any] = field(default_factory=dict)
+    messages: Sequence[str] = ()
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+
+TYPED = OptionSource()  #: all options are typed
 
 
 @dataclass(frozen=True)
@@ -50,10 +69,11 @@ def checked_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face =
     return values
 
 
-def find_algorithm(registry: Mapping[str, Algorithm], name: str) -> Algorithm:
-    """Return the algorithm of a name; raise InputError with the nearest names where there is none."""
+def find_algorithm(registry: Mapping[str, Algorithm], name: str, commands: Iterable[str] = ()) -> Algorithm:
+    """Return the algorithm of a name; raise InputError with the nearest names, of ``commands`` too, where is none."""
     if name not in registry:
-        raise InputError(f"there is no algorithm {name!r}{suggestion(name, registry)}; hrsi --help lists them")
+        near = suggestion(name, [*registry, *commands])
+        raise InputError(f"there is no algorithm {name!r}{near}; hrsi --help lists them")
     return registry[name]
 
 

@@ -1,10 +1,59 @@
-"""Progress and messages on a terminal, in GDAL's manner."""
+"""Progress and messages on a terminal, and in GDAL's manner where there is none."""
 
 from __future__ import annotations
 
-from typing import TextIO
+import os
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol, TextIO
 
 _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
+_REDRAW_S = 0.1  # a line is drawn again not more often
+_FORESEEN = 0.02, 3.0  # share and seconds of the work from which the rest is foreseen
+_LEAST_COLUMNS, _LEAST_BAR, _MOST_BAR = 20, 6, 30
+_REST_COLUMNS = len(" 59:59 min left")
+
+
+class Listener(Protocol):
+    """Who is told of a run."""
+
+    def progress(self, fraction: float, message: str = "") -> bool:
+        """Take note of how far the work is; False asks to stop."""
+
+    def log(self, message: str) -> None:
+        """Take note of a message."""
+
+    def finish(self) -> None:
+        """Take note that the work is done."""
+
+    def break_line(self) -> None:
+        """Leave the line that was begun, if any: something else is to be written."""
+
+
+class Listeners:
+    """Several listeners as one."""
+
+    def __init__(self, members: Sequence[Listener]) -> None:
+        self._members = members
+
+    def progress(self, fraction: float, message: str = "") -> bool:
+        """Tell all; True unless one asks to stop."""
+        return all([member.progress(fraction, message) for member in self._members])
+
+    def log(self, message: str) -> None:
+        """Tell all."""
+        for member in self._members:
+            member.log(message)
+
+    def finish(self) -> None:
+        """Tell all."""
+        for member in self._members:
+            member.finish()
+
+    def break_line(self) -> None:
+        """Tell all."""
+        for member in self._members:
+            member.break_line()
 
 
 class TerminalProgress:
@@ -55,6 +104,105 @@ class SilentTerminal(TerminalProgress):
 
     def _write(self, text: str, line_open: bool = True) -> None:
         pass
+
+
+class LiveTerminal(TerminalProgress):
+    """One line, as wide as the terminal and drawn again and again: what is done, how far it is, how long it will take.
+
+    Parameters
+    ----------
+    stream : a terminal
+    columns : returns its width
+    now : returns seconds
+    """
+
+    def __init__(
+        self, stream: TextIO, columns: Callable[[], int] | None = None, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__(stream)
+        self._columns = columns or (lambda: _columns_of(stream))
+        self._now = now
+        self._start = now()
+        self._drawn_at = -_REDRAW_S
+        self._furthest, self._message, self._drawn = 0.0, "", ""
+
+    def progress(self, fraction: float, message: str = "") -> bool:
+        """Draw the line again, but not all too often; the bar never goes back."""
+        self._furthest = min(max(fraction, self._furthest), 1.0)
+        changed, self._message = message not in ("", self._message), message or self._message
+        if changed or self._now() - self._drawn_at >= _REDRAW_S:
+            self._draw()
+        return True
+
+    def finish(self) -> None:
+        """Leave a line that says how long it took."""
+        if self._drawn_at >= 0.0:
+            self._erase()
+            self._write(f"done in {spell_duration(self._now() - self._start)}\n", line_open=False)
+
+    def break_line(self) -> None:
+        """Erase the line: what is written next takes its place."""
+        if self._line_open:
+            self._erase()
+            self._line_open = False
+
+    def log(self, message: str) -> None:
+        """Write a message above the line."""
+        was_open = self._line_open
+        super().log(message)
+        if was_open:
+            self._draw()
+
+    def _draw(self) -> None:
+        self._drawn_at = max(self._now(), 0.0)
+        line = progress_line(self._message, self._furthest, self._now() - self._start, self._columns())
+        if line != self._drawn or not self._line_open:
+            self._drawn = line
+            self._write(f"\r{line}\x1b[K")
+
+    def _erase(self) -> None:
+        self._write("\r\x1b[K")
+
+
+def progress_line(message: str, fraction: float, elapsed_s: float, columns: int) -> str:
+    """Return one line of progress that fits in a number of columns: message, bar, share, time that remains."""
+    columns = max(columns, _LEAST_COLUMNS) - 1  # a full line would break
+    least_share, least_s = _FORESEEN
+    rest = ""
+    if fraction >= least_share and elapsed_s >= least_s:
+        rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
+    tail = f"{int(100 * fraction + 1e-9):3d} %{rest:<{_REST_COLUMNS}}"
+    bar = min(_MOST_BAR, (columns - len(tail)) // 3)
+    if bar >= _LEAST_BAR:
+        done = int(fraction * bar + 1e-9)
+        tail = f"[{'#' * done}{'.' * (bar - done)}] {tail}"
+    room = columns - len(tail) - 1
+    shown = message if len(message) <= room else f"{message[: max(room - 1, 0)]}~"
+    return f"{shown:<{max(room, 0)}} {tail}"[:columns].rstrip()
+
+
+def spell_duration(seconds: float) -> str:
+    """Return a time as people say it: ``42 s``, ``3:05 min``, ``2:10 h``."""
+    whole = round(seconds)
+    if whole < 100:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    return f"{minutes}:{rest:02d} min" if minutes < 100 else f"{minutes // 60}:{minutes % 60:02d} h"
+
+
+def terminal_of(stream: TextIO, quiet: bool) -> TerminalProgress:
+    """Return who writes progress on a stream: nobody where it is to be quiet, a live line on a terminal."""
+    if quiet:
+        return SilentTerminal(stream)
+    is_live = stream.isatty() and os.environ.get("TERM", "") != "dumb"
+    return LiveTerminal(stream) if is_live else TerminalProgress(stream)
+
+
+def _columns_of(stream: TextIO) -> int:
+    try:
+        return os.get_terminal_size(stream.fileno()).columns
+    except (OSError, ValueError):  # no terminal any more
+        return 80
 
 
 def _tick_text(tick: int) -> str:

@@ -20,6 +20,7 @@ from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages import write_page
 from ...hrsi_engine.io.report import write_report_json
 from ..declarations.orthorectify import OrthorectifyOptions
+from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..interface.declare import Context, Report
 from .chunks import chunks_of
 from .inputs import BlockPlan
@@ -58,6 +59,18 @@ def _foreign_report(folder: Path) -> bool:
 
 def _finish(job: OrthoJob) -> bool:
     return stamp_of(job.path) == job.key
+
+
+def plan_orthoimages(
+    planned: BlockPlan, jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context
+) -> Report:
+    """Return the report of a dry run: the orthoimages, and which of them are finished already."""
+    kept = [job for job in jobs if _finish(job)]
+    counts = {"images": len(jobs), "orthoimages that are finished and kept": len(kept)}
+    counts["pixels to be computed"] = sum(job.grid.columns * job.grid.rows for job in jobs if job not in kept)
+    names = [REPORT_FILE, *([PAGE_FILE] if options.report else [])]
+    names += [os.path.basename(job.path) for job in jobs if job not in kept]
+    return plan(context, options.folder.output_dir, names, counts, planned.warnings)
 
 
 def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:

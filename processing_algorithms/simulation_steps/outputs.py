@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +26,13 @@ from ...hrsi_engine.simulation.render import multispectral_renderers, orthophoto
 from ...hrsi_engine.simulation.synthesis import SimulatedBlock
 from ...hrsi_engine.simulation.truth_tables import truth_document, truth_tables
 from ...hrsi_engine.simulation.vendor import multispectral_rpc
+from ...hrsi_engine.simulation.views import SceneView
 from ..declarations.simulate import SimulateOptions
 from ..interface.declare import Report
 
 LASER_SEED = 50  # of the laser points beside the scene's own
+TRUTH_FILES = ("dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg")
+LASER_FILES = ("laser.csv", "true_laser.gpkg")
 
 
 def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
@@ -64,7 +68,15 @@ def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]
         for name, table in truth_tables(simulated).items()
     ]
     write_geopackage(str(folder / "truth.gpkg"), layers)
-    return ["dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg"]
+    return list(TRUTH_FILES)
+
+
+def files_of_simulation(views: Sequence[SceneView], options: SimulateOptions) -> list[str]:
+    """Return the names of the files that a simulation writes besides its report."""
+    ends = [".tif", *(["_ms.tif"] if options.ms else [])] if options.pixels else ["_RPC.TXT"]
+    cameras = [f"{view.id}{end}" for view in views for end in ends]
+    laser = LASER_FILES if options.laser.passes else ()
+    return [*TRUTH_FILES, *laser, *cameras, *(["orthophoto.tif"] if options.ortho else [])]
 
 
 def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOptions) -> list[str]:
@@ -79,7 +91,7 @@ def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOption
     write_geopackage(
         str(folder / "true_laser.gpkg"), [Layer("true_laser_points", "PointZ", WGS84_3D, laser.points.ground, columns)]
     )
-    return ["laser.csv", "true_laser.gpkg"]
+    return list(LASER_FILES)
 
 
 def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> list[str]:

@@ -1,0 +1,240 @@
+"""Completion for shells: scripts made from the declarations, so that a key press starts no Python.
+
+What a word may be is an `Offer`: some words, files, folders, or nothing (a number, a text). The shell's own completion
+does the rest: quoting, `~`, descending into folders.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from ...hrsi_engine.foundation.errors import InputError
+from .command_parser import COMMANDS, LINE_PARAMS, OUTPUT_PARAMS, option_help, value_name
+from .declare import READ_KINDS, Algorithm, Kind, Param
+from .options import suggestion
+
+_FOLDER_KINDS = (Kind.OUTPUT_DIR, Kind.FOLDERS)
+_DESCRIPTION = 72  # characters of a help text that are shown beside a word
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What a word of the command line may be."""
+
+    words: tuple[str, ...] = ()
+    files: bool = False
+    folders: bool = False
+
+
+def completion_script(shell: str, registry: Mapping[str, Algorithm]) -> str:
+    """Return the script that a shell reads to complete ``hrsi``; raise `InputError` for an unknown shell."""
+    if shell not in SHELLS:
+        near = suggestion(shell, SHELLS)
+        raise InputError(f"there is no completion for {shell!r}{near}: give {', '.join(SHELLS)}")
+    return SHELLS[shell](registry)
+
+
+def offer_of(param: Param) -> Offer:
+    """Return what the value of an option may be."""
+    named = set(param.metavar.split("|")) & {"FILE", "DIR"}
+    files = param.kind in READ_KINDS or bool(named)
+    return Offer((*param.choices, *param.words), files, param.kind in _FOLDER_KINDS)
+
+
+def _option_words(param: Param) -> tuple[str, ...]:
+    """Return how an option is spelt; an algorithm's flag also with ``no-``."""
+    if param.kind is Kind.FLAG and param not in LINE_PARAMS:
+        return f"--{param.name}", f"--no-{param.name}"
+    return () if param.kind is Kind.IMAGES else (f"--{param.name}",)
+
+
+def _params_by_command(registry: Mapping[str, Algorithm]) -> dict[str, tuple[Param, ...]]:
+    """Return what may be given behind each algorithm, and behind ``rerun``, with the command line's own options."""
+    commands = {name: (*algorithm.params, *LINE_PARAMS) for name, algorithm in registry.items()}
+    return commands | {"rerun": (*OUTPUT_PARAMS, *LINE_PARAMS)}
+
+
+def _summaries(registry: Mapping[str, Algorithm]) -> dict[str, str]:
+    return {name: algorithm.summary.replace("`", "") for name, algorithm in registry.items()} | COMMANDS
+
+
+def _shown(param: Param, params: tuple[Param, ...]) -> str:
+    """Return the beginning of an option's help for one line beside it."""
+    text = " ".join(option_help(param, params).replace("%%", "%").partition(" [")[0].split())
+    return text if len(text) <= _DESCRIPTION else f"{text[: _DESCRIPTION - 1].rstrip()}…"
+
+
+# ---- bash ------------------------------------------------------------------------------------------------------------
+
+_BASH = """\
+# Completion of hrsi for bash. For now:  source <(hrsi completion bash)
+# For good:  hrsi completion bash > ~/.local/share/bash-completion/completions/hrsi
+_hrsi_options() {{
+  case $1 in
+{options}
+  esac
+}}
+_hrsi_values() {{
+  case "$1 $2" in
+{values}
+  esac
+}}
+_hrsi() {{
+  local cur=${{COMP_WORDS[COMP_CWORD]}} prev=${{COMP_WORDS[COMP_CWORD-1]}} command=${{COMP_WORDS[1]}}
+  local offer=FILES word words=
+  COMPREPLY=()
+  if [ "$cur" = "=" ]; then cur=
+  elif [ "$prev" = "=" ]; then prev=${{COMP_WORDS[COMP_CWORD-2]}}; fi
+  if [ "$COMP_CWORD" -eq 1 ]; then offer="{commands} --help --version"
+  elif [ "$command" = help ]; then offer="{algorithms}"
+  elif [ "$command" = completion ]; then offer="{shells}"
+  else
+    case $prev in --*) offer=$(_hrsi_values "$command" "$prev"); offer=${{offer:-FILES}} ;; esac
+    case $offer,$cur in FILES,-*) offer=$(_hrsi_options "$command") ;; esac
+  fi
+  for word in $offer; do
+    case $word in
+      FILES) compopt -o filenames 2> /dev/null
+        case $cur in
+          @*) mapfile -t COMPREPLY < <(compgen -P @ -f -- "${{cur#@}}") ;;
+          *) mapfile -t COMPREPLY < <(compgen -f -- "$cur") ;;
+        esac ;;
+      FOLDERS) compopt -o filenames 2> /dev/null; mapfile -t COMPREPLY < <(compgen -d -- "$cur") ;;
+      NOTHING) ;;
+      *) words+=" $word" ;;
+    esac
+  done
+  COMPREPLY+=($(compgen -W "$words" -- "$cur"))
+}}
+complete -F _hrsi hrsi
+"""
+
+
+def _bash(registry: Mapping[str, Algorithm]) -> str:
+    options, values = [], []
+    for name, params in _params_by_command(registry).items():
+        words = " ".join(word for param in params for word in _option_words(param))
+        options.append(f"    {name}) echo {shlex.quote(words)} ;;")
+        values += [
+            f'    "{name} --{param.name}") echo {shlex.quote(_bash_offer(offer_of(param)))} ;;'
+            for param in params
+            if param.kind not in (Kind.IMAGES, Kind.FLAG)
+        ]
+    return _BASH.format(
+        options="\n".join(options), values="\n".join(values), commands=" ".join([*registry, *COMMANDS]),
+        algorithms=" ".join(registry), shells=" ".join(SHELLS),
+    )  # fmt: skip
+
+
+def _bash_offer(offer: Offer) -> str:
+    parts = [*offer.words, *(["FILES"] if offer.files else []), *(["FOLDERS"] if offer.folders else [])]
+    return " ".join(parts) or "NOTHING"
+
+
+# ---- zsh -------------------------------------------------------------------------------------------------------------
+
+_ZSH = """\
+#compdef hrsi
+# Completion of hrsi for zsh. For now:  source <(hrsi completion zsh)
+# For good:  hrsi completion zsh > "${{fpath[1]}}/_hrsi"
+_hrsi_words_or_files() {{ _alternative "words:word:($*)" "files:file:_files" }}
+_hrsi() {{
+  local -a commands=(
+{commands}
+  )
+  if (( CURRENT == 2 )); then
+    _describe -t commands 'algorithm' commands
+    return
+  fi
+  local command=$words[2]
+  shift words
+  (( CURRENT-- ))
+  case $command in
+    help) _arguments '1:algorithm:({algorithms})' ;;
+    completion) _arguments '1:shell:({shells})' ;;
+{cases}
+  esac
+}}
+if [ "$funcstack[1]" = _hrsi ]; then _hrsi "$@"; else compdef _hrsi hrsi; fi
+"""
+
+
+def _zsh(registry: Mapping[str, Algorithm]) -> str:
+    commands = [f"    {shlex.quote(f'{name}:{_zsh_text(text)}')}" for name, text in _summaries(registry).items()]
+    cases = []
+    for name, params in _params_by_command(registry).items():
+        specs = [_zsh_spec(word, param, params) for param in params for word in _option_words(param)]
+        specs.append("*:file:_files")
+        listed = " \\\n      ".join(map(shlex.quote, specs))
+        cases.append(f"    {name}) _arguments \\\n      {listed} ;;")
+    return _ZSH.format(
+        commands="\n".join(commands), cases="\n".join(cases), algorithms=" ".join(registry), shells=" ".join(SHELLS)
+    )
+
+
+def _zsh_spec(word: str, param: Param, params: tuple[Param, ...]) -> str:
+    spec = f"{word}[{_zsh_text(_shown(param, params))}]"
+    if param.kind is Kind.FLAG:
+        return spec
+    return f"{spec}:{_zsh_text(value_name(param))}:{_zsh_action(offer_of(param))}"
+
+
+def _zsh_action(offer: Offer) -> str:
+    words = " ".join(offer.words)
+    if offer.words and offer.files:
+        return f" _hrsi_words_or_files {words}"
+    if offer.words:
+        return f"({words})"
+    return "_files" if offer.files else "_files -/" if offer.folders else " "
+
+
+def _zsh_text(text: str) -> str:
+    return text.replace("[", "(").replace("]", ")").replace(":", "\\:")
+
+
+# ---- fish ------------------------------------------------------------------------------------------------------------
+
+_FISH = """\
+# Completion of hrsi for fish. For now:  hrsi completion fish | source
+# For good:  hrsi completion fish > ~/.config/fish/completions/hrsi.fish
+complete -c hrsi -f
+{lines}
+"""
+
+
+def _fish(registry: Mapping[str, Algorithm]) -> str:
+    first = "complete -c hrsi -n __fish_use_subcommand"
+    lines = [f"{first} -a {name} -d {_fish_text(text)}" for name, text in _summaries(registry).items()]
+    lines += [f"{first} -l {name}" for name in ("help", "version")]
+    words = {"help": registry, "completion": SHELLS}
+    lines += [f"{_fish_behind(name)} -a {_fish_text(' '.join(known))}" for name, known in words.items()]
+    for name, params in _params_by_command(registry).items():
+        behind = _fish_behind(name)
+        lines.append(f"{behind} -F")
+        for param in params:
+            for word in _option_words(param):
+                text = _fish_text(_shown(param, params))
+                lines.append(f"{behind} -l {word.removeprefix('--')} {_fish_value(param)}-d {text}")
+    return _FISH.format(lines="\n".join(lines))
+
+
+def _fish_behind(command: str) -> str:
+    return f"complete -c hrsi -n '__fish_seen_subcommand_from {command}'"
+
+
+def _fish_value(param: Param) -> str:
+    if param.kind is Kind.FLAG:
+        return ""
+    offer = offer_of(param)
+    how = "-r -F " if offer.files else "-x "
+    words = f"-a {_fish_text(' '.join(offer.words))} " if offer.words else ""
+    return how + ("-a '(__fish_complete_directories)' " if offer.folders else words)
+
+
+def _fish_text(text: str) -> str:
+    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
+SHELLS: dict[str, Callable[[Mapping[str, Algorithm]], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}

@@ -1,0 +1,150 @@
+"""`hrsi rerun report.json`: the run that a report tells of, again, and what has changed since among its inputs."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.json_files import read_json
+from ...hrsi_engine.io.lineage import HIDDEN, file_entry
+from ...hrsi_engine.io.versions import versions
+from .command_parser import algorithm_parser
+from .declare import READ_KINDS, Algorithm, Kind, Param
+from .naming import option_label
+from .options import OptionSource, find_algorithm
+
+_REPORT = "report.json"
+#: Options of a run that are not repeated unasked: what they allowed was allowed once.
+ONCE = ("overwrite", "force_write")
+_NEEDED = {"algorithm": str, "options": dict}
+
+
+def repeated_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tuple[Algorithm, list[str], OptionSource]:
+    """Return algorithm, typed options and the origin of the others for ``report.json [options]``.
+
+    Raises
+    ------
+    InputError
+        There is no report, or it does not tell enough of its run.
+    """
+    if not words or words[0].startswith("-"):
+        raise InputError("rerun needs a report first: hrsi rerun report.json [options]")
+    path = os.path.join(words[0], _REPORT) if os.path.isdir(words[0]) else words[0]
+    report = read_json(path, "report")
+    if not isinstance(report, dict) or any(not isinstance(report.get(key), kind) for key, kind in _NEEDED.items()):
+        raise InputError(f"{path}: does not say which options its run had: name a report.json of this version of hrsi")
+    algorithm = find_algorithm(registry, report["algorithm"])
+    places = _Places(path, report)
+    given = {key: value for key, value in report["options"].items() if key not in ONCE}
+    typed = algorithm_parser(algorithm).parse_words(words[1:])
+    hidden = [
+        option_label(param)
+        for param in algorithm.params
+        if param.key not in typed and HIDDEN in str(given.get(param.key))
+    ]
+    if hidden:
+        raise InputError(f"{path}: keeps no passwords: give {' and '.join(hidden)} again")
+    for param in algorithm.params:
+        if param.key in given and names_files(param):
+            given[param.key] = places.move(param, given[param.key])
+    changed = list(places.changed_inputs())
+    origin = {"report": os.path.abspath(path), "date": report.get("date"), "changed_inputs": [c for c, _ in changed]}
+    messages = [
+        f"the run of {report.get('date', 'an unknown date')}: {report.get('command') or algorithm.name}",
+        *(f"warning: {file} {how}" for file, how in changed),
+        *_version_notes(report.get("versions")),
+    ]
+    if not changed and report.get("inputs"):
+        messages.append(f"all {len(report['inputs'])} inputs are as they were")
+    return algorithm, list(words[1:]), OptionSource(given, messages, {"rerun_of": origin})
+
+
+def names_files(param: Param) -> bool:
+    """Tell whether the value of an option names files or folders to read."""
+    if param.kind is Kind.OUTPUT_DIR:
+        return False
+    return param.kind in (*READ_KINDS, Kind.FOLDERS) or bool({"FILE", "DIR"} & set(param.metavar.split("|")))
+
+
+class _Places:
+    """Where the files of an earlier run are now: where they were, or where all lies that was moved with the report."""
+
+    def __init__(self, path: str, report: Mapping[str, Any]) -> None:
+        self._report = report
+        self._folders = [str(report["directory"])] if isinstance(report.get("directory"), str) else []
+        # The report lies in the output directory; what that was relative to has moved with it
+        output = report["options"].get("output_dir")
+        if isinstance(output, str) and not os.path.isabs(output):
+            up = os.path.normpath(output).split(os.sep)
+            if os.pardir not in up:
+                here = os.path.dirname(os.path.abspath(path))
+                self._folders.append(os.path.normpath(os.path.join(here, *[os.pardir] * len(up))))
+
+    def file(self, path: str) -> str:
+        """Return where a file or folder is now."""
+        return next((place for place in self._candidates(path) if os.path.exists(place)), path)
+
+    def _candidates(self, path: str) -> Iterator[str]:
+        if os.path.isabs(path):
+            yield path
+            for old, new in itertools.pairwise(self._folders):  # absolute, below the folder that was moved
+                yield os.path.join(new, os.path.relpath(path, old))
+        else:
+            yield from (os.path.join(folder, path) for folder in self._folders)
+
+    def move(self, param: Param, value: Any) -> Any:
+        """Return an option's value with its files where they are now."""
+        if isinstance(value, (list, tuple)):
+            return [self.move(param, item) for item in value]
+        if not isinstance(value, str) or value in param.words:
+            return value
+        if param.kind is Kind.FOLDERS:
+            name, _, folder = value.partition("=")
+            return f"{name}={self.file(folder)}"
+        return ";".join(self._placed(part) for part in value.split(";"))
+
+    def _placed(self, text: str) -> str:
+        """Return a file with its layer (``FILE|layername=L``), list (``@FILE``) or pattern where it is now."""
+        file, bar, layer = text.partition("|")
+        sign = "@" if file.startswith("@") and not self._exists(file) else ""
+        bare = file.removeprefix(sign)
+        if any(letter in bare for letter in "*?[") and not self._exists(bare):
+            return f"{os.path.join(self.file(os.path.dirname(bare) or os.curdir), os.path.basename(bare))}{bar}{layer}"
+        return f"{sign}{self.file(bare)}{bar}{layer}"
+
+    def _exists(self, path: str) -> bool:
+        return any(map(os.path.exists, self._candidates(path)))
+
+    def changed_inputs(self) -> Iterator[tuple[str, str]]:
+        """Yield the inputs that are not what they were, and how they differ."""
+        for entry in self._report.get("inputs") or ():
+            if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):
+                continue
+            path = self.file(entry["path"])
+            if path.startswith("/vsi"):
+                continue
+            if not os.path.isfile(path):
+                yield entry["path"], "is gone"
+            elif how := _difference(entry, file_entry(path, whole=entry.get("sampled_sha256") is None)):
+                yield path, how
+
+
+def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    if before.get("size") != now["size"]:
+        return f"has changed since: {before.get('size')} bytes then, {now['size']} now"
+    kinds = [kind for kind in ("sha256", "sampled_sha256") if before.get(kind)]
+    if any(before[kind] != now[kind] for kind in kinds):
+        return "has changed since: its SHA-256 is another one"
+    return ""
+
+
+def _version_notes(before: Any) -> Iterable[str]:
+    """Return a note where the run was made with other versions."""
+    now = versions()
+    if not isinstance(before, dict):
+        return []
+    differ = [f"{name} {text} (now {now[name]})" for name, text in before.items() if now.get(name, text) != text]
+    return [f"made with other versions: {', '.join(differ)}"] if differ else []
