@@ -8,6 +8,7 @@ from ..hrsi_engine.block.block import Block, Image, ImagePoints
 from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
+from .block_steps.adjusting_workers import adjusting_workers
 from .block_steps.laser_points import (
     adjust_at_laser_points,
     laser_entries,
@@ -49,8 +50,9 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         laser = read_laser_points(images, options.laser, context)
         how = with_laser(how, laser, options.dem, options.points)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
-        part = context.stage(read_at, adjusted_at)
-        result, few = adjust_at_laser_points(block, how, options.search.threads, part)
+        with adjusting_workers(options.search.workers, options.output.folder.output_dir) as elsewhere:
+            part = context.stage(read_at, adjusted_at)
+            result, few = adjust_at_laser_points(block, how, options.search.threads, part, elsewhere)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
     offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)

@@ -15,7 +15,7 @@ import numpy as np
 from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..ground.geodesy import moved_ground
-from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
+from .equations import CameraSystem, Cofactors, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
 from .held_heights import HeldHeights
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
@@ -93,6 +93,14 @@ class GaussNewton:
     def run_on(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
         """Iterate from a solution with its own weights: what has changed are the priors (`hold`)."""
         return self._descend(replace(last, cost=self.cost(last)), robust, tolerance, progress)
+
+    def cofactors(self, solution: Solution) -> tuple[np.ndarray | None, Cofactors | None]:
+        """Return the cofactors of the cameras on the pattern and those of points and image points, None if unknown."""
+        self.system.factorise(solution.normals.blocks, self.prior_weight)
+        cameras = self.system.cofactors()
+        if cameras is None:
+            return None, None
+        return cameras, self.equations.cofactors(solution.state, solution.weight, solution.normals, cameras)
 
     def _descend(self, begin: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
         robustly = WEIGHTS[robust]

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .equations import Cofactors, NormalEquations
 from .gauss_newton import GaussNewton, Solution
 
 #: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
@@ -56,13 +55,14 @@ def camera_cofactors(loop: GaussNewton, solution: Solution) -> tuple[np.ndarray,
     return cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2), cameras
 
 
-def precision(equations: NormalEquations, loop: GaussNewton, solution: Solution) -> Precision:
+def precision(loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
-    own, cameras = camera_cofactors(loop, solution)
+    cameras, spread = loop.cofactors(solution)
     n, m = len(solution.factor), len(solution.normals.inverse)
-    if cameras is None:
+    if cameras is None or spread is None:
+        own = np.full(loop.prior_weight.shape, np.nan)
         return Precision(own, np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None)
-    spread: Cofactors = equations.cofactors(solution.state, solution.weight, solution.normals, cameras)
+    own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
     residuals = np.negative(spread.computed, out=spread.computed)
     weight = solution.weight
     with np.errstate(divide="ignore"):

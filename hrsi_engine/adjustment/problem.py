@@ -29,6 +29,7 @@ from .intersection import fixed_cameras, start_positions
 from .laser_heights import LaserHeights
 from .observations import Observations, select
 from .options import AdjustOptions
+from .subtrees.loop import Elsewhere, Shares, WorkersLoop
 from .variance_components import GROUPINGS
 from .weak_geometry import point_priors
 from .weights import WEIGHTS
@@ -55,6 +56,7 @@ class Problem:
     guessed : (p,) parameters that are drifts of which nothing tells how large they are but what is usual
     believed_drift : (cameras, p) standard deviations of the drifts that the sensors are believed to have
     choice : why the model is what it is, where a rule chose it
+    elsewhere : workers that solve it
     """
 
     block: Block
@@ -72,13 +74,26 @@ class Problem:
     weighting: Weighting
     warnings: tuple[str, ...]
     choice: Choice | None = None
+    elsewhere: Elsewhere | None = None
 
     def loop(self) -> GaussNewton:
         """Return a Gauss-Newton loop over the problem."""
         rows = np.diff(self.observations.first)
-        return GaussNewton(
-            self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.held_heights
-        )
+        given = (self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.held_heights)
+        if self.shares is None:
+            return GaussNewton(*given)
+        return WorkersLoop(*given, shares=self.shares)
+
+    @cached_property
+    def shares(self) -> Shares | None:
+        """The block as it lies on workers; None where this process solves it."""
+        if self.elsewhere is None:
+            return None
+        if self.held_heights is not None:
+            raise InputError(
+                "workers do not know heights that hold points: leave out `sigma_dem_m` and `laser`, or `scheduler`"
+            )
+        return Shares.of(self.observations, self.camera, self.pattern, self.elsewhere)
 
     @cached_property
     def held_heights(self) -> HeldHeights | None:

@@ -97,7 +97,7 @@ class SigmaEstimation:
     def precision_at(self, loop: GaussNewton, solution: Solution) -> Precision:
         """Return all cofactors at a solution; those that were computed last are kept."""
         if self._last is None or self._last[0] is not solution or self._last[1] is not loop.prior_weight:
-            self._last = solution, loop.prior_weight, precision(self.problem.equations, loop, solution)
+            self._last = solution, loop.prior_weight, precision(loop, solution)
         return self._last[2]
 
     def test_few_surveys(self, loop: GaussNewton, solution: Solution) -> None:

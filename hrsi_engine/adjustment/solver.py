@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..block.block import Block
@@ -17,10 +19,15 @@ from .precision import Precision, precision
 from .problem import Problem, prepare
 from .result import Adjustment
 from .sigma_estimation import ROUNDS, SigmaEstimation
+from .subtrees.loop import Elsewhere
 
 
 def adjust(
-    block: Block, options: AdjustOptions | None = None, progress: Progress = silent, start: np.ndarray | None = None
+    block: Block,
+    options: AdjustOptions | None = None,
+    progress: Progress = silent,
+    start: np.ndarray | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> Adjustment:
     """Adjust a block; return corrected cameras, points and their precision.
 
@@ -34,6 +41,8 @@ def adjust(
         Callback; False cancels.
     start : (images, p) ndarray, optional
         Values to begin with, those of an earlier adjustment with the same model, say; not with a rule.
+    elsewhere : Elsewhere, optional
+        Workers that solve the block by parts (`subtrees.open_workers`); by default this process does.
 
     Returns
     -------
@@ -50,7 +59,8 @@ def adjust(
         When ``progress`` asks to stop.
     """
     try:
-        return Adjuster(prepare(block, options or AdjustOptions(), start)).run(progress)
+        problem = prepare(block, options or AdjustOptions(), start)
+        return Adjuster(replace(problem, elsewhere=elsewhere)).run(progress)
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(
             f"the equations are singular ({error}): points and images do not belong together, or the points are so far "
@@ -78,7 +88,7 @@ class Adjuster(Snooping):
         if self.sigmas.tried and rejecting:  # once more: by sigmas as they are
             settled, solution = solution, self.without_wrong_control(solution, stage(progress, 0.9, 1.0))
             if solution is not settled:
-                precise = precision(self.problem.equations, self.loop, solution)
+                precise = precision(self.loop, solution)
         if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
             self.judge_tie_variance(solution)
         self.say()

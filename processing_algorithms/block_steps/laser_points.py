@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.adjustment.solver import adjust
+from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.laser import LaserPoints
 from ...hrsi_engine.foundation.errors import InputError
@@ -84,7 +85,7 @@ def with_laser(options: AdjustOptions, laser: LaserPoints | None, dem: DemOption
 
 
 def adjust_at_laser_points(
-    block: Block, options: AdjustOptions, threads: int, context: Context
+    block: Block, options: AdjustOptions, threads: int, context: Context, elsewhere: Elsewhere | None = None
 ) -> tuple[Adjustment, list[str]]:
     """Adjust a block with laser points, with tie points measured at them; also warnings.
 
@@ -94,7 +95,7 @@ def adjust_at_laser_points(
     from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # needs OpenCV, which a QGIS may lack
 
     laser = options.laser
-    result = adjust(block, options, stage(context.progress, 0.0, 0.1))
+    result = adjust(block, options, stage(context.progress, 0.0, 0.1), elsewhere=elsewhere)
     if laser is None or sum(image.raster is not None for image in block.images) < 2:
         return result, []
     for number in range(LOOK_UPS):

@@ -5,7 +5,15 @@ from __future__ import annotations
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nested, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
-from ..interface.option_groups import NO_TIES, BlockOutput, DemOptions, LaserFile, PointFiles, images_option
+from ..interface.option_groups import (
+    NO_TIES,
+    BlockOutput,
+    DemOptions,
+    LaserFile,
+    PointFiles,
+    WorkerOptions,
+    images_option,
+)
 
 
 @options(kw_only=True)
@@ -23,6 +31,7 @@ class AdjustAlgorithmOptions:
     dem: DemOptions = nested(DemOptions)
     laser: LaserFile = nested(LaserFile)
     adjustment: AdjustOptions = nested(AdjustOptions)
+    workers: WorkerOptions = nested(WorkerOptions)
     output: BlockOutput = nested(BlockOutput)
 
 

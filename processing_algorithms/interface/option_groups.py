@@ -209,8 +209,8 @@ class WorkerOptions:
 
     scheduler: str | None = option(
         None,
-        "Address of a Dask scheduler whose workers do the work (they must see the files under the same paths); by "
-        "default threads of this machine do",
+        "Address of a Dask scheduler whose workers do the work (they must see files and output directory under the "
+        "same paths); by default threads of this machine do",
         advanced=True,
         metavar="tcp://HOST:PORT",
     )

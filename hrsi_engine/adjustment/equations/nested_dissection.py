@@ -113,7 +113,7 @@ def _two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarr
     return [part[heap[label] == side] for side in (0, 1)]
 
 
-def _inverse_cholesky(matrix: np.ndarray) -> np.ndarray:
+def inverse_cholesky(matrix: np.ndarray) -> np.ndarray:
     """Return L^-1 of a symmetric, positive definite matrix L L'.
 
     NumPy's routines, not SciPy's: the threads of SciPy's BLAS make a Cholesky factor thirty times slower here.
@@ -150,14 +150,22 @@ class SparseFactor:
     start, columns : compressed rows of the upper blocks
     size : p, unknowns of a camera
     position : (n, 2) where the cameras lie, any unit
+    kept : cameras that are not eliminated: they are the last front, which is not factorised
     """
 
     def __init__(
-        self, graph: sparse.csr_matrix, start: np.ndarray, columns: np.ndarray, size: int, position: np.ndarray
+        self,
+        graph: sparse.csr_matrix,
+        start: np.ndarray,
+        columns: np.ndarray,
+        size: int,
+        position: np.ndarray,
+        kept: np.ndarray | None = None,
     ) -> None:
         self.cameras, self.size = graph.shape[0], size
         self._start, self._columns = start, columns
-        self.fronts = dissect(graph, max(1, LEAF_UNKNOWNS // max(size, 1)), position)
+        self.kept = kept
+        self.fronts = self._fronts(graph, position)
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number
@@ -165,6 +173,16 @@ class SparseFactor:
         for number, front in enumerate(self.fronts):
             front.border = self._border(graph, front, number)
             self._prepare(front, index)
+
+    def _fronts(self, graph: sparse.csr_matrix, position: np.ndarray) -> list[Front]:
+        leaf = max(1, LEAF_UNKNOWNS // max(self.size, 1))
+        if self.kept is None:
+            return dissect(graph, leaf, position)
+        inner = np.setdiff1d(np.arange(self.cameras), self.kept)
+        fronts = dissect(graph[inner][:, inner], leaf, position[inner])
+        for front in fronts:
+            front.own = inner[front.own]
+        return [*fronts, Front(np.sort(self.kept), [fronts[-1]])]
 
     def _lower_index(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
         """Return a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)."""
@@ -192,15 +210,21 @@ class SparseFactor:
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
-    def factorise(self, blocks: np.ndarray) -> None:
-        """Compute the factors of ``blocks (blocks, p, p)``; raises `SolveError` where not positive definite."""
+    def factorise(self, blocks: np.ndarray) -> np.ndarray:
+        """Compute the factors of ``blocks (blocks, p, p)``; raises `SolveError` where not positive definite.
+
+        Returned is what is left of the matrix for the cameras that are kept, ``(k p, k p)``.
+        """
         updates: dict[int, np.ndarray] = {}
         for front in self.fronts:
             matrix = self._assemble(front, blocks, updates)
+            if self.kept is not None and front is self.fronts[-1]:
+                return matrix
             own = len(front.own) * self.size
-            front.factor = _inverse_cholesky(matrix[:own, :own])
+            front.factor = inverse_cholesky(matrix[:own, :own])
             front.coupling = matrix[own:, :own] @ front.factor.T
             updates[id(front)] = matrix[own:, own:] - front.coupling @ front.coupling.T
+        return np.zeros((0, 0))
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
         cameras, p = len(front.own) + len(front.border), self.size
@@ -221,15 +245,27 @@ class SparseFactor:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution for right-hand sides ``(u,)`` or ``(u, k)``."""
+        return self.back(self.forward(right))
+
+    def forward(self, right: np.ndarray) -> np.ndarray:
+        """Return right-hand sides with the fronts eliminated from below; those of kept cameras as what is left."""
         x = np.array(right, dtype=np.float64)
-        for front in self.fronts:
+        for front in self._eliminated:
             own, border = self._unknowns(front.own), self._unknowns(front.border)
             x[own] = front.factor @ x[own]
             x[border] -= front.coupling @ x[own]
-        for front in reversed(self.fronts):
+        return x
+
+    def back(self, x: np.ndarray) -> np.ndarray:
+        """Turn what `forward` returned into the solution, in place; kept cameras have theirs already."""
+        for front in reversed(self._eliminated):
             own, border = self._unknowns(front.own), self._unknowns(front.border)
             x[own] = front.factor.T @ (x[own] - front.coupling.T @ x[border])
         return x
+
+    @property
+    def _eliminated(self) -> list[Front]:
+        return self.fronts if self.kept is None else self.fronts[:-1]
 
     def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
         """Return ``R A^-1 R' (k, k)`` of sparse ``rows R (k, u)``.
@@ -257,17 +293,17 @@ class SparseFactor:
             borders[id(front)] = taking_part, x[own:] - front.coupling @ y
         return result
 
-    def inverse_blocks(self) -> np.ndarray:
-        """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern of the matrix."""
+    def inverse_blocks(self, kept: np.ndarray | None = None) -> np.ndarray:
+        """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern; ``kept`` is that of the kept cameras."""
         result = np.empty((len(self._columns), self.size, self.size))
-        for front, inverse in self._inverses():
+        for front, inverse in self._inverses(kept):
             entries, cameras = front.entries, len(front.own) + len(front.border)
             values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
             values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
             result[entries.number] = values
         return result
 
-    def _inverses(self) -> Iterator[tuple[Front, np.ndarray]]:
+    def _inverses(self, kept: np.ndarray | None) -> Iterator[tuple[Front, np.ndarray]]:
         """Yield each front with the inverse over the unknowns of its cameras (own, border), the root first."""
         borders: dict[int, np.ndarray] = {}
         for front in reversed(self.fronts):

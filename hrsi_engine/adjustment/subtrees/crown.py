@@ -1,0 +1,180 @@
+"""What leaves and separators hand up and down the tree, and the separators' part of the solution.
+
+A node hands up the *update*, what is left of its equations when its own unknowns are eliminated, for the cameras of
+its border; a separator adds those of its children, its own priors and damping, and eliminates its own cameras. Down
+come the steps of the border, from which its own follow, and for the precision the inverse of the border (the formulas
+are those of `equations.nested_dissection`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...foundation.errors import SolveError
+from ..equations.nested_dissection import inverse_cholesky
+
+
+class Update(NamedTuple):
+    """What is left for a border.
+
+    border : (b,) cameras
+    matrix, right : (b p, b p) and (b, p), the equations without priors
+    diagonal : (b, p) of the matrix before anything was eliminated: what damping and scales refer to
+    """
+
+    border: np.ndarray
+    matrix: np.ndarray
+    right: np.ndarray
+    diagonal: np.ndarray
+
+
+class Steps(NamedTuple):
+    """Steps ``(k, p)`` of cameras ``(k,)``, sorted by camera."""
+
+    cameras: np.ndarray
+    step: np.ndarray
+
+    def of(self, cameras: np.ndarray) -> np.ndarray:
+        """Return the steps of some of the cameras."""
+        return np.asarray(self.step[np.searchsorted(self.cameras, cameras)])
+
+
+class Inverse(NamedTuple):
+    """The inverse ``(k p, k p)`` over cameras ``(k,)``, sorted by camera."""
+
+    cameras: np.ndarray
+    matrix: np.ndarray
+
+    def of(self, cameras: np.ndarray) -> np.ndarray:
+        """Return the part of some of the cameras."""
+        if not len(cameras):
+            return np.zeros((0, 0))
+        chosen = unknowns(np.searchsorted(self.cameras, cameras), len(self.matrix) // len(self.cameras))
+        return np.asarray(self.matrix[np.ix_(chosen, chosen)])
+
+
+class Separator(NamedTuple):
+    """A separator's factors in scaled unknowns, and what its own steps are weighed with.
+
+    factor, coupling, forward : L^-1, B and L^-1 g; scale : (k, p)
+    pulled : (2, k, p) the total diagonal, and the prior weights times the values
+    """
+
+    own: np.ndarray
+    border: np.ndarray
+    factor: np.ndarray
+    coupling: np.ndarray
+    forward: np.ndarray
+    scale: np.ndarray
+    pulled: np.ndarray
+    update: Update
+
+
+def unknowns(cameras: np.ndarray, size: int) -> np.ndarray:
+    """Return the numbers of the unknowns of cameras with ``size`` each."""
+    return np.asarray((cameras[:, None] * size + np.arange(size)).ravel())
+
+
+def scales(diagonal: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Return what brings a diagonal, its prior weights included, to 1; 0 for fixed unknowns (infinite weight)."""
+    fixed = np.isinf(prior)
+    total = np.where(fixed, 1.0, diagonal + np.where(fixed, 0.0, prior))
+    if not np.all(total > 0.0):
+        raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
+    return np.where(fixed, 0.0, 1.0 / np.sqrt(total))
+
+
+def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float, *updates: Update) -> Separator:
+    """Put the updates of the children of a separator together and eliminate its own cameras.
+
+    Parameters
+    ----------
+    own : (k,) its cameras; prior, values : (k, p) of them
+    damping : times the diagonal
+    updates : of its children
+    """
+    size = prior.shape[1]
+    reached = np.unique(np.concatenate([own, *(update.border for update in updates)]))
+    border = np.setdiff1d(reached, own)
+    cameras = np.concatenate([own, border])
+    place_of = np.argsort(cameras)
+    matrix = np.zeros((len(cameras) * size,) * 2)
+    right, diagonal = np.zeros((len(cameras), size)), np.zeros((len(cameras), size))
+    for update in updates:
+        place = place_of[np.searchsorted(cameras, update.border, sorter=place_of)]
+        chosen = unknowns(place, size)
+        matrix[np.ix_(chosen, chosen)] += update.matrix
+        right[place] += update.right
+        diagonal[place] += update.diagonal
+    mine, n = len(own), len(own) * size
+    scale = scales(diagonal[:mine], prior)
+    free = scale > 0.0
+    right[:mine] -= np.where(free, prior, 0.0) * values if mine else 0.0
+    total = np.where(free, diagonal[:mine] + np.where(free, prior, 0.0), 0.0)
+    flat = scale.ravel()
+    matrix[:n, :n] += np.diag(np.where(free, np.where(free, prior, 0.0) + damping * total, 0.0).ravel())
+    matrix[:n] *= flat[:, None]
+    matrix[:, :n] *= flat
+    matrix[:n, :n] += np.diag((~free).astype(float).ravel())
+    factor = inverse_cholesky(matrix[:n, :n])
+    coupling = matrix[n:, :n] @ factor.T
+    forward = factor @ (scale * right[:mine]).ravel()
+    left = matrix[n:, n:] - coupling @ coupling.T
+    rest = right[mine:] - (coupling @ forward).reshape(-1, size)
+    pulled = np.stack([total, np.where(free, prior, 0.0) * values]) if mine else np.zeros((2, 0, size))
+    return Separator(own, border, factor, coupling, forward, scale, pulled, Update(border, left, rest, diagonal[mine:]))
+
+
+def update_of(node: Separator) -> Update:
+    """Return what a node hands up."""
+    return node.update
+
+
+def substitute(node: Separator, above: Steps | None) -> Steps:
+    """Return the steps of a separator's own cameras and its border."""
+    size = node.scale.shape[1]
+    outer = np.zeros((0, size)) if above is None else above.of(node.border)
+    own = node.scale * (node.factor.T @ (node.forward - node.coupling.T @ outer.ravel())).reshape(-1, size)
+    cameras = np.concatenate([node.own, node.border])
+    order = np.argsort(cameras)
+    return Steps(cameras[order], np.concatenate([own, outer])[order])
+
+
+def own_step(node: Separator, steps: Steps) -> tuple[np.ndarray, float, float]:
+    """Return a separator's own step, its weighted square in the total diagonal, and what its priors say of it."""
+    own = steps.of(node.own) if len(node.own) else np.zeros((0, node.scale.shape[1]))
+    return own, float(np.sum(node.pulled[0] * own**2)), float(np.sum(node.pulled[1] * own))
+
+
+def invert(node: Separator, above: Inverse | None) -> Inverse:
+    """Return the inverse over a separator's own cameras and its border."""
+    size = node.scale.shape[1]
+    outer = np.zeros((0, 0)) if above is None else above.of(node.border)
+    n = len(node.own) * size
+    inverse = np.zeros((n + len(outer),) * 2)
+    gain = node.coupling @ node.factor
+    pulled = outer @ gain
+    scale = node.scale.ravel()
+    inverse[n:, n:] = outer
+    inverse[n:, :n] = -pulled * scale
+    inverse[:n, n:] = inverse[n:, :n].T
+    inverse[:n, :n] = (node.factor.T @ node.factor + gain.T @ pulled) * scale * scale[:, None]
+    cameras = np.concatenate([node.own, node.border])
+    order = np.argsort(cameras)
+    chosen = unknowns(order, size)
+    return Inverse(cameras[order], inverse[np.ix_(chosen, chosen)])
+
+
+def own_inverse(node: Separator, inverse: Inverse) -> np.ndarray:
+    """Return the cofactors ``(k, p, p)`` of each of a separator's own cameras."""
+    size, place = node.scale.shape[1], np.searchsorted(inverse.cameras, node.own)
+    blocks = inverse.matrix.reshape(len(inverse.cameras), size, len(inverse.cameras), size)
+    return np.asarray(blocks[place, :, place, :])
+
+
+def sum_of(parts: Sequence[tuple[float, ...]]) -> np.ndarray:
+    """Return sums of the columns of numbers, in their order."""
+    return np.sum(np.array(parts, dtype=np.float64), axis=0)

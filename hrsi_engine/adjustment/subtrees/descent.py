@@ -1,0 +1,177 @@
+"""The damped Gauss-Newton loop over leaves and separators that Dask workers hold.
+
+Every pass: leaves eliminate their points and inner cameras, separators join what is left from below, up to the root;
+steps go down again, and the leaves move. What a leaf hands up or gets down is of the size of its border. Here are the
+values of the separators, and sums of costs. Which steps count is `foundation.levenberg_marquardt`'s, as everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...foundation.cluster import OnWorker
+from ...foundation.levenberg_marquardt import Descent, Step, descend
+from ...foundation.progress import Progress, advance
+from ..result import Iteration
+from ..weights import WEIGHTS, least_squares
+from . import crown, leaf
+from .division import Division
+
+
+@dataclass(frozen=True, eq=False)
+class BlockAt:
+    """A block's state: references to each leaf's equations on the workers, values of the separators, and sums."""
+
+    leaves: Mapping[int, Any]
+    values: Mapping[int, np.ndarray]
+    cost: float
+    freedom: float
+
+
+class Workers:
+    """Leaves on Dask workers.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        Of a scheduler with workers.
+    division : Division
+        The tree.
+    leaves : mapping of int to callable
+        By leaf, what returns a `Leaf` in whatever process; called again when a worker was lost.
+    """
+
+    def __init__(self, client: Any, division: Division, leaves: Mapping[int, Callable[[], leaf.Leaf]]) -> None:
+        self._client, self.division = client, division
+        # Leaves next to each other in the tree lie on one worker, where there is a choice
+        addresses = sorted(client.scheduler_info(n_workers=-1)["workers"]) or [None]
+        share = -(-len(division.leaves) // len(addresses))
+        self._home = {number: addresses[k // share] for k, number in enumerate(division.leaves)}
+        self._leaves = {number: self._submit(number, leaf.load, stored) for number, stored in leaves.items()}
+
+    def _submit(self, number: int | None, function: Callable[..., Any], *given: Any) -> Any:
+        """Hand a call out, for the worker of a leaf where that lives."""
+        home = self._home.get(number) if number is not None else None
+        where = {} if home is None else {"workers": [home], "allow_other_workers": True}
+        return self._client.submit(OnWorker(function), *given, pure=False, **where)
+
+    def every(self, function: Callable[..., Any], *given: Any) -> dict[int, Any]:
+        """Call a function for every leaf; mappings by leaf are given as the leaf's own, references as what they are."""
+        return {
+            number: self._submit(number, function, *(one[number] if isinstance(one, Mapping) else one for one in given))
+            for number in self.division.leaves
+        }
+
+    def gather(self, references: Any) -> Any:
+        """Return what references stand for."""
+        return self._client.gather(references)
+
+    # ---- states ------------------------------------------------------------------------------------------------------
+
+    def begin(self, starts: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: Priors) -> BlockAt:
+        """Return the state that leaves (callables that return a `LeafStart`) and separators begin with."""
+        return self._state(self.every(leaf.begin, self._leaves, starts), values, priors)
+
+    def _state(self, leaves: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: Priors) -> BlockAt:
+        sums = self.gather([self._submit(number, leaf.sums_of, at) for number, at in leaves.items()])
+        cost, freedom = crown.sum_of(sums).tolist()
+        return BlockAt(leaves, values, cost + priors.cost(values), freedom - priors.count)
+
+    def reweighted(self, at: BlockAt, robust: str, priors: Priors) -> BlockAt:
+        """Return the same state with robust factors from its residuals."""
+        return self._state(self.every(leaf.reweight, self._leaves, at.leaves, robust), at.values, priors)
+
+    # ---- up and down -------------------------------------------------------------------------------------------------
+
+    def _up(self, at: BlockAt, damping: float, priors: Priors) -> tuple[dict[int, Any], dict[int, Any]]:
+        """Return references to the eliminated leaves and the separators."""
+        gone = self.every(leaf.eliminate, self._leaves, at.leaves, damping)
+        updates = {number: self._submit(number, crown.update_of, one) for number, one in gone.items()}
+        joined: dict[int, Any] = {}
+        for number, node in enumerate(self.division.nodes):
+            if node.is_leaf:
+                continue
+            home = int(self.division.leaf_below[number])
+            below = [updates[child] for child in node.children]
+            joined[number] = self._submit(
+                home, crown.join, node.own, priors.weight[number], at.values[number], damping, *below
+            )
+            updates[number] = self._submit(home, crown.update_of, joined[number])
+        return gone, joined
+
+    def _down(self, joined: Mapping[int, Any], function: Callable[..., Any]) -> tuple[dict[int, Any], dict[int, Any]]:
+        """Return what a function of each separator and what came from above gives, and what each node gets so."""
+        found: dict[int, Any] = {}
+        above: dict[int, Any] = {len(self.division.nodes) - 1: None}
+        for number in reversed(range(len(self.division.nodes))):
+            node = self.division.nodes[number]
+            if node.is_leaf:
+                continue
+            home = int(self.division.leaf_below[number])
+            found[number] = self._submit(home, function, joined[number], above[number])
+            above |= dict.fromkeys(node.children, found[number])
+        return found, above
+
+    def step(self, at: BlockAt, damping: float, priors: Priors) -> Step[BlockAt]:
+        """Return the next state and the decrease of the cost that the equations promise for it."""
+        gone, joined = self._up(at, damping, priors)
+        steps, above = self._down(joined, crown.substitute)
+        taken = self.every(leaf.advance, self._leaves, at.leaves, gone, above)
+        promises = [self._submit(number, leaf.second_of, pair) for number, pair in taken.items()]
+        mine = {number: self._submit(None, crown.own_step, joined[number], steps[number]) for number in joined}
+        promised, own = self.gather([promises, mine])
+        gained, points, braked = crown.sum_of(promised).tolist()
+        values = {number: at.values[number] + step for number, (step, _, _) in own.items()}
+        braked = 0.5 * damping * (braked + sum(square for _, square, _ in own.values()))
+        gained -= sum(pulled for _, _, pulled in own.values())
+        ahead = {number: self._submit(number, leaf.first_of, pair) for number, pair in taken.items()}
+        return Step(self._state(ahead, values, priors), 0.5 * (gained + points) + braked, braked)
+
+    def descend(
+        self, begin: BlockAt, priors: Priors, robust: str, tolerance: float, most: int,
+        history: list[Iteration], progress: Progress,
+    ) -> Descent[BlockAt]:  # fmt: skip
+        """Iterate from a state as `GaussNewton.run` does; the history grows by a row a step."""
+        first = len(history)
+
+        def step(at: BlockAt, damping: float) -> Step[BlockAt]:
+            advance(progress, 1.0 - 0.6 ** (len(history) - first), f"adjustment, iteration {len(history) + 1}")
+            taken = self.step(at, damping, priors)
+            history.append(Iteration(at.cost, taken.promised, damping))
+            return taken
+
+        reweighting = WEIGHTS[robust] is not least_squares
+        return descend(
+            begin, step, lambda at: max(1.0, 2.0 * at.cost / max(at.freedom, 1.0)), most,
+            (lambda at: self.reweighted(at, robust, priors)) if reweighting else None, tolerance,
+        )  # fmt: skip
+
+    def precise(self, at: BlockAt, priors: Priors) -> tuple[dict[int, Any], dict[int, np.ndarray]]:
+        """Return references to the leaves' cofactors (`leaf.LeafPrecision`), and those of the separators' cameras."""
+        gone, joined = self._up(at, 0.0, priors)
+        inverses, above = self._down(joined, crown.invert)
+        own = {number: self._submit(None, crown.own_inverse, joined[number], inverses[number]) for number in joined}
+        return self.every(leaf.precise, self._leaves, at.leaves, gone, above), self.gather(own)
+
+
+@dataclass(frozen=True, eq=False)
+class Priors:
+    """Weights of the priors of the separators' cameras, by node; infinite where fixed."""
+
+    weight: Mapping[int, np.ndarray]
+
+    @property
+    def count(self) -> int:
+        """How many parameters have one."""
+        return sum(int(((weight > 0.0) & np.isfinite(weight)).sum()) for weight in self.weight.values())
+
+    def cost(self, values: Mapping[int, np.ndarray]) -> float:
+        """Return half the weighted sum of squares of the values."""
+        return 0.5 * sum(
+            float(np.sum(np.where(np.isinf(weight), 0.0, weight) * values[number] ** 2))
+            for number, weight in self.weight.items()
+        )

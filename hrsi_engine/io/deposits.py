@@ -1,0 +1,65 @@
+"""Objects laid down in files for workers on other machines: parts of a block, read again when a worker was lost."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+from ..foundation.errors import InputError
+from .replacing import replacing
+
+
+class FileDeposit:
+    """A folder of pickled objects that workers see under the same path; made with the first.
+
+    Parameters
+    ----------
+    folder : str
+        The folder: nobody else may write there, as what is read is trusted.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self._folder = os.path.abspath(folder)
+        self._count = 0
+
+    def put(self, name: str, value: Any) -> Deposited:
+        """Keep an object.
+
+        Parameters
+        ----------
+        name : str
+            Begins the file's name; the file is a new one every time, as calls that need the old one may come again.
+        value : object
+            Anything that can be pickled.
+
+        Returns
+        -------
+        Deposited
+            Returns it in any process.
+        """
+        self._count += 1
+        path = os.path.join(self._folder, f"{name}_{self._count}.pickle")
+        try:
+            os.makedirs(self._folder, mode=0o700, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self._folder}: cannot be made ({error.strerror}): choose another directory") from error
+        with replacing(path) as temporary, open(temporary, "wb") as file:
+            pickle.dump(value, file, protocol=pickle.HIGHEST_PROTOCOL)
+        return Deposited(path)
+
+
+@dataclass(frozen=True)
+class Deposited:
+    """Returns an object that was laid down."""
+
+    path: str
+
+    def __call__(self) -> Any:
+        """Read it; raise `InputError` where the file is not there."""
+        try:
+            with open(self.path, "rb") as file:
+                return pickle.load(file)  # noqa: S301 - written by this run, into a folder of its own
+        except OSError as error:
+            raise InputError(f"{self.path}: part of the block cannot be read ({error.strerror})") from None

@@ -1,0 +1,39 @@
+"""Workers of a Dask scheduler that adjust a block, and the folder through which they get its parts."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere, open_workers
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.deposits import FileDeposit
+from ...hrsi_engine.io.leftovers import temporary_folder
+from ..interface.option_groups import WorkerOptions
+
+
+@contextmanager
+def adjusting_workers(options: WorkerOptions, output_dir: str) -> Iterator[Elsewhere | None]:
+    """Give the workers that the options name; None where they name none.
+
+    Parts of the block lie in a hidden folder of the output directory meanwhile, so workers have to see that.
+    """
+    if not options.scheduler:
+        yield None
+        return
+    folder = os.path.abspath(output_dir)
+    new = not os.path.exists(folder)
+    try:
+        os.makedirs(folder, exist_ok=True)
+        parts = temporary_folder(folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another `output_dir`") from None
+    try:
+        with open_workers(options.scheduler, options.certificates, FileDeposit(parts)) as elsewhere:
+            yield elsewhere
+    finally:
+        shutil.rmtree(parts, ignore_errors=True)
+        if new and not os.listdir(folder):
+            os.rmdir(folder)

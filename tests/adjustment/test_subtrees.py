@@ -1,0 +1,137 @@
+"""A block adjusted by its subtrees: what one process gets, whoever the workers are and whichever of them dies."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hrsi.benchmarks.adjust_speed import simulated
+from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.equations import find_pattern
+from hrsi.hrsi_engine.adjustment.observations import select
+from hrsi.hrsi_engine.adjustment.subtrees.division import divide
+from hrsi.hrsi_engine.adjustment.subtrees.loop import Elsewhere, open_workers
+from hrsi.hrsi_engine.block.block import Block
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io.deposits import FileDeposit
+from hrsi.processing_algorithms import run
+
+distributed = pytest.importorskip("distributed")
+SAME_PX = 1e-8
+BARE = AdjustOptions(model="affine", reject_sigma=0.0, test_sigmas=False)
+
+
+class HereAndNow:
+    """Makes calls when they are handed out, in this process."""
+
+    def __init__(self) -> None:
+        self.received = 0
+
+    def scheduler_info(self, n_workers: int = 0) -> dict[str, Any]:
+        return {"workers": {}}
+
+    def submit(self, function: Callable[..., Any], *given: Any, pure: bool) -> Any:
+        return function(*given)
+
+    def gather(self, found: Any) -> Any:
+        return found
+
+
+@pytest.fixture(scope="module")
+def block() -> Block:
+    """27 images in triplets: leaves and separators on several floors."""
+    return simulated(27, per_image=30)
+
+
+def assert_same(one: Adjustment, other: Adjustment) -> None:
+    """Corrections and residuals in pixels, positions in as much of the pixels of 0.8 m, and what is said of them."""
+    np.testing.assert_allclose(other.values, one.values, atol=SAME_PX, rtol=0)
+    np.testing.assert_allclose(other.residual_px, one.residual_px, atol=SAME_PX, rtol=0)
+    np.testing.assert_allclose(other.ground[:, :2], one.ground[:, :2], atol=SAME_PX * 0.8 / 111e3, rtol=0)
+    np.testing.assert_allclose(other.ground[:, 2], one.ground[:, 2], atol=10 * SAME_PX * 0.8, rtol=0)
+    for what in ("values_sigma", "ground_sigma_m", "redundancy_numbers", "statistic"):
+        np.testing.assert_allclose(getattr(other, what), getattr(one, what), rtol=1e-5, atol=1e-7, err_msg=what)
+    np.testing.assert_array_equal(other.decision, one.decision)
+    assert (other.converged, other.status, other.solves) == (one.converged, one.status, one.solves)
+    assert other.redundancy == pytest.approx(one.redundancy, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        BARE,
+        AdjustOptions(),
+        AdjustOptions(model="shift-drift", robust="huber", fixed_images=("I000004", "I000020")),
+        AdjustOptions(model="shift", shared_images=(("I000000", "I000001"), ("I000010", "I000020"))),
+    ],
+    ids=["bare", "defaults", "robust, fixed images", "shared parameters"],
+)
+def test_subtrees_make_what_one_process_makes(block: Block, options: AdjustOptions) -> None:
+    assert_same(adjust(block, options), adjust(block, options, elsewhere=Elsewhere(HereAndNow())))
+
+
+def test_every_point_and_camera_has_one_place() -> None:
+    observations = select(simulated(90, per_image=20))
+    pattern = find_pattern(observations, 2)
+    division = divide(pattern)
+    assert len(division.leaves) >= 3
+    own = np.concatenate([node.own for node in division.nodes])
+    np.testing.assert_array_equal(np.sort(own), np.arange(90))
+    leaf = division.leaf_of_points(observations)[observations.point]
+    inner = np.isin(division.node_of_camera[observations.camera], division.leaves)
+    np.testing.assert_array_equal(division.node_of_camera[observations.camera][inner], leaf[inner])
+
+
+def test_one_two_and_four_workers_and_one_that_dies(block: Block, tmp_path: Path) -> None:
+    """The same bits, whoever computes them; parts that died with a worker are computed again."""
+    one = adjust(block, BARE)
+    found = []
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
+        for count in (1, 2, 4):
+            cluster.scale(count)
+            with open_workers(cluster.scheduler_address, deposit=FileDeposit(str(tmp_path / "parts"))) as elsewhere:
+                elsewhere.client.wait_for_workers(count)
+                found.append(adjust(block, BARE, elsewhere=elsewhere))
+        killed: list[int] = []
+        with open_workers(cluster.scheduler_address, deposit=FileDeposit(str(tmp_path / "parts"))) as elsewhere:
+
+            def kill(_fraction: float, message: str) -> bool:
+                if message.endswith("iteration 2") and not killed:
+                    killed.append(elsewhere.client.run(os.getpid).popitem()[1])
+                    os.kill(killed[0], signal.SIGKILL)
+                return True
+
+            found.append(adjust(block, BARE, kill, elsewhere=elsewhere))
+        assert killed
+    assert_same(one, found[0])
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.values, found[0].values)
+        np.testing.assert_array_equal(other.residual_px, found[0].residual_px)
+        np.testing.assert_array_equal(other.ground_sigma_m, found[0].ground_sigma_m)
+
+
+def test_the_command_leaves_nothing_but_its_result(tmp_path: Path) -> None:
+    run("simulate", sensor="pleiades", images=3, along="-6,0,6", size=160, gcps=6, checks=3, ties=20, seed=3,
+        output_dir=str(tmp_path / "scene"))  # fmt: skip
+    scene = {
+        "images": [str(tmp_path / "scene" / f"image_{k}.tif") for k in (1, 2, 3)], "write": "none", "report": False,
+        "gcps": str(tmp_path / "scene" / "ground_points.csv"),
+        "image_points": str(tmp_path / "scene" / "image_points.csv"),
+    }  # fmt: skip
+    here = run("adjust", output_dir=str(tmp_path / "here"), **scene)
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=":0") as cluster:
+        given = {**scene, "scheduler": cluster.scheduler_address}
+        there = run("adjust", output_dir=str(tmp_path / "there"), **given)
+        dem = {"dem": str(tmp_path / "scene" / "dem.tif"), "sigma_dem_m": 2.0}
+        with pytest.raises(InputError, match="sigma_dem_m"):
+            run("adjust", output_dir=str(tmp_path / "dem"), **given, **dem)
+    assert there["sigma0"] == pytest.approx(here["sigma0"], rel=1e-9)
+    assert there["check"]["predicted"] == pytest.approx(here["check"]["predicted"], rel=1e-6)
+    assert sorted(os.listdir(tmp_path / "there")) == sorted(os.listdir(tmp_path / "here"))
+    assert not (tmp_path / "dem").exists()
