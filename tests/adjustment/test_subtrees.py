@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,14 @@ def assert_same(one: Adjustment, other: Adjustment) -> None:
     [
         BARE,
         AdjustOptions(),
-        AdjustOptions(model="shift-drift", robust="huber", fixed_images=("I000004", "I000020")),
-        AdjustOptions(model="shift", shared_images=(("I000000", "I000001"), ("I000010", "I000020"))),
+        AdjustOptions(
+            model="shift-drift",
+            robust="huber",
+            reject_sigma=0.0,
+            test_sigmas=False,
+            fixed_images=("I000004", "I000020"),
+        ),
+        replace(BARE, model="shift", shared_images=(("I000000", "I000001"), ("I000010", "I000020"))),
     ],
     ids=["bare", "defaults", "robust, fixed images", "shared parameters"],
 )

@@ -51,7 +51,7 @@ class Workers:
         addresses = sorted(client.scheduler_info(n_workers=-1)["workers"]) or [None]
         share = -(-len(division.leaves) // len(addresses))
         self._home = {number: addresses[k // share] for k, number in enumerate(division.leaves)}
-        self._leaves = {number: self._submit(number, leaf.load, stored) for number, stored in leaves.items()}
+        self.leaves = {number: self._submit(number, leaf.load, stored) for number, stored in leaves.items()}
 
     def _submit(self, number: int | None, function: Callable[..., Any], *given: Any) -> Any:
         """Hand a call out, for the worker of a leaf where that lives."""
@@ -74,7 +74,7 @@ class Workers:
 
     def begin(self, starts: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: Priors) -> BlockAt:
         """Return the state that leaves (callables that return a `LeafStart`) and separators begin with."""
-        return self._state(self.every(leaf.begin, self._leaves, starts), values, priors)
+        return self._state(self.every(leaf.begin, self.leaves, starts), values, priors)
 
     def _state(self, leaves: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: Priors) -> BlockAt:
         sums = self.gather([self._submit(number, leaf.sums_of, at) for number, at in leaves.items()])
@@ -83,13 +83,13 @@ class Workers:
 
     def reweighted(self, at: BlockAt, robust: str, priors: Priors) -> BlockAt:
         """Return the same state with robust factors from its residuals."""
-        return self._state(self.every(leaf.reweight, self._leaves, at.leaves, robust), at.values, priors)
+        return self._state(self.every(leaf.reweight, self.leaves, at.leaves, robust), at.values, priors)
 
     # ---- up and down -------------------------------------------------------------------------------------------------
 
     def _up(self, at: BlockAt, damping: float, priors: Priors) -> tuple[dict[int, Any], dict[int, Any]]:
         """Return references to the eliminated leaves and the separators."""
-        gone = self.every(leaf.eliminate, self._leaves, at.leaves, damping)
+        gone = self.every(leaf.eliminate, self.leaves, at.leaves, damping)
         updates = {number: self._submit(number, crown.update_of, one) for number, one in gone.items()}
         joined: dict[int, Any] = {}
         for number, node in enumerate(self.division.nodes):
@@ -120,7 +120,7 @@ class Workers:
         """Return the next state and the decrease of the cost that the equations promise for it."""
         gone, joined = self._up(at, damping, priors)
         steps, above = self._down(joined, crown.substitute)
-        taken = self.every(leaf.advance, self._leaves, at.leaves, gone, above)
+        taken = self.every(leaf.advance, self.leaves, at.leaves, gone, above)
         promises = [self._submit(number, leaf.second_of, pair) for number, pair in taken.items()]
         mine = {number: self._submit(None, crown.own_step, joined[number], steps[number]) for number in joined}
         promised, own = self.gather([promises, mine])
@@ -155,7 +155,7 @@ class Workers:
         gone, joined = self._up(at, 0.0, priors)
         inverses, above = self._down(joined, crown.invert)
         own = {number: self._submit(None, crown.own_inverse, joined[number], inverses[number]) for number in joined}
-        return self.every(leaf.precise, self._leaves, at.leaves, gone, above), self.gather(own)
+        return self.every(leaf.precise, self.leaves, at.leaves, gone, above), self.gather(own)
 
 
 @dataclass(frozen=True, eq=False)
