@@ -31,7 +31,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.equations import PointPriors, State
 from hrsi.hrsi_engine.adjustment.intersection import fixed_cameras, start_positions
 from hrsi.hrsi_engine.adjustment.observations import Observations
-from hrsi.hrsi_engine.adjustment.subtrees.descent import Priors, Workers
+from hrsi.hrsi_engine.adjustment.subtrees.descent import SeparatorPriors, Workers
 from hrsi.hrsi_engine.adjustment.subtrees.division import Division, Node
 from hrsi.hrsi_engine.adjustment.subtrees.leaf import Leaf, LeafAt, LeafPrecision, LeafStart
 from hrsi.hrsi_engine.adjustment.subtrees.loop import open_workers
@@ -275,7 +275,7 @@ def grow(count: int, memory_limit: str) -> list[str]:
         client = elsewhere.client
         p = len(MODELS[MODEL].parameters)
         separators = {k: node.own for k, node in enumerate(division.nodes) if not node.is_leaf}
-        priors = Priors({k: np.tile(prior_weight(p), (len(own), 1)) for k, own in separators.items()})
+        priors = SeparatorPriors({k: np.tile(prior_weight(p), (len(own), 1)) for k, own in separators.items()})
         cpu0, _, _ = of_workers(client)
         begin = time.monotonic()
         workers = Workers(client, division, {k: MakeLeaf(field, tile) for k, tile in tile_of.items()})

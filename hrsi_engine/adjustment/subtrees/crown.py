@@ -42,7 +42,7 @@ class Steps(NamedTuple):
         return np.asarray(self.step[np.searchsorted(self.cameras, cameras)])
 
 
-class Inverse(NamedTuple):
+class BorderInverse(NamedTuple):
     """The inverse ``(k p, k p)`` over cameras ``(k,)``, sorted by camera."""
 
     cameras: np.ndarray
@@ -133,7 +133,7 @@ def update_of(node: Separator) -> Update:
     return node.update
 
 
-def substitute(node: Separator, above: Steps | None) -> Steps:
+def steps_of(node: Separator, above: Steps | None) -> Steps:
     """Return the steps of a separator's own cameras and its border."""
     size = node.scale.shape[1]
     outer = np.zeros((0, size)) if above is None else above.of(node.border)
@@ -149,7 +149,7 @@ def own_step(node: Separator, steps: Steps) -> tuple[np.ndarray, float, float]:
     return own, float(np.sum(node.pulled[0] * own**2)), float(np.sum(node.pulled[1] * own))
 
 
-def invert(node: Separator, above: Inverse | None) -> Inverse:
+def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
     """Return the inverse over a separator's own cameras and its border."""
     size = node.scale.shape[1]
     outer = np.zeros((0, 0)) if above is None else above.of(node.border)
@@ -165,10 +165,10 @@ def invert(node: Separator, above: Inverse | None) -> Inverse:
     cameras = np.concatenate([node.own, node.border])
     order = np.argsort(cameras)
     chosen = unknowns(order, size)
-    return Inverse(cameras[order], inverse[np.ix_(chosen, chosen)])
+    return BorderInverse(cameras[order], inverse[np.ix_(chosen, chosen)])
 
 
-def own_inverse(node: Separator, inverse: Inverse) -> np.ndarray:
+def own_inverse(node: Separator, inverse: BorderInverse) -> np.ndarray:
     """Return the cofactors ``(k, p, p)`` of each of a separator's own cameras."""
     size, place = node.scale.shape[1], np.searchsorted(inverse.cameras, node.own)
     blocks = inverse.matrix.reshape(len(inverse.cameras), size, len(inverse.cameras), size)

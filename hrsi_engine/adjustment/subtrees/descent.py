@@ -72,24 +72,24 @@ class Workers:
 
     # ---- states ------------------------------------------------------------------------------------------------------
 
-    def begin(self, starts: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: Priors) -> BlockAt:
+    def begin(self, starts: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: SeparatorPriors) -> BlockAt:
         """Return the state that leaves (callables that return a `LeafStart`) and separators begin with."""
         return self._state(self.every(leaf.begin, self.leaves, starts), values, priors)
 
-    def _state(self, leaves: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: Priors) -> BlockAt:
+    def _state(self, leaves: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: SeparatorPriors) -> BlockAt:
         sums = self.gather([self._submit(number, leaf.sums_of, at) for number, at in leaves.items()])
         cost, freedom = crown.sum_of(sums).tolist()
         return BlockAt(leaves, values, cost + priors.cost(values), freedom - priors.count)
 
-    def reweighted(self, at: BlockAt, robust: str, priors: Priors) -> BlockAt:
+    def reweighted(self, at: BlockAt, robust: str, priors: SeparatorPriors) -> BlockAt:
         """Return the same state with robust factors from its residuals."""
         return self._state(self.every(leaf.reweight, self.leaves, at.leaves, robust), at.values, priors)
 
     # ---- up and down -------------------------------------------------------------------------------------------------
 
-    def _up(self, at: BlockAt, damping: float, priors: Priors) -> tuple[dict[int, Any], dict[int, Any]]:
+    def _up(self, at: BlockAt, damping: float, priors: SeparatorPriors) -> tuple[dict[int, Any], dict[int, Any]]:
         """Return references to the eliminated leaves and the separators."""
-        gone = self.every(leaf.eliminate, self.leaves, at.leaves, damping)
+        gone = self.every(leaf.eliminate_inner, self.leaves, at.leaves, damping)
         updates = {number: self._submit(number, crown.update_of, one) for number, one in gone.items()}
         joined: dict[int, Any] = {}
         for number, node in enumerate(self.division.nodes):
@@ -116,11 +116,11 @@ class Workers:
             above |= dict.fromkeys(node.children, found[number])
         return found, above
 
-    def step(self, at: BlockAt, damping: float, priors: Priors) -> Step[BlockAt]:
+    def step(self, at: BlockAt, damping: float, priors: SeparatorPriors) -> Step[BlockAt]:
         """Return the next state and the decrease of the cost that the equations promise for it."""
         gone, joined = self._up(at, damping, priors)
-        steps, above = self._down(joined, crown.substitute)
-        taken = self.every(leaf.advance, self.leaves, at.leaves, gone, above)
+        steps, above = self._down(joined, crown.steps_of)
+        taken = self.every(leaf.move_on, self.leaves, at.leaves, gone, above)
         promises = [self._submit(number, leaf.second_of, pair) for number, pair in taken.items()]
         mine = {number: self._submit(None, crown.own_step, joined[number], steps[number]) for number in joined}
         promised, own = self.gather([promises, mine])
@@ -132,7 +132,7 @@ class Workers:
         return Step(self._state(ahead, values, priors), 0.5 * (gained + points) + braked, braked)
 
     def descend(
-        self, begin: BlockAt, priors: Priors, robust: str, tolerance: float, most: int,
+        self, begin: BlockAt, priors: SeparatorPriors, robust: str, tolerance: float, most: int,
         history: list[Iteration], progress: Progress,
     ) -> Descent[BlockAt]:  # fmt: skip
         """Iterate from a state as `GaussNewton.run` does; the history grows by a row a step."""
@@ -150,7 +150,7 @@ class Workers:
             (lambda at: self.reweighted(at, robust, priors)) if reweighting else None, tolerance,
         )  # fmt: skip
 
-    def precise(self, at: BlockAt, priors: Priors) -> tuple[dict[int, Any], dict[int, np.ndarray]]:
+    def precise(self, at: BlockAt, priors: SeparatorPriors) -> tuple[dict[int, Any], dict[int, np.ndarray]]:
         """Return references to the leaves' cofactors (`leaf.LeafPrecision`), and those of the separators' cameras."""
         gone, joined = self._up(at, 0.0, priors)
         inverses, above = self._down(joined, crown.invert)
@@ -159,7 +159,7 @@ class Workers:
 
 
 @dataclass(frozen=True, eq=False)
-class Priors:
+class SeparatorPriors:
     """Weights of the priors of the separators' cameras, by node; infinite where fixed."""
 
     weight: Mapping[int, np.ndarray]

@@ -18,7 +18,7 @@ from ..equations import NormalEquations, Normals, Pattern, PointPriors, State, f
 from ..equations.nested_dissection import SparseFactor
 from ..observations import Observations
 from ..weights import WEIGHTS
-from .crown import Inverse, Steps, Update, scales, unknowns
+from .crown import BorderInverse, Steps, Update, scales, unknowns
 
 
 @dataclass(eq=False)
@@ -149,7 +149,7 @@ def reweight(leaf: Leaf, at: LeafAt, robust: str) -> LeafAt:
     return _at(leaf, at.start._replace(robust=WEIGHTS[robust](t)), at.state)
 
 
-def eliminate(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
+def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
     """Eliminate the inner cameras of a leaf, whose points are."""
     pattern, _, factor = leaf.made
     blocks, inner = at.normals.blocks, leaf.inner
@@ -179,7 +179,7 @@ def _with_factor(leaf: Leaf, eliminated: Eliminated) -> SparseFactor:
     return factor
 
 
-def advance(
+def move_on(
     leaf: Leaf, at: LeafAt, eliminated: Eliminated, above: Steps | None
 ) -> tuple[LeafAt, tuple[float, float, float]]:
     """Return the equations one step ahead, and what the step promises.
@@ -221,7 +221,7 @@ class LeafPrecision(NamedTuple):
     computed: np.ndarray
 
 
-def precise(leaf: Leaf, at: LeafAt, eliminated: Eliminated, above: Inverse | None) -> LeafPrecision:
+def precise(leaf: Leaf, at: LeafAt, eliminated: Eliminated, above: BorderInverse | None) -> LeafPrecision:
     """Return the cofactors of a leaf from the inverse of its border."""
     pattern, equations, _ = leaf.made
     factor = _with_factor(leaf, eliminated)

@@ -22,7 +22,7 @@ from ..equations import Cofactors, Normals, Pattern, PointPriors, State
 from ..gauss_newton import ROBUST_TOLERANCE, GaussNewton, Solution, Weighting
 from ..observations import Observations
 from ..weights import WEIGHTS, least_squares
-from .descent import BlockAt, Priors, Workers
+from .descent import BlockAt, SeparatorPriors, Workers
 from .division import Division, divide
 from .leaf import Leaf, LeafAt, LeafStart, part_of
 
@@ -159,8 +159,8 @@ class WorkersLoop(GaussNewton):
         return {k: node.own for k, node in enumerate(self.shares.division.nodes) if not node.is_leaf}
 
     @property
-    def _priors(self) -> Priors:
-        return Priors({k: self.prior_weight[own] for k, own in self._separators.items()})
+    def _priors(self) -> SeparatorPriors:
+        return SeparatorPriors({k: self.prior_weight[own] for k, own in self._separators.items()})
 
     def _begin(self, state: State, weighting: Weighting, factor: np.ndarray) -> BlockAt:
         there, starts = self.shares, {}
