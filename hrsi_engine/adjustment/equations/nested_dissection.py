@@ -311,10 +311,13 @@ class SparseFactor:
             own = len(front.own) * self.size
             inverse = np.zeros((own + len(border), own + len(border)))
             inverse[own:, own:] = border
-            gain = front.coupling @ front.factor
-            pulled = border @ gain
-            inverse[own:, :own], inverse[:own, own:] = -pulled, -pulled.T
-            inverse[:own, :own] = front.factor.T @ front.factor + gain.T @ pulled
+            if kept is not None and front is self.fronts[-1]:
+                inverse[:] = kept
+            else:
+                gain = front.coupling @ front.factor
+                pulled = border @ gain
+                inverse[own:, :own], inverse[:own, own:] = -pulled, -pulled.T
+                inverse[:own, :own] = front.factor.T @ front.factor + gain.T @ pulled
             for child in front.children:
                 borders[id(child)] = inverse[np.ix_(child.place, child.place)]
             yield front, inverse
