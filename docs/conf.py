@@ -14,7 +14,14 @@ author = "The HRSI developers"
 copyright = author
 version = release = VERSION
 
-extensions = ["myst_parser", "algorithm_pages", "mathml"]
+extensions = [
+    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "algorithm_pages", "mathml",
+]  # fmt: skip
+autodoc_typehints = "none"  # the docstrings say them, with shapes and units
+autosummary_generate = False
+napoleon_google_docstring = False
+default_role = "code"  # single backticks in docstrings
+smartquotes = False  # --option stays --option
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 html_math_renderer = "mathml"

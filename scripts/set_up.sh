@@ -48,7 +48,7 @@ install_packages() {
 
 require_bindings() {  # on other systems: what the packages would have brought
   "$PYTHON" -c "from osgeo import gdal" 2>/dev/null && return
-  say "this is not Debian, and $PYTHON has no GDAL bindings (osgeo); see 'Other systems' in README.md" >&2
+  say "this is not Debian, and $PYTHON has no GDAL bindings (osgeo); see docs/installation.md" >&2
   exit 1
 }
 

@@ -106,4 +106,7 @@ def test_site_builds_without_warnings(tmp_path: Path):
     assert "<math" in (tmp_path / "site" / "theory" / "rpc.html").read_text(encoding="utf-8")
     page = (tmp_path / "site" / "algorithms" / "triangulate.html").read_text(encoding="utf-8")
     assert "--gcp-ids" in page
+    texts = [path.read_text(encoding="utf-8") for path in (tmp_path / "site").rglob("*.html")]
+    assert not [found for text in texts for found in re.findall(r"[–—][a-z]{2,}-?[a-z]*", text)]  # --option is no dash
+    assert "hrsi.triangulate" in (tmp_path / "site" / "python.html").read_text(encoding="utf-8")
     assert not re.search(r'(src|href)="https?://[^"]*\.(js|css)"', page)  # nothing is fetched from elsewhere

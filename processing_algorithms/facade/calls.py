@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
+from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.progress import Progress, silent
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
@@ -194,8 +195,7 @@ def _single(images: Any) -> Image:
     one = images[0] if isinstance(images, (list, tuple)) and len(images) == 1 else images
     if isinstance(one, (list, tuple)):
         raise InputError("an array of points belongs to one image: give one, or a table with the column image")
-    found = open_images(one) if not hasattr(one, "rpc") else one
-    return found
+    return Image("image", one) if isinstance(one, RPC) else open_images(one)
 
 
 def _points_of_shape(points: np.ndarray, widths: tuple[int, ...], name: str, what: str) -> np.ndarray:

@@ -1,0 +1,161 @@
+"""Code in the documentation runs: commands and Python, in the order of the page, on data that the repository has.
+
+A block that cannot run has a comment above it, ``<!-- not run: reason -->``. Links lead somewhere.
+"""
+
+from __future__ import annotations
+
+import glob
+import json
+import os
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import yaml
+
+from hrsi.processing_algorithms.interface import cli
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent.name != "algorithms"),
+]
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
+FENCE = re.compile(r"^(?P<indent> *)```(?P<kind>\w*)\n(?P<body>.*?)^ *```$", re.DOTALL | re.MULTILINE)
+MARK = re.compile(r"<!-- not run: (\S.*) -->\s*$")
+COMMAND = re.compile(r"^\s*(\S*/)?(hrsi|make|python\S*|pip|gdal\w+|apt\S*|conda|docker) ", re.MULTILINE)
+
+
+class Code(NamedTuple):
+    """A block of code: its language, text, and why it is not run; empty where it is."""
+
+    kind: str
+    text: str
+    reason: str
+
+
+def code_of(page: Path) -> list[Code]:
+    """Return the commands and programs of a page."""
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for fence in FENCE.finditer(text):
+        kind, body = fence["kind"], fence["body"].replace(f"\n{fence['indent']}", "\n").removeprefix(fence["indent"])
+        if kind in ("sh", "python") or (not kind and COMMAND.search(body) and "[options]" not in body):
+            mark = MARK.search(text[: fence.start()])
+            found.append(Code(kind or "sh", body, mark[1] if mark else ""))
+    return found
+
+
+def run_commands(text: str) -> None:
+    """Run the `hrsi` commands of a text; nothing else may be among them."""
+    for line in filter(str.strip, text.replace("\\\n", " ").splitlines()):
+        program, *words = shlex.split(line, comments=True)
+        assert program == "hrsi", line
+        spread = [name for word in words for name in (sorted(glob.glob(word)) or [word])]
+        assert cli.main(spread) == 0, line
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch) -> Path:
+    """A folder that has the repository's examples and nothing else."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+RUN = [page for page in PAGES if any(not code.reason for code in code_of(page))]
+
+
+@pytest.mark.parametrize("page", RUN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_code_runs(page: Path, place: Path, capsys):
+    for code in code_of(page):
+        if code.reason:
+            continue
+        if code.kind == "python":
+            exec(compile(code.text, str(page), "exec"), {"__name__": "page"})
+        else:
+            run_commands(code.text)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(notebook: Path, place: Path, capsys):
+    """Its cells, in order, as a notebook runs them; they keep no output."""
+    document = json.loads(notebook.read_text(encoding="utf-8"))
+    cells = [cell for cell in document["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
+    names: dict = {"__name__": "__main__"}
+    for cell in cells:
+        exec(compile("".join(cell["source"]), str(notebook), "exec"), names)
+    capsys.readouterr()
+
+
+def test_there_are_three_notebooks():
+    assert len(NOTEBOOKS) == 3
+
+
+def test_tasks_are_short():
+    """Each of the five tasks is ten lines of Python or less."""
+    programs = [code.text for code in code_of(ROOT / "docs" / "tasks.md") if code.kind == "python"]
+    assert len(programs) == 5
+    assert all(len([line for line in text.splitlines() if line.strip()]) <= 10 for text in programs)
+
+
+# ---- links -----------------------------------------------------------------------------------------------------------
+
+
+def anchors_of(page: Path) -> set[str]:
+    """Return the anchors of a page's headings."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {heading.strip().replace(" ", "-") for heading in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path):
+    wrong = []
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if "://" in target:
+            wrong += [] if re.fullmatch(r"https://[\w.-]+\.[a-z]{2,}(/[\w./%~#?=&+-]*)?", target) else [target]
+            continue
+        name, _, anchor = target.partition("#")
+        there = (page.parent / name) if name else page
+        if there.parent.name == "algorithms":  # made when the site is built
+            continue
+        exists = there.exists() and (not anchor or there.suffix != ".md" or anchor in anchors_of(there))
+        wrong += [] if exists else [target]
+    assert wrong == []
+
+
+# ---- packages --------------------------------------------------------------------------------------------------------
+
+
+def test_dockerfile_installs_what_set_up_does():
+    text = (ROOT / "packaging" / "Dockerfile").read_text(encoding="utf-8")
+    lines = [line for line in text.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
+    known = {"FROM", "RUN", "COPY", "ENV", "USER", "WORKDIR", "ENTRYPOINT", "CMD"}
+    assert lines[0].startswith("FROM debian:12") and {line.split()[0] for line in lines} <= known
+    script = (ROOT / "scripts" / "set_up.sh").read_text(encoding="utf-8")
+    wanted = set(re.search(r'RUN_PACKAGES="([^"$]+)"', script)[1].split())
+    install = re.search(r"--no-install-recommends(.*?)&&", text.replace("\\\n", " "), re.DOTALL)[1]
+    assert set(install.split()) == wanted
+    for line in lines:
+        if line.startswith(("ENTRYPOINT", "CMD")):
+            json.loads(line.split(maxsplit=1)[1])
+    assert lines.index("USER hrsi") > max(index for index, line in enumerate(lines) if line.startswith("COPY"))
+
+
+def test_conda_recipe_requires_what_the_project_does():
+    recipe = yaml.safe_load((ROOT / "packaging" / "conda" / "meta.yaml").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    names = {"dask": "dask-core", "opencv-python-headless": "py-opencv"}
+    stated = [*project["dependencies"], *project["optional-dependencies"]["fast"]]
+    wanted = dict(re.match(r"([\w-]+)(>=[\d.]+)", text).groups() for text in stated)
+    given = dict(text.split() for text in recipe["requirements"]["run"])
+    assert {names.get(name, name): bound for name, bound in wanted.items()}.items() <= given.items()
+    assert given["python"] == project["requires-python"] and "gdal" in given
+    assert os.path.samefile(ROOT / "packaging" / "conda" / recipe["source"]["path"], ROOT)
