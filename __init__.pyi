@@ -81,6 +81,8 @@ def triangulate(
     tie_points: Points = "auto",
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
+    laser: Points | None = None,
+    laser_datum: str = "ellipsoidal",
     reference: RasterSource | None = None,
     reference_sigma: float | None = None,
     reference_band: int = 1,
@@ -130,6 +132,8 @@ def triangulate(
     fixed_images: str | Iterable[str] = (),
     shared_images: str | Iterable[str | Iterable[str]] = (),
     sigma_dem: float | None = None,
+    laser_reach: float = 25.0,
+    sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
     output_dir: Path | None = None,
@@ -178,6 +182,12 @@ def triangulate(
         DEM of the ground, in any CRS.
     dem_datum : str, optional
         What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    laser : path or table or array or GroundPoints or ImagePoints, optional
+        Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
+        ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
+    laser_datum : str, optional
+        What the heights of laser points in a layer refer to; those of granules are ellipsoidal (default
+        ellipsoidal).
     reference : path or rasterio dataset, optional
         Orthoimage in which GCPs are found by matching, in any CRS.
     reference_sigma : float, optional
@@ -257,6 +267,12 @@ def triangulate(
     sigma_dem : float, optional
         Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
         hold none (unit m; at least 1e-06).
+    laser_reach : float, optional
+        How far from a laser point tie points tell the ground's shape, and are held by its height (unit
+        m; at least 0.1; default 25).
+    sigma_laser : float, optional
+        Standard deviation of every laser height beside the one that its file states (unit m; at least
+        0; default 0.1).
     sigma_shift : float, optional
         Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's
         ERR_BIAS, what is published of the sensor, or 5 px (unit px; at least 1e-09).
@@ -416,6 +432,8 @@ def adjust(
     tie_points: Points = "none",
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
+    laser: Points | None = None,
+    laser_datum: str = "ellipsoidal",
     model: Literal[
         "auto",
         "generic",
@@ -447,6 +465,8 @@ def adjust(
     fixed_images: str | Iterable[str] = (),
     shared_images: str | Iterable[str | Iterable[str]] = (),
     sigma_dem: float | None = None,
+    laser_reach: float = 25.0,
+    sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
     threads: int = 0,
@@ -493,6 +513,12 @@ def adjust(
         DEM of the ground, in any CRS.
     dem_datum : str, optional
         What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    laser : path or table or array or GroundPoints or ImagePoints, optional
+        Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
+        ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
+    laser_datum : str, optional
+        What the heights of laser points in a layer refer to; those of granules are ellipsoidal (default
+        ellipsoidal).
     model : str, optional
         Correction of each image's RPC; auto and generic choose it by GCPs and tie points (one of auto,
         generic, none, shift, shift-drift, conformal, affine, quadratic, ground-linear, ground-
@@ -526,6 +552,12 @@ def adjust(
     sigma_dem : float, optional
         Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
         hold none (unit m; at least 1e-06).
+    laser_reach : float, optional
+        How far from a laser point tie points tell the ground's shape, and are held by its height (unit
+        m; at least 0.1; default 25).
+    sigma_laser : float, optional
+        Standard deviation of every laser height beside the one that its file states (unit m; at least
+        0; default 0.1).
     sigma_shift : float, optional
         Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's
         ERR_BIAS, what is published of the sensor, or 5 px (unit px; at least 1e-09).
@@ -1743,6 +1775,10 @@ def simulate(
     vendor_attitude_drift: str | Iterable[str] = (),
     jitter: float = 0.0,
     jitter_period: float = 2000.0,
+    laser_passes: int = 0,
+    laser_canopy: float = 0.1,
+    laser_segment: float = 40.0,
+    laser_clouds: float = 0.03,
     pixels: bool = True,
     ms: bool = False,
     ortho: bool = False,
@@ -1760,6 +1796,10 @@ def simulate(
     With ``dates`` the images are taken over a year: shading and cast shadows as the sun stands, crops
     and leaves by the season, ploughed fields, snow, buildings that stand up and of which some are built
     or torn down, cars, haze and gain. truth.gpkg then says what changed when.
+
+    With ``laser_passes`` a laser altimeter flies over it: laser.csv holds its points as SlideRule
+    writes them, with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each
+    met.
 
     Parameters
     ----------
@@ -1845,6 +1885,14 @@ def simulate(
         Amplitude of the attitude's vibration, unknown to the vendor (unit px; at least 0; default 0).
     jitter_period : float, optional
         Period of the vibration (unit lines; at least 50; default 2000).
+    laser_passes : int, optional
+        Passes of a laser altimeter over the scene, six beams each (at least 0; default 0).
+    laser_canopy : float, optional
+        Share of the laser points that met canopy (at least 0; at most 1; default 0.1).
+    laser_segment : float, optional
+        Length of the segments whose mean height a laser point is (unit m; at least 1; default 40).
+    laser_clouds : float, optional
+        Share of the laser points that met clouds (at least 0; at most 1; default 0.03).
     pixels : bool, optional
         Render the images; without, RPC files stand for them (default yes).
     ms : bool, optional
