@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,8 +30,7 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.ground.geodesy import WGS84
-from ..hrsi_engine.io.layer_styles import default_styles
-from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages import write_page
 from ..hrsi_engine.io.point_files import measurements_of, read_points
@@ -111,10 +110,10 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     target = options.folder
     with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=search_folders) as folder:
         layers = _layers(sets, observations, kept, predicted, report)
-        arrows = {layer.name: layer.fields for layer in layers if layer.name.startswith("residuals_")}
-        styles = default_styles({layer.name: layer.fields for layer in layers})
-        for name, fields in arrows.items():
-            styles[name] = default_styles({RESIDUAL_LAYERS[0]: fields})[RESIDUAL_LAYERS[0]]
+        styles = default_styles(layers)
+        for arrows in (layer for layer in layers if layer.name.startswith("residuals_")):
+            as_residuals = replace(arrows, name=RESIDUAL_LAYERS[0])
+            styles[arrows.name] = default_styles([as_residuals])[RESIDUAL_LAYERS[0]]
         write_geopackage(str(folder / LAYERS_FILE), layers, styles, context.stage(0.9, 0.98).progress)
         clock.lap("write")
         report["seconds"] = clock.total()

@@ -11,8 +11,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.io.csv_tables import write_measurements
-from ..hrsi_engine.io.layer_styles import default_styles
-from ..hrsi_engine.io.layers import Layer, write_geopackage
+from ..hrsi_engine.io.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.measurement.tie_points import TiePoints
@@ -62,7 +61,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
             Layer(LAYER, "PointZ", 4326, found.ground, points),
             Layer(MEASUREMENTS_LAYER, "PointZ", 4326, found.ground[track], measured),
         ]
-        styles = default_styles({LAYER: layers[0].fields})
+        styles = default_styles(layers[:1])
         write_geopackage(str(folder / LAYERS_FILE), layers, styles)
         names = {"layers": LAYERS_FILE}
         if options.csv:

@@ -15,8 +15,16 @@ from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
 from .datasets import gdal_messages
-from .layer_styles import default_styles
-from .layers import Layer, create_layer, create_style_table, in_one_place, insert_rows, insert_styles, write_geopackage
+from .layers import (
+    Layer,
+    create_layer,
+    create_style_table,
+    default_styles,
+    in_one_place,
+    insert_rows,
+    insert_styles,
+    write_geopackage,
+)
 from .point_files.ogr_layer import open_vector
 from .sql import sql_text
 from .sqlite_rows import PythonRows
@@ -34,7 +42,7 @@ def replace_layers(path: str, layers: Sequence[Layer]) -> None:
         write_geopackage(path, layers)
         return
     layers = in_one_place(layers)
-    styles = default_styles({layer.name: layer.fields for layer in layers})
+    styles = default_styles(layers)
     _make_missing_layers(path, layers)
     try:
         with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as database:

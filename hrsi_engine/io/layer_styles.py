@@ -6,6 +6,7 @@ length on the screen; the legend says how many metres or pixels that is.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,8 +19,8 @@ import numpy as np
 from .layer_words import Column, is_any
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
-DRAWN_AT_EVERY_SCALE = 2000  #: points that are drawn at every scale
-THINNING_SCALES = (10_000, 50_000, 250_000)  #: denominators from which one of 10, of 100, of 1000 is drawn
+MOST_ON_MAP = 1500  #: points or arrows that one map shows; more are a grey mass
+MAP_WIDTH_M = 0.25  # of a map on a screen
 LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
 }  # fmt: skip
@@ -45,13 +46,11 @@ class Style:
     description: str = ""
 
 
-def default_styles(layers: Mapping[str, LayerColumns]) -> dict[str, Style]:
-    """Return the styles of the layers, given by name with their fields, that HRSI has one for."""
-    return {
-        name: STYLES[name](columns)
-        for name, columns in layers.items()
-        if name in STYLES and NEEDED.get(name, frozenset()) <= columns.keys()
-    }
+def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | None:
+    """Return the style of a layer with these fields, on ground so wide; None where HRSI has none for it."""
+    if name not in STYLES or not NEEDED.get(name, frozenset()) <= fields.keys():
+        return None
+    return STYLES[name](fields, width_m)
 
 
 @dataclass(frozen=True)
@@ -63,14 +62,21 @@ class Share:
     farthest: int
 
 
-def shares(count: int) -> list[Share]:
-    """Return how ``count`` points are thinned by the map's scale, so that a map stays legible and quick."""
-    steps = [every for every in (1, 10, 100, 1000) if every == 1 or count > DRAWN_AT_EVERY_SCALE * every / 10]
-    limits = [0, *THINNING_SCALES[: len(steps) - 1], 0]  # 0: no limit
-    return [Share(every, limits[number], limits[number + 1]) for number, every in enumerate(steps)]
+def shares(count: int, width_m: float) -> list[Share]:
+    """Return how ``count`` points are thinned by the map's scale, so that a map stays legible and quick.
+
+    ``width_m`` is that of the ground they are spread over: a map of all of it, and any closer one, shows between 150
+    and `MOST_ON_MAP` of them, as far as there are so many.
+    """
+    found, nearest, every = [], 0, 1
+    while count > MOST_ON_MAP * every:
+        farthest = max(round(width_m / MAP_WIDTH_M * math.sqrt(MOST_ON_MAP * every / count)), nearest + 1)
+        found.append(Share(every, nearest, farthest))
+        nearest, every = farthest, 10 * every
+    return [*found, Share(every, nearest, 0)]  # 0: no limit
 
 
-def _residuals(fields: LayerColumns) -> Style:
+def _residuals(fields: LayerColumns, width_m: float) -> Style:
     ground, image = is_any(fields["level"], ("ground",)), is_any(fields["level"], ("image",))
     good = ~is_any(fields["flag"], ("outlier",))
     on_ground = _typical(fields["residual_east_m"], fields["residual_north_m"], ground & good)
@@ -79,21 +85,21 @@ def _residuals(fields: LayerColumns) -> Style:
         "residuals.qml.j2", "Residual arrows (observed - computed)",
         ground_scale=_scale(on_ground, GROUND_ARROW_MM), ground_key=_key(on_ground, GROUND_ARROW_MM, "m"),
         image_scale=_scale(in_image, IMAGE_ARROW_MM), image_key=_key(in_image, IMAGE_ARROW_MM, "px"),
-        image_shares=shares(int(np.sum(image))),
+        image_shares=shares(int(np.sum(image)), width_m),
         has_ground=bool(np.any(ground & np.isfinite(fields["residual_east_m"]))),
     )  # fmt: skip
 
 
-def _image_points(fields: LayerColumns) -> Style:
+def _image_points(fields: LayerColumns, width_m: float) -> Style:
     good = ~is_any(fields["flag"], ("outlier", "rejected"))
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _render_style(
-        "image_points.qml.j2", "Image residuals", image_shares=shares(len(good)),
+        "image_points.qml.j2", "Image residuals", image_shares=shares(len(good), width_m),
         image_scale=_scale(typical, IMAGE_ARROW_MM), image_key=_key(typical, IMAGE_ARROW_MM, "px"),
     )  # fmt: skip
 
 
-def _misregistration(fields: LayerColumns) -> Style:
+def _misregistration(fields: LayerColumns, width_m: float) -> Style:
     before = np.asarray(fields["state"]) == "before"
     typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
     return _render_style(
@@ -103,43 +109,43 @@ def _misregistration(fields: LayerColumns) -> Style:
     )  # fmt: skip
 
 
-def _ground_points(fields: LayerColumns) -> Style:
+def _ground_points(fields: LayerColumns, width_m: float) -> Style:
     ties = int(np.sum(is_any(fields["role"], ("tie",))))
-    return _render_style("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties))
+    return _render_style("ground_points.qml.j2", "Control, check and tie points", tie_shares=shares(ties, width_m))
 
 
-def _tie_points(fields: LayerColumns) -> Style:
+def _tie_points(fields: LayerColumns, width_m: float) -> Style:
     pairs = int(np.sum(np.asarray(fields["views"]) == 2)) if "views" in fields else 0
-    return _render_style("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs))
+    return _render_style("tie_points.qml.j2", "Tie points by number of images", pair_shares=shares(pairs, width_m))
 
 
-def _interest_points(fields: LayerColumns) -> Style:
+def _interest_points(fields: LayerColumns, width_m: float) -> Style:
     kind = np.asarray(fields.get("kind", np.empty(0, dtype=str)))
     corner, strong = kind == "corner", kind == "super"
     return _render_style(
-        "interest_points.qml.j2", "Corners and gravity centres", corner_shares=shares(int(corner.sum())),
-        super_shares=shares(int(strong.sum())), centre_shares=shares(int(np.sum(~corner & ~strong))),
+        "interest_points.qml.j2", "Corners and gravity centres", corner_shares=shares(int(corner.sum()), width_m),
+        super_shares=shares(int(strong.sum()), width_m), centre_shares=shares(int(np.sum(~corner & ~strong)), width_m),
     )  # fmt: skip
 
 
-def _thinned_points(color: str, size_mm: float) -> Callable[[LayerColumns], Style]:
+def _thinned_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], Style]:
     """Return a style of many points that are all alike."""
 
-    def style(fields: LayerColumns) -> Style:
+    def style(fields: LayerColumns, width_m: float) -> Style:
         count = len(next(iter(fields.values()), ()))
         return _render_style(
-            "points.qml.j2", "Points", color=LAYER_COLORS[color], size=size_mm, point_shares=shares(count),
+            "points.qml.j2", "Points", color=LAYER_COLORS[color], size=size_mm, point_shares=shares(count, width_m),
         )  # fmt: skip
 
     return style
 
 
-def _laser_points(fields: LayerColumns) -> Style:
+def _laser_points(fields: LayerColumns, width_m: float) -> Style:
     reason = np.asarray(fields.get("reason", np.empty(0, dtype=str)))
     used, reasons = reason == "", sorted(set(reason[reason != ""].tolist()))
     return _render_style(
         "laser_points.qml.j2", "Laser points: used, and left out with the reason",
-        used_shares=shares(int(used.sum())), out_shares=shares(int((~used).sum())),
+        used_shares=shares(int(used.sum()), width_m), out_shares=shares(int((~used).sum()), width_m),
         reasons=[(why, REASON_COLORS[number % len(REASON_COLORS)]) for number, why in enumerate(reasons)],
     )  # fmt: skip
 
@@ -150,8 +156,8 @@ NEEDED: dict[str, frozenset[str]] = {
     "laser_points": frozenset({"used", "reason"}),
     "image_points": frozenset({"flag", "residual_sample_px", "residual_line_px"}),
 }
-STYLES: dict[str, Callable[[LayerColumns], Style]] = {
-    "images": lambda _fields: _render_style("images.qml.j2", "Footprints"),
+STYLES: dict[str, Callable[[LayerColumns, float], Style]] = {
+    "images": lambda _fields, _width_m: _render_style("images.qml.j2", "Footprints"),
     "ground_points": _ground_points,
     "image_points": _image_points,
     "interest_points": _interest_points,

@@ -22,9 +22,9 @@ from shapely.geometry import Polygon
 
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
-from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes
+from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes, metres_per_degree
 from .datasets import gdal_messages, quiet
-from .layer_styles import Style, default_styles
+from .layer_styles import Style, default_style
 from .layer_words import Column
 from .replacing import replacing
 from .rtree import empty_rtree, fill_rtree
@@ -66,6 +66,26 @@ class Layer:
     def __len__(self) -> int:
         return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
 
+    @property
+    def width_m(self) -> float:
+        """The longer side of the points' box on the ground, metres; 0 without any."""
+        if self.geometry not in ("Point", "PointZ") or not len(self):
+            return 0.0
+        places = np.asarray(self.coordinates)[:, :2]
+        places = places[np.isfinite(places).all(axis=1)]
+        if not len(places):
+            return 0.0
+        sides = np.ptp(places, axis=0)
+        if self.crs in (WGS84, WGS84_3D):
+            sides = sides * metres_per_degree(np.append(places.mean(axis=0), 0.0)[None])[0, :2]
+        return float(sides.max())
+
+
+def default_styles(layers: Sequence[Layer]) -> dict[str, Style]:
+    """Return the styles of the layers that HRSI has one for, by name."""
+    styles = {layer.name: default_style(layer.name, layer.fields, layer.width_m) for layer in layers}
+    return {name: style for name, style in styles.items() if style is not None}
+
 
 def write_geopackage(
     path: str, layers: Sequence[Layer], styles: Mapping[str, Style] | None = None, progress: Progress = silent
@@ -94,7 +114,7 @@ def write_geopackage(
     layers = in_one_place(layers)
     total = max(1, sum(map(len, layers)))
     if styles is None:
-        styles = default_styles({layer.name: layer.fields for layer in layers})
+        styles = default_styles(layers)
     length = len(os.fsencode(os.path.abspath(path)))
     if length > LONGEST_PATH:
         raise OutputError(

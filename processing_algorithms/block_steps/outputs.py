@@ -14,8 +14,7 @@ from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.io.layer_styles import default_styles
-from ...hrsi_engine.io.layers import write_geopackage
+from ...hrsi_engine.io.layers import default_styles, write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
@@ -172,7 +171,7 @@ def write_results(
         _name_outputs(report, output, how, images, names)
         advance(context.progress, 0.5, "writing layers")
         layers = block_layers(result, left, output.residual_crs)
-        styles = default_styles({layer.name: layer.fields for layer in layers})
+        styles = default_styles(layers)
         write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
         for file in stale:
             changes.remove(file)

@@ -6,6 +6,7 @@ That QGIS draws the styles is tested in ``tests/qgis``; here their XML and their
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
 import xml.etree.ElementTree as ET
 from itertools import pairwise
@@ -18,7 +19,7 @@ from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
 from hrsi.hrsi_engine.ground.map_crs import map_epsg, to_projected
-from hrsi.hrsi_engine.io.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_styles
+from hrsi.hrsi_engine.io.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_style
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -215,8 +216,9 @@ def test_the_typical_arrow_has_the_typical_length() -> None:
     fields = residual_fields(400)
     good = (fields["level"] == "ground") & (fields["flag"] != "outlier")
     typical = np.percentile(np.hypot(fields["residual_east_m"], fields["residual_north_m"])[good], 90.0)
-    style = ET.fromstring(default_styles({"residuals_utm": fields})["residuals_utm"].qml)
-    scales = {float(option.get("value", "")) for option in style.iter("Option") if option.get("name") == "scale"}
+    style = ET.fromstring(default_style("residuals_utm", fields, 1e4).qml)
+    lengths = [option.get("value", "") for option in style.iter("Option") if option.get("name") == "expression"]
+    scales = {float(text.split(" * sqrt")[0]) for text in lengths if re.match(r"[\d.]+ \* sqrt\(.*east", text)}
     assert len(scales) == 1
     assert scales.pop() * typical == pytest.approx(GROUND_ARROW_MM, rel=1e-5)
     labels = [rule.get("label") or "" for rule in style.iter("rule")]
@@ -229,16 +231,27 @@ def test_every_style_is_made_without_residuals_too(name: str) -> None:
     full = residual_fields(4) | shifts
     empty = {field: column[:0] for field, column in full.items()}
     for fields in (empty, full):
-        style = STYLES[name](fields)
+        style = STYLES[name](fields, 1e4)
         assert isinstance(style, Style)
         ET.fromstring(style.qml)
 
 
 def test_many_points_are_thinned_by_scale(tmp_path: Path) -> None:
-    """Each tie point is drawn at every scale while they are few, and one of ten, of a hundred farther away."""
+    """A map of all of the block, or a closer one, shows between 150 and 1500 of its points, if it has so many."""
+    width_m, map_m = 8000.0, 0.25
     for count, rules in ((100, 1), (3000, 2), (30_000, 3)):
-        qml = default_styles({"ground_points": {"role": np.full(count, "tie")}})["ground_points"].qml
+        qml = default_style("ground_points", {"role": np.full(count, "tie")}, width_m).qml
         ties = [rule for rule in ET.fromstring(qml).iter("rule") if "'tie'" in (rule.get("filter") or "")]
+        for closer in (1.0, 2.0, 5.0, 20.0):
+            scale = width_m / map_m / closer
+            (every,) = [
+                10**power
+                for power, rule in enumerate(ties)
+                if float(rule.get("scalemindenom") or 0) <= scale < float(rule.get("scalemaxdenom") or np.inf)
+            ]
+            on_map = count / closer**2
+            assert on_map / every <= 1500
+            assert every == 1 or on_map / every >= 149
         limits = [(rule.get("scalemindenom"), rule.get("scalemaxdenom")) for rule in ties]
         assert len(ties) == rules
         assert limits[0][0] is None and limits[-1][1] is None
@@ -246,4 +259,5 @@ def test_many_points_are_thinned_by_scale(tmp_path: Path) -> None:
 
 
 def test_layers_of_the_same_name_without_residuals_have_no_style() -> None:
-    assert default_styles({"image_points": {"id": np.array(["A"])}, "ground_points": {"id": np.array(["A"])}}) == {}
+    for name in ("image_points", "ground_points"):
+        assert default_style(name, {"id": np.array(["A"])}, 1e4) is None

@@ -6,7 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from qgis.core import QgsMapRendererSequentialJob, QgsMapSettings, QgsRectangle, QgsVectorLayer
+from qgis.core import (
+    QgsLayerTree,
+    QgsLayerTreeModel,
+    QgsMapRendererSequentialJob,
+    QgsMapSettings,
+    QgsRectangle,
+    QgsVectorLayer,
+)
 from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 from shapely.geometry import Polygon
@@ -78,6 +85,17 @@ def test_image_residual_points_down_where_the_line_grows(block: Path) -> None:
     assert rows.max() == pytest.approx(SIZE // 2 + IMAGE_PX, abs=3)
     assert rows.min() >= SIZE // 2 - 4
     assert np.abs(columns - SIZE // 2).max() <= 5
+
+
+def test_the_legend_has_short_symbols(block: Path) -> None:
+    """The texts stand beside small symbols; arrows as wide as the panel pushed them off the screen."""
+    layer = loaded(block, "residuals_wgs84")
+    tree = QgsLayerTree()
+    node = tree.addLayer(layer)
+    model = QgsLayerTreeModel(tree)
+    texts = {entry.data(0): entry.minimumIconSize().width() for entry in model.layerLegendNodes(node)}
+    assert "Check point, 8 mm = 0.25 m" in texts
+    assert max(texts.values()) <= 24  # pixels
 
 
 def test_image_rows_are_off_while_there_are_ground_rows(block: Path) -> None:
