@@ -84,6 +84,10 @@ class HeightSource(Protocol):
         """Whether it is there to hold single points too, not the block alone."""
 
     @property
+    def wrong_together(self) -> bool:
+        """Whether one fault may spoil all of it."""
+
+    @property
     def common_m(self) -> float:
         """Standard deviation of what a group shares."""
 
@@ -106,6 +110,7 @@ class DemHeights:
     groups: tuple[str, ...]
     name: str = "DEM"
     holds_points: bool = True
+    wrong_together: bool = True
 
     @classmethod
     def of(cls, dem: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float) -> DemHeights:
@@ -315,19 +320,10 @@ def _sigma_factor(one: Judged) -> float:
     return float(np.sqrt((BELIEVED + telling * low * high) / (BELIEVED + telling)))
 
 
-class _Opinion(NamedTuple):
-    """What a group says of the block's height: its offset and its variance; from how many observations."""
-
-    judged: Judged
-    group: int
-    offset_m: float
-    variance: float
-    observations: int
-
-
-def _opinions(one: Judged) -> list[_Opinion]:
-    found, source = [], one.source
-    for group in range(len(source.groups)):
+def _opinions(one: Judged, source: int) -> list[Opinion]:
+    """Return what the groups of a source say of the block's height."""
+    found = []
+    for group in range(len(one.source.groups)):
         here = one.rows.group == group
         if here.sum() < LEAST_OF_GROUP:
             continue
@@ -335,44 +331,85 @@ def _opinions(one: Judged) -> list[_Opinion]:
         middle, scale = _core(miss, np.sqrt(variance))
         core = np.abs(miss - middle) <= CUT_AT * scale * np.sqrt(variance)
         own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # of a median
-        found.append(_Opinion(one, group, middle, own + source.common_m**2 + source.overall_m**2, int(here.sum())))
+        found.append(Opinion(source, group, middle, own + one.source.common_m**2, int(here.sum())))
     return found
 
 
 def _compare(judged: Sequence[Judged]) -> None:
     """Test the groups of all sources against one another; leave out those that lie off."""
-    opinions = [opinion for one in judged for opinion in _opinions(one)]
-    off, decided, middle = agree_on([one.offset_m for one in opinions], [one.variance for one in opinions])
+    opinions = [opinion for number, one in enumerate(judged) for opinion in _opinions(one, number)]
+    sources = [SharedError(one.source.overall_m, one.source.wrong_together) for one in judged]
+    off, decided, middle = agree_on(opinions, sources)
     for opinion, wrong in zip(opinions, off.tolist(), strict=True):
-        opinion.judged.groups.append(HeightGroup(
-            opinion.judged.source.groups[opinion.group], opinion.observations, opinion.offset_m - middle,
-            float(np.sqrt(opinion.variance)), wrong, wrong and decided,
+        one = judged[opinion.source]
+        one.groups.append(HeightGroup(
+            one.source.groups[opinion.group], opinion.observations, opinion.offset_m - middle,
+            float(np.hypot(np.sqrt(opinion.variance), one.source.overall_m)), wrong, wrong and decided,
         ))  # fmt: skip
-    if decided and off.any():
-        for one in judged:
-            wrong_groups = [opinion.group for opinion, wrong in zip(opinions, off, strict=True)
-                            if wrong and opinion.judged is one]  # fmt: skip
-            if wrong_groups:
-                one.fit(~np.isin(one.rows.group, wrong_groups))
+    for number, one in enumerate(judged):
+        wrong_groups = [opinion.group for opinion, wrong in zip(opinions, off, strict=True)
+                        if wrong and opinion.source == number]  # fmt: skip
+        if decided and wrong_groups:
+            one.fit(~np.isin(one.rows.group, wrong_groups))
 
 
-def agree_on(offset_m: Sequence[float], variance: Sequence[float]) -> tuple[np.ndarray, bool, float]:
+class Opinion(NamedTuple):
+    """What a group says of the block's height: its offset and variance; from how many observations of which source."""
+
+    source: int
+    group: int
+    offset_m: float
+    variance: float
+    observations: int
+
+
+class SharedError(NamedTuple):
+    """What all of a source may be off by: standard deviation, and whether one fault may spoil all of it at once."""
+
+    sigma_m: float
+    wrong_together: bool
+
+
+def agree_on(opinions: Sequence[Opinion], sources: Sequence[SharedError]) -> tuple[np.ndarray, bool, float]:
     """Return which opinions are wrong, whether that is decided, and what the others say.
 
-    The joint opinion is the one of them that makes the sum of squares of all, each cut at `GROUP_WRONG`², smallest. It
-    is not decided where one that contradicts it is nearly as good: two tracks that differ, say.
+    With the block's height m, a shared error b of each source (standard deviation s), and opinions o of variance v, the
+    squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the opinions, each cut at `GROUP_WRONG`², are made as
+    small as possible over all m that an opinion has. A DEM that stands on trees is one fault, however many its parts;
+    of laser tracks each has to be wrong by itself. It is not decided where a height that contradicts the best one is
+    nearly as good: two tracks that differ, say.
     """
-    values, squared = np.asarray(offset_m, dtype=np.float64), np.asarray(variance, dtype=np.float64)
-    if len(values) < 2:
-        return np.zeros(len(values), dtype=bool), True, float(values.sum())
-    apart = (values[:, None] - values) ** 2 / (squared[:, None] + squared)
-    wrong = apart > GROUP_WRONG**2
-    cost = np.minimum(apart, GROUP_WRONG**2).sum(axis=1)
-    best = int(np.argmin(cost + 1e-9 * squared))
-    rivals = wrong[best] & (cost < cost[best] + DECIDED_BY)
-    fitting = ~wrong[best]
-    middle = float((values[fitting] / squared[fitting]).sum() / (1.0 / squared[fitting]).sum())
-    return wrong[best], not rivals.any(), middle
+    offset = np.array([one.offset_m for one in opinions])
+    if len(offset) < 2:
+        return np.zeros(len(offset), dtype=bool), True, float(offset.sum())
+    variance = np.array([one.variance for one in opinions])
+    of = np.array([one.source for one in opinions])
+    tried = [_joined_at(float(m), offset, variance, of, sources) for m in offset]
+    costs = np.array([cost for cost, _ in tried])
+    best = int(np.argmin(costs + 1e-9 * variance))
+    wrong = tried[best][1]
+    decided = not any((at & ~wrong).any() for cost, at in tried if cost < costs[best] + DECIDED_BY)
+    weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
+    return wrong, decided, float(weight @ offset / weight.sum())
+
+
+def _joined_at(
+    m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[SharedError]
+) -> tuple[float, np.ndarray]:
+    """Return the sum of squares with the block's height m, and which opinions are wrong then."""
+    limit, total = GROUP_WRONG**2, 0.0
+    wrong = np.zeros(len(offset), dtype=bool)
+    for number in np.unique(of):
+        here, source = np.flatnonzero(of == number), sources[number]
+        shared = np.append(0.0, offset[here] - m)
+        own = (shared / source.sigma_m) ** 2
+        penalty = np.minimum(own, limit) if source.wrong_together else own
+        squares = (offset[here] - m - shared[:, None]) ** 2 / variance[here]
+        cost = penalty + np.minimum(squares, limit).sum(axis=1)
+        chosen = int(np.argmin(cost))
+        total += float(cost[chosen])
+        wrong[here] = (squares[chosen] > limit) | (own[chosen] > limit)
+    return total, wrong
 
 
 def _agreement(one: Judged, ground: np.ndarray, total: float) -> HeightAgreement:

@@ -94,6 +94,7 @@ class LaserHeights:
     sigma_m: float
     name: str = NAME
     holds_points: bool = False
+    wrong_together: bool = False
     common_m: float = TRACK_SIGMA_M
     overall_m: float = OVERALL_SIGMA_M
     chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points that have ties, in the order of `rows`

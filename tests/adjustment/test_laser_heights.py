@@ -9,7 +9,7 @@ import pytest
 from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.held_heights import agree_on
+from hrsi.hrsi_engine.adjustment.held_heights import Opinion, SharedError, agree_on
 from hrsi.hrsi_engine.adjustment.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
@@ -102,14 +102,37 @@ def test_thousands_of_dem_heights_do_not_outvote_the_laser(scene):
     assert abs(scene.height_errors_m(result)[:, 2].mean()) < 0.4
 
 
+LASER, DEM = SharedError(0.05, wrong_together=False), SharedError(1.2, wrong_together=True)
+
+
+def said(laser: list[float], dem: list[float] = []) -> list[Opinion]:  # noqa: B006  # it is not changed
+    """Return opinions of laser tracks (0.14 m) and of parts of a DEM (1.2 m)."""
+    return [
+        *(Opinion(0, k, offset, 0.02, 50) for k, offset in enumerate(laser)),
+        *(Opinion(1, k, offset, 1.44, 50) for k, offset in enumerate(dem)),
+    ]
+
+
 def test_opinions_are_joined_robustly():
-    off, decided, middle = agree_on([0.0, 0.1, 8.0], [0.02, 0.02, 0.02])
+    off, decided, middle = agree_on(said([0.0, 0.1, 8.0]), [LASER])
     assert off.tolist() == [False, False, True] and decided and middle == pytest.approx(0.05)
-    off, decided, _ = agree_on([0.0, 8.0], [0.02, 0.02])
+    off, decided, _ = agree_on(said([0.0, 8.0]), [LASER])
     assert off.any() and not decided
-    off, decided, _ = agree_on([0.0, 8.0, 0.5, -0.5], [0.02, 0.02, 4.0, 4.0])  # a DEM's two parts tell which
+    off, decided, _ = agree_on(said([0.0, 8.0], [0.5, -0.5]), [LASER, DEM])  # a DEM's two parts tell which
     assert off.tolist() == [False, True, False, False] and decided
     assert agree_on([], [])[1:] == (True, 0.0)
+
+
+def test_a_dem_on_trees_is_one_fault_against_two_tracks():
+    off, decided, middle = agree_on(said([0.0, 0.1], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
+    assert off.tolist() == [False, False, *16 * [True]] and decided and middle == pytest.approx(0.05)
+    off, decided, _ = agree_on(said([0.0], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
+    assert off.any() and not decided  # one track and a DEM
+
+
+def test_parts_of_a_dem_are_told_from_its_common_error():
+    off, decided, _ = agree_on(said([0.0, 0.1], [*13 * [-2.0], *3 * [6.0]]), [LASER, DEM])
+    assert off.tolist() == [*15 * [False], *3 * [True]] and decided
 
 
 def test_planes_follow_slopes_and_leave_roofs_out():
