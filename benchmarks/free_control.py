@@ -129,7 +129,6 @@ CASES = (
     Case("laser", USUAL),
     Case("laser, no canopy, no clouds", CLEAN),
     Case("laser, 30 % on canopy or clouds", LaserSpec(3, canopy=0.25, clouds=0.05)),
-    Case("DEM", None, OPEN_LAND),
     Case("laser and DEM", USUAL, OPEN_LAND),
     Case("laser and DEM, 10 m of trees on half of it", USUAL, FreeDemSpec(30.0, trees=0.5)),
     Case("laser and DEM, a pass 48 m off (other datum)", USUAL, OPEN_LAND, wrong_pass_m=48.0),
@@ -228,8 +227,8 @@ Printed by `python benchmarks/free_control.py --docs`.
 Pairs and triplets of WorldView-2 (0.5 m) and Pleiades (0.7 m) in turn, 7 km, RPCs as wrong as the sensors' are, no GCP;
 three passes of ICESat-2 (`simulate --laser-passes 3`), errors as real segments have them; 400 laser points have three
 tie points each within 10 m, as matching finds them. Image points 0.2 px, relief 150 m; a DEM of 30 m, 1.5 m noise a
-cell and 1 m common error, with sigma 3 m. 100 independent check points a block. Default options. Where the DEM has trees,
-the other groups are its parts, which stand 10 m too high.
+cell and 1 m common error, with sigma 3 m. 100 independent check points a block. Default options. Where the DEM has
+trees, the other groups are its parts, which stand 10 m too high.
 """
 TRIPLET = """
 ## A real triplet

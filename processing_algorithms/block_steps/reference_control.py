@@ -20,6 +20,7 @@ from ...hrsi_engine.measurement.reference.checks import (
     shift_warnings,
 )
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
+from ...hrsi_engine.measurement.reference.parts import without_wrong_parts
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
@@ -78,15 +79,18 @@ def match(
             dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
         )
     accuracy = ReferenceAccuracy(options.reference_sigma or SIGMA_PIXELS * reference.gsd_m, sigma_h_m)
+    control, wrong_parts = without_wrong_parts(with_pixels, control, accuracy)
     shifts = [
         reference_shift(image, found, control.ground, accuracy)
         for image, found in zip(with_pixels, control.images, strict=True)
     ]
     warnings = [f"{found.image_id}: {found.refusal}" for found in control.images if found.refusal]
+    warnings += [f"{path}: {part.message}" for part in wrong_parts]
     warnings += shift_warnings([shift for shift in shifts if shift is not None])
     entries: Report = {
         "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
         "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
+        "wrong_parts": [part._asdict() for part in wrong_parts],
         "images": {
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
         },

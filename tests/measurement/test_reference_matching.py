@@ -20,6 +20,7 @@ from hrsi.hrsi_engine.measurement.reference.checks import (
 )
 from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
+from hrsi.hrsi_engine.measurement.reference.parts import without_wrong_parts
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import image_patch, predicted_patch
 from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
 from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import orientation_field, peak_of, scores
@@ -137,6 +138,33 @@ def reference_error(scene: scenes.Scene) -> list[np.ndarray]:
         by_rpc, _ = image.rpc.localize(image.centre_px[None], 250.0)
         errors.append((by_rpc - middle)[0, :2] * scene.simulated.scene.chart.scale)
     return errors
+
+
+def shifted_corner(scene: scenes.Scene, control: ReferenceControl, by_m: float) -> tuple[ReferenceControl, np.ndarray]:
+    """Return what is found where the north-eastern third of the reference lies off, and which places are there."""
+    middle = np.quantile(control.ground[:, :2], 0.66, axis=0)
+    corner = (control.ground[:, :2] > middle).all(axis=1)
+    images = []
+    for image, found in zip(scene.images, control.images, strict=True):
+        _, by_ground = image.rpc.project_with_metric_jacobian(control.ground[found.places])
+        step = by_ground[:, :, :2] @ (by_m / np.sqrt(2.0) * np.ones(2))
+        images.append(replace(found, offset_px=found.offset_px + np.where(corner[found.places, None], step, 0.0)))
+    return replace(control, images=tuple(images)), corner
+
+
+def test_a_corner_of_the_reference_that_lies_off_is_named_and_left_out(scene, control):
+    accuracy = ReferenceAccuracy(5.0, 3.0)
+    assert without_wrong_parts(scene.images, control, accuracy)[1] == []
+    moved, corner = shifted_corner(scene, control, 15.0)
+    kept, wrong = without_wrong_parts(scene.images, moved, accuracy)
+    assert len(wrong) >= 1
+    lonlat = np.array([[part.lon_deg, part.lat_deg] for part in wrong])
+    assert (lonlat > np.median(control.ground[:, :2], axis=0)).all()
+    size = [np.hypot(part.east_m, part.north_m) for part in wrong]
+    np.testing.assert_allclose(max(size), 15.0, atol=1.5)
+    for found in kept.images:
+        assert corner[found.places[found.used]].mean() < 0.3 * corner[found.places].mean()
+    assert without_wrong_parts(scene.images, shifted_corner(scene, control, 2.0)[0], accuracy)[1] == []
 
 
 def test_surveyed_gcps_contradict_a_displaced_reference(scene):
