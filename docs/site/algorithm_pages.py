@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hrsi.processing_algorithms import REGISTRY
+from hrsi.processing_algorithms.facade.signatures import function_name
 from hrsi.processing_algorithms.interface.command_parser import sections, value_facts, value_name
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param
 from hrsi.processing_algorithms.interface.naming import option_label, spell_arguments
+
+sys.path.insert(0, str(Path(__file__).parent))
+from examples import COMMANDS, example_of  # beside this file
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -62,7 +67,15 @@ def index_page() -> str:
 
 def algorithm_page(algorithm: Algorithm) -> str:
     """Return the page of one algorithm in Markdown."""
-    return "\n\n".join([*_opening(algorithm), *_options(algorithm), *_other_faces(algorithm)]) + "\n"
+    return (
+        "\n\n".join([*_opening(algorithm), *_example(algorithm), *_options(algorithm), *_other_faces(algorithm)]) + "\n"
+    )
+
+
+def _example(algorithm: Algorithm) -> Iterator[str]:
+    """Yield the example, where the page is one of HRSI's own algorithms."""
+    if algorithm.name in COMMANDS:
+        yield from example_of(algorithm.name)
 
 
 def _opening(algorithm: Algorithm) -> Iterator[str]:
@@ -105,12 +118,12 @@ def _cell(text: str) -> str:
 
 def _other_faces(algorithm: Algorithm) -> Iterator[str]:
     needed = [param for param in algorithm.params if param.required]
-    keywords = ", ".join(f"{param.key}={EXAMPLES.get(param.kind, OTHER)}" for param in needed)
-    call = ", ".join(filter(None, [f'"{algorithm.name}"', keywords]))
     yield "## In QGIS and Python"
     yield (
         f"Processing toolbox: HRSI, {algorithm.group}, *{algorithm.title}*. Its id for models, scripts and "
         f"`qgis_process` is `hrsi:{algorithm.name.replace('-', '')}`; options have the names of the command line in "
         "capitals, with `_` for `-`."
     )
-    yield f"```python\nfrom hrsi.processing_algorithms import run\n\nreport = run({call})\n```"
+    keywords = ", ".join(f"{param.key}={EXAMPLES.get(param.kind, OTHER)}" for param in needed)
+    yield f"```python\nimport hrsi\n\nresult = hrsi.{function_name(algorithm.name)}({keywords})\n```"
+    yield "[Python](../python.md) says what else may be given, and what a result has."
