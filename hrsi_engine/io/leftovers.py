@@ -39,6 +39,11 @@ def temporary_folder(folder: str) -> str:
     return tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{writer()}-", dir=folder)
 
 
+def is_unfinished(folder: str) -> bool:
+    """Return whether a folder is one of `temporary_folder`, whose files count only when they leave it."""
+    return os.path.basename(folder).startswith(FOLDER_PREFIX)
+
+
 def sweep(folder: str) -> list[str]:
     """Remove what dead writers left unfinished in a folder; return the names. What cannot be removed stays."""
     try:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
-from .leftovers import temporary_name
+from .leftovers import is_unfinished, temporary_name
 
 COPY_BYTES = 64 * 2**20
+MANY_FILES = 100  # a flush each takes some milliseconds
 
 
 @contextmanager
@@ -27,9 +29,13 @@ def replacing(path: str) -> Iterator[str]:
     temporary = temporary_name(path)
     try:
         yield temporary
-        flush(temporary)
-        os.replace(temporary, path)
-        flush(os.path.dirname(path))
+        folder = os.path.dirname(path)
+        if is_unfinished(folder):  # whoever moves its files into place flushes them
+            os.replace(temporary, path)
+        else:
+            flush(temporary)
+            os.replace(temporary, path)
+            flush(folder)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
     finally:
@@ -45,6 +51,15 @@ def flush(path: str) -> None:
             _flush(path, os.O_RDONLY)
     else:
         _flush(path, os.O_RDWR)
+
+
+def flush_files(paths: Sequence[str]) -> None:
+    """Have files written to the disk itself; of many all at once, where the system waits for that."""
+    if len(paths) > MANY_FILES and sys.platform == "linux":  # POSIX only promises to begin; Linux waits
+        os.sync()
+        return
+    for path in paths:
+        flush(path)
 
 
 def _flush(path: str, flags: int) -> None:

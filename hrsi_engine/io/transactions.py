@@ -24,7 +24,7 @@ from ..foundation.json_values import json_text
 from .folder_lock import remove_dead_lock
 from .json_files import read_json
 from .leftovers import is_writer_running, sweep, temporary_name, writer
-from .replacing import flush
+from .replacing import flush, flush_files
 
 JOURNAL = ".hrsi-journal.json"
 SIGNPOST = ".hrsi-journal-elsewhere.json"
@@ -98,9 +98,7 @@ class Transaction:
         journal = os.path.join(self.home, JOURNAL)
         signposts = [os.path.join(folder, SIGNPOST) for folder in self._other_folders()]
         try:
-            for what, old, _ in self._steps:
-                if what == "rename" and os.path.isfile(old):
-                    flush(old)
+            flush_files([old for what, old, _ in self._steps if what == "rename" and os.path.isfile(old)])
             for signpost in signposts:
                 _write(signpost, {"journal": journal, "writer": writer()})
             _write(journal, {"writer": writer(), "steps": self._steps, "signposts": signposts})
