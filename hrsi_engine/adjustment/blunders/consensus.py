@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...foundation.compiled_code import is_wanted
 from ..equations import NormalEquations, State
 from ..observations import Observations
 
@@ -37,6 +38,7 @@ LEVELLING = 1e-3  # relative weight that keeps the slopes of badly spread parall
 AGREEING = 3.0  # sigmas of the parallaxes
 CYCLES = 60
 PAIRS_AT_ONCE = 200
+PAIRS_WORTH_COMPILING = 100  # of a portion: it is one of many then
 
 
 class Parallaxes(NamedTuple):
@@ -162,10 +164,7 @@ def _planes(
     tilted = np.linalg.solve(terms[pair, three] + 1e-9 * np.eye(3), y[pair, three][..., None])[..., 0]
     tilted[size < LEAST_FOR_PLANE] = 0.0
     tried = np.concatenate([level, tilted], axis=1)
-    apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
-    apart.partition(np.unique(kept), axis=2)
-    reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]
-    plane = tried[np.arange(pairs), reach.argmin(axis=1)]
+    plane = tried[np.arange(pairs), _nearest(terms, y, sigma, tried, kept)]
     flat = np.where((size < LEAST_FOR_PLANE)[:, None], 1e9, LEVELLING) * np.array([0.0, 1.0, 1.0])
     for _ in range(PLANE_STEPS):
         apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
@@ -175,6 +174,20 @@ def _planes(
         normal[:, range(3), range(3)] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
     return plane
+
+
+def _nearest(terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return which of the planes ``tried (p, t, 3)`` has the least distance number ``kept (p,)``, ``(p,)``."""
+    if is_wanted(len(y) >= PAIRS_WORTH_COMPILING):
+        from .compiled_planes import nearest_planes
+
+        chosen = np.empty(len(y), dtype=np.int64)
+        nearest_planes(terms, y, sigma, tried, kept, chosen)
+        return chosen
+    apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
+    apart.partition(np.unique(kept), axis=2)
+    reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]
+    return np.asarray(reach.argmin(axis=1))
 
 
 def _scale(departure: np.ndarray) -> float:

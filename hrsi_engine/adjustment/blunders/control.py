@@ -227,9 +227,10 @@ class _Search:
         group = tuple(sorted(start.tolist()))
         for _ in range(GROUP_STEPS):
             out = self.control.measurements_of(group)
-            rest, own = self.control.without(out), np.zeros(self.gcps)
+            inverse, own = self.control.inverse(out), np.zeros(self.gcps)
+            rest = self.control.without(out, inverse)
             parts = [np.flatnonzero(self.control.point[out] == gcp) for gcp in group]
-            own[list(group)] = self.control.tests_beyond(out, parts)
+            own[list(group)] = self.control.tests_beyond(out, parts, inverse)
             for gcp in set(range(self.gcps)) - set(group):
                 own[gcp], _ = rest.test(rest.measurements_of((gcp,)))
             following = tuple(sorted(np.argsort(own)[-len(group) :].tolist()))

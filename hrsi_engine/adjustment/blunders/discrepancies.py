@@ -28,6 +28,7 @@ from scipy import sparse
 from ..gauss_newton import GaussNewton, Solution
 from ..problem import Problem
 
+LEAST_INVERSE_SHARE = 1e-9  # of a direction in the inverse that counts
 LEAST_DISCREPANCY_SHARE = 1e-3  # of an error that shows; less is not tested
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, whose sigmas may be wrong each in its own way
 
@@ -55,40 +56,43 @@ class Discrepancies:
 
     def test(self, chosen: np.ndarray) -> tuple[float, int]:
         """Return by how much the squares fall without some observations (indices), and how many dimensions that has."""
-        values, vectors = np.linalg.eigh(self.s[np.ix_(chosen, chosen)])
+        values, vectors = np.linalg.eigh(self.s[chosen[:, None], chosen])
         seen = values > LEAST_DISCREPANCY_SHARE
         along = vectors[:, seen].T @ self.u[chosen]
         return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
-    def tests_beyond(self, out: np.ndarray, parts: Sequence[np.ndarray]) -> list[float]:
+    def tests_beyond(self, out: np.ndarray, parts: Sequence[np.ndarray], inverse: np.ndarray) -> list[float]:
         """Return by how much the squares fall by each of some ``parts`` (indices into ``out``) beyond the rest of it.
 
-        One inverse of ``S_EE`` serves all: its block of a part is the inverse of that part's S without the rest.
+        One ``inverse`` of ``S_EE`` serves all: its block of a part is the inverse of that part's S without the rest.
         """
-        inverse = self._inverse(out)
         errors = inverse @ self.u[out]
-        blocks = (inverse[np.ix_(part, part)] for part in parts)
-        return [
-            float(errors[part] @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ errors[part])
-            for part, block in zip(parts, blocks, strict=True)
-        ]
+        tests = []
+        for part in parts:
+            values, vectors = np.linalg.eigh(inverse[part[:, None], part])
+            seen = np.abs(values) > LEAST_INVERSE_SHARE * np.abs(values).max(initial=0.0)
+            tests.append(float(np.sum((vectors[:, seen].T @ errors[part]) ** 2 / values[seen])))
+        return tests
 
-    def _inverse(self, chosen: np.ndarray) -> np.ndarray:
+    def inverse(self, chosen: np.ndarray) -> np.ndarray:
         """Return S_EE^-1 of some observations, without the directions that do not show."""
         block = self.s[np.ix_(chosen, chosen)]
         return np.asarray(np.linalg.pinv(block, rcond=LEAST_DISCREPANCY_SHARE, hermitian=True))
 
     def errors(self, chosen: np.ndarray) -> np.ndarray:
         """Return the errors (m, px) of some observations, observed - true, as the rest sees them."""
-        return np.asarray(self.sigma[chosen] * (self._inverse(chosen) @ self.u[chosen]))
+        return np.asarray(self.sigma[chosen] * (self.inverse(chosen) @ self.u[chosen]))
 
-    def without(self, out: np.ndarray) -> Discrepancies:
+    def without(self, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
         """Return the discrepancies of all others when some observations (indices) are left out."""
-        return self.among(np.delete(np.arange(len(self.u)), out), out)
+        return self.among(np.delete(np.arange(len(self.u)), out), out, inverse)
 
-    def among(self, chosen: np.ndarray, out: np.ndarray) -> Discrepancies:
-        """Return the discrepancies of ``chosen`` observations when those ``out`` are left out; all others stay in."""
-        gain = self.s[np.ix_(chosen, out)] @ self._inverse(out)
+    def among(self, chosen: np.ndarray, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
+        """Return the discrepancies of ``chosen`` observations when those ``out`` are left out; all others stay in.
+
+        ``inverse`` is that of ``out``, where it is known.
+        """
+        gain = self.s[np.ix_(chosen, out)] @ (self.inverse(out) if inverse is None else inverse)
         return Discrepancies(
             self.points, self.point[chosen], self.kind[chosen], self.row[chosen], self.axis[chosen],
             self.u[chosen] - gain @ self.u[out], self.s[np.ix_(chosen, chosen)] - gain @ self.s[np.ix_(out, chosen)],
@@ -103,11 +107,16 @@ class Discrepancies:
 
     def of(self, gcps: Sequence[int]) -> np.ndarray:
         """Return the indices of all observations of some GCPs (numbers into ``points``)."""
-        return np.flatnonzero(np.isin(self.point, gcps))
+        return np.flatnonzero(self._belong(gcps))
 
     def measurements_of(self, gcps: Sequence[int]) -> np.ndarray:
         """Return the indices of the image observations; without them a GCP has no say at all."""
-        return np.flatnonzero(np.isin(self.point, gcps) & (self.kind == IMAGE))
+        return np.flatnonzero(self._belong(gcps) & (self.kind == IMAGE))
+
+    def _belong(self, gcps: Sequence[int]) -> np.ndarray:
+        wanted = np.zeros(len(self.points), dtype=bool)
+        wanted[list(gcps)] = True
+        return wanted[self.point]
 
 
 def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
