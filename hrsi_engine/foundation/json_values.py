@@ -10,9 +10,13 @@ from typing import Any
 
 import numpy as np
 
+_READY = frozenset({str, int, bool, type(None)})
+
 
 def json_ready(value: Any) -> Any:
     """Return a value made of dicts, lists, texts, numbers, bools and None only; NaN and infinities become None."""
+    if type(value) in _READY:  # most of a report
+        return value
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

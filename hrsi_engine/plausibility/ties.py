@@ -158,7 +158,8 @@ def _mode(values: np.ndarray) -> float:
     number = min(max(5, round(MODE_SHARE * len(ordered))), len(ordered))
     width = ordered[number - 1 :] - ordered[: len(ordered) - number + 1]
     begin = int(np.argmin(width))
-    return float(np.median(ordered[begin : begin + number]))
+    middle = begin + number // 2
+    return float(ordered[middle] if number % 2 else 0.5 * (ordered[middle - 1] + ordered[middle]))  # their median
 
 
 def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:

@@ -94,7 +94,7 @@ def ground_points_table(result: Adjustment) -> Table:
         "sigma_xy": sigma_survey[:, 0],
         "sigma_h": sigma_survey[:, 1],
     }
-    return Table(place[here], {name: column[here] for name, column in columns.items()})
+    return _placed(place, here, columns)
 
 
 def image_points_table(result: Adjustment, left: Residuals) -> Table:
@@ -116,7 +116,7 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
         "weight": result.weight,
         "flag": measurement_flags(result, left),
     }
-    return Table(place[here], {name: column[here] for name, column in columns.items()})
+    return _placed(place, here, columns)
 
 
 def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_RESIDUALS) -> Table:
@@ -137,6 +137,13 @@ def thinning_warnings(result: Adjustment) -> list[str]:
         f"the residual layers show about {MOST_IMAGE_RESIDUALS} of the {count} image points, among them all of known "
         "points and all outliers; the layer image_points has them all"
     ]
+
+
+def _placed(place: np.ndarray, here: np.ndarray, columns: Mapping[str, Column]) -> Table:
+    """Return the rows that have a position; the columns themselves where all do."""
+    if here.all():
+        return Table(place, columns)
+    return Table(place[here], {name: column[here] for name, column in columns.items()})
 
 
 def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, Column]:
