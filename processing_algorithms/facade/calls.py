@@ -96,7 +96,7 @@ def run_given(algorithm: Algorithm, given: dict[str, Any], progress: Progress) -
 
 
 def _spelt(text: str, algorithm: Algorithm) -> str:
-    """Return a message with the options that it names as parameters: ``sigma_image`` for ``--sigma-image``."""
+    """Return a message in which options are named as parameters: by their keys."""
     keys = {param.name: param.key for param in algorithm.params}
     spelt = spell_arguments(text, algorithm.params, lambda param: param.key)
     return _OPTION.sub(lambda found: keys.get(found[1], found[0]), spelt)
