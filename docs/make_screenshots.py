@@ -2,7 +2,8 @@
 
 ``python docs/make_screenshots.py [FOLDER]`` starts QGIS on a virtual screen (xvfb) with a fresh profile and runs this
 same file inside it, which writes ``qgis_dialog.png``, ``qgis_residuals.png`` and ``qgis_panel.png``; Chromium writes
-``report.png``. Dialog and map show the Hobart block, panel and report a simulated one with a gross error.
+``report.png``, ``report_phone.png`` and ``report_dark.png``, which ``--reports`` makes alone. Dialog, map and reports
+show the Hobart block, panel and the dark report a simulated one with a gross error.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any
 PICTURES, WORK = "HRSI_PICTURES", "HRSI_PICTURES_WORK"  # environment variables: where pictures and temporary files go
 SCREEN_PX = (1400, 960)
 START_MS, SETTLE_MS = 3000, 2500
-REPORT_PX = (1000, 2400)
+DESK_PX, PHONE_PX, DARK_PX = (1400, 1560), (390, 1560), (1400, 1100)
 WRONG_POINT = "G000004"
 GCP_IDS = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 
@@ -35,7 +36,7 @@ def launch(pictures: Path) -> int:
     with tempfile.TemporaryDirectory(prefix="hrsi-") as work:
         profile = Path(work) / "profile"
         shutil.copytree(repository / "examples" / "hobart", Path(work) / "hobart")
-        environment = _profile_module(repository).make_profile(profile)
+        environment = _module_of("profile_of_tests", Path("tests", "qgis", "profile.py")).make_profile(profile)
         environment |= {PICTURES: str(pictures.resolve()), WORK: work}
         environment["CPL_LOG"] = str(Path(work) / "gdal.log")  # QGIS's own world map has dates that GDAL warns of
         simulate_block(Path(work) / "simulated")
@@ -43,7 +44,16 @@ def launch(pictures: Path) -> int:
         screen = ["xvfb-run", "-a", "-s", "-screen 0 {}x{}x24".format(*SCREEN_PX)]
         qgis = ["qgis", "--nologo", "--noversioncheck", "--profiles-path", str(profile), "--code", __file__]
         status = subprocess.run([*screen, *qgis], env=environment, timeout=300, check=False).returncode
-        return status or picture_of_report(Path(work) / "simulated", pictures / "report.png")
+        return status or pictures_of_reports(Path(work) / "simulated", Path(work), pictures)
+
+
+def launch_reports(pictures: Path) -> int:
+    """Make the pictures of reports alone; return an exit code."""
+    pictures.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="hrsi-") as work:
+        shutil.copytree(Path(__file__).resolve().parents[1] / "examples" / "hobart", Path(work) / "hobart")
+        simulate_block(Path(work) / "simulated")
+        return pictures_of_reports(Path(work) / "simulated", Path(work), pictures)
 
 
 def simulate_block(folder: Path) -> None:
@@ -70,20 +80,38 @@ def simulated_images(folder: Path) -> list[str]:
     return [str(folder / f"image_{number}.tif") for number in (1, 2)]
 
 
-def picture_of_report(folder: Path, picture: Path) -> int:
-    """Have Chromium draw the report; return its exit code."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        print("no picture of the report: apt-get install chromium", file=sys.stderr)
+def pictures_of_reports(simulated: Path, work: Path, pictures: Path) -> int:
+    """Have Chromium show the Hobart report on a desk and a phone, and the simulated one in the dark; return a code."""
+    from hrsi.processing_algorithms import run
+
+    driver = _module_of("browser", Path("tests", "browser.py"))
+    if driver.chromium_program() is None:
+        print("no pictures of reports: apt-get install chromium", file=sys.stderr)
         return 1
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder / 'web'}"]
-    page = (folder / "result" / "report.html").as_uri()
-    command = [chromium, *options, "--window-size={},{}".format(*REPORT_PX), f"--screenshot={picture}", page]
-    return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+    hobart = work / "hobart"
+    run(
+        "triangulate", images=[str(hobart / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)],
+        gcps=str(hobart / "hobart_ground_points.csv"), image_points=str(hobart / "hobart_image_points.csv"),
+        height_datum="ellipsoidal", tie_points="none", gcp_ids=GCP_IDS.split(","), output_dir=str(work / "report"),
+    )  # fmt: skip
+    with driver.Browser(work / "web") as browser:
+        choose = "document.querySelector(\"a[data-point='{}']\").click()"
+        browser.open(work / "report" / "report.html", *DESK_PX)
+        browser.value(choose.format("H106"))
+        browser.value("document.querySelector('#zoom-all').click(); scrollTo(0, 0)")
+        browser.picture(pictures / "report.png", whole=False)
+        browser.open(work / "report" / "report.html", *PHONE_PX, phone=True)
+        browser.picture(pictures / "report_phone.png", whole=False)
+        browser.open(simulated / "result" / "report.html", *DARK_PX, dark=True)
+        browser.value(choose.format(WRONG_POINT))
+        browser.value("document.querySelector('#map').scrollIntoView()")
+        browser.picture(pictures / "report_dark.png", whole=False)
+    return 0
 
 
-def _profile_module(repository: Path) -> Any:
-    spec = importlib.util.spec_from_file_location("profile_of_tests", repository / "tests" / "qgis" / "profile.py")
+def _module_of(name: str, file: Path) -> Any:
+    """Return a module of the tests."""
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).resolve().parents[1] / file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -239,6 +267,8 @@ def start_session() -> None:
 if WORK in os.environ:
     start_session()
 elif __name__ == "__main__":
+    if "--reports" in sys.argv:
+        sys.exit(launch_reports(Path(__file__).parent / "pictures"))
     if shutil.which("xvfb-run") is None:
         sys.exit("xvfb-run is not installed: apt-get install xvfb xauth")
     sys.exit(launch(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "pictures"))

@@ -333,7 +333,7 @@ def _points(data: BlockMap, here: np.ndarray, view: _View, arrow_scale: float | 
             marks.append(_residual_arrow("arrow flat", east * arrow_scale, -north * arrow_scale))
         if arrow_scale is not None and math.isfinite(height[row]):
             marks.append(_residual_arrow("arrow lift", 0.0, -height[row] * arrow_scale))
-        radius = 2 if role == "tie" else 3.5
+        radius = 2.6 if role == "tie" else 3.5
         yield (
             f'<g class="pt {role}" data-p="{row}" transform="translate({x:.1f} {y:.1f})"><g class="mark">'
             f'{"".join(marks)}<circle r="{radius}"/><title>{title}</title></g></g>'

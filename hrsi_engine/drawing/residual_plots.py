@@ -96,5 +96,6 @@ def bars_svg(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
         label = html.escape(f"{case}, {group}")
         parts.append(f'<text x="4" y="{y + 14.0:.1f}">{label}</text>')
         parts.append(f'<rect x="230" y="{y:.1f}" width="{length:.1f}" height="18" class="bar {html.escape(group)}"/>')
-        parts.append(f'<text x="{236.0 + length:.1f}" y="{y + 14.0:.1f}">{value:.2f} {html.escape(unit)}</text>')
+        told = f"{value:.2f} {html.escape(unit)}" if math.isfinite(value) else "–"
+        parts.append(f'<text x="{236.0 + length:.1f}" y="{y + 14.0:.1f}">{told}</text>')
     return "".join([*parts, "</svg>"])

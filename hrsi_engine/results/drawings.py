@@ -7,7 +7,7 @@ few; of many the worst, and all of them as cells of the map and of the images.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import Block, Image
 from ..block.footprints import footprint
 from ..block.points import ROLE_LABELS, Role
+from ..camera.rpc import RPC
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.image_cards import FEWEST_OF_FIELD, ImageCard
@@ -25,7 +26,7 @@ from ..io.pictures import picture_uri
 from ..io.rasters import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
-from .statistics import normalised_residuals
+from .statistics import normalised_residuals, worst_known
 from .tables import positions
 
 MOST_KNOWN = 1500  # known points on the map, the worst first
@@ -57,7 +58,9 @@ class _Shown:
     number: np.ndarray
 
 
-def report_figures(result: Adjustment, left: Residuals, outline: Outline | None = None) -> ReportFigures:
+def report_figures(
+    result: Adjustment, left: Residuals, rpcs: Sequence[RPC] | None = None, outline: Outline | None = None
+) -> ReportFigures:
     """Return the figures of an adjusted block.
 
     Parameters
@@ -66,6 +69,8 @@ def report_figures(result: Adjustment, left: Residuals, outline: Outline | None 
         The adjustment.
     left : Residuals
         What it left over.
+    rpcs : sequence of RPC, optional
+        The refined RPCs, one an image: what lies on the map lies where they have it. By default the images' own.
     outline : callable, optional
         What finds the outline of a target that was measured: with image and position it gives polylines.
 
@@ -75,10 +80,12 @@ def report_figures(result: Adjustment, left: Residuals, outline: Outline | None 
         What `io.report` writes.
     """
     shown = _choose_points(result, left)
+    refined = [replace(image, rpc=rpc) for image, rpc in zip(result.block.images, rpcs, strict=True)] if rpcs else None
+    images = refined or list(result.block.images)
     cards = _cards(result, shown)
     pictures = _pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
-        map=_map(result, left, shown, pictures),
+        map=_map(result, left, shown, images, pictures),
         points=_point_columns(result, left, shown),
         pictures=list(pictures.values()),
         cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
@@ -95,12 +102,14 @@ def _thin(values: np.ndarray) -> np.ndarray:
 
 
 def _choose_points(result: Adjustment, left: Residuals) -> _Shown:
-    """Number the points that are shown one by one: known ones, then ties."""
+    """Number the points that are shown one by one: known ones, those of the report's tables among them, then ties."""
     block, statistic = result.block, np.nan_to_num(measurement_statistic(left))
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
     placed = np.isfinite(positions(result)).all(axis=1)
     known = _worst(np.flatnonzero(placed & block.known), worst, MOST_KNOWN)
+    listed = np.concatenate([worst_known(result, left, role) for role in (Role.GCP, Role.CHECK)])
+    known = np.union1d(known, listed)  # a row of the page's tables leads to its point
     ties = np.flatnonzero(placed & ~block.known)
     if len(ties) > MOST_TIES:
         ties = _worst(ties, worst, WORST_TIES)
@@ -161,11 +170,13 @@ def _point_rms(block: Block, shown: _Shown) -> np.ndarray:
         return np.sqrt(total / np.bincount(point, minlength=len(block.points)))
 
 
-def _map(result: Adjustment, left: Residuals, shown: _Shown, pictures: Mapping[str, Picture]) -> BlockMap:
+def _map(
+    result: Adjustment, left: Residuals, shown: _Shown, images: Sequence[Image], pictures: Mapping[str, Picture]
+) -> BlockMap:
     """Return footprints, points with their residuals, and tie points by cells where they are too many."""
     block, place = result.block, positions(result)
     height = middle_position(place)[2]
-    footprints = {image.id: footprint(image, height) for image in block.images}
+    footprints = {image.id: footprint(image, height) for image in images}
     ties = np.flatnonzero(~block.known & np.isfinite(place).all(axis=1))
     many = len(ties) > MOST_TIES
     field = TieField(
@@ -181,7 +192,7 @@ def _map(result: Adjustment, left: Residuals, shown: _Shown, pictures: Mapping[s
         ids=block.points.ids[shown.points],
         residual_h_m=residual[:, 2],
         ties=field if many else None,
-        pictures=_lay_out([image for image in block.images if image.id in pictures], pictures, height),
+        pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
     )
 
 

@@ -65,17 +65,21 @@ def covered_share(counts: np.ndarray) -> float:
     return float(np.mean(counts > 0))
 
 
+def worst_known(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
+    """Return the rows of a role's points with the largest ground residuals, the worst first; at most 200."""
+    here = np.flatnonzero((result.block.points.role == role) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_KNOWN_ROWS]
+
+
 def known_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:
-    """Return the points of a role with survey - computed and what it is judged by, the worst first; at most 200."""
+    """Return the points of a role with survey - computed and what it is judged by, the worst first."""
     points = result.block.points
-    here = np.flatnonzero((points.role == role) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
-    worst = here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_KNOWN_ROWS]
     names = ("east_m", "north_m", "height_m")
     return [
         {"id": str(points.ids[row])}
         | {name: _number(left.ground_m[row, axis]) for axis, name in enumerate(names)}
         | {f"sigma_{name}": _number(left.ground_sigma_m[row, axis]) for axis, name in enumerate(names)}
-        for row in worst.tolist()
+        for row in worst_known(result, left, role).tolist()
     ]
 
 

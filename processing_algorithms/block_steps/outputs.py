@@ -12,6 +12,7 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
+from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.layers import default_styles, write_geopackage
@@ -180,7 +181,7 @@ def write_results(
             report["warnings"] += prepare_images(images, refined, changes, stage(context.progress, 0.7, 0.95))
         clock.lap("write")
         report["seconds"] = clock.total()
-        _write_reports(folder, report, result, left, page=output.report)
+        _write_reports(folder, report, result, left, [new.rpc for new in refined], page=output.report)
         advance(context.progress, 1.0, "done")
     if how == IN_PLACE:
         for image, new in images_with_pixels(images, refined):
@@ -202,9 +203,11 @@ def _name_outputs(
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 
-def _write_reports(folder: Path, report: Report, result: Adjustment, left: Residuals, page: bool) -> None:
+def _write_reports(
+    folder: Path, report: Report, result: Adjustment, left: Residuals, rpcs: Sequence[RPC], page: bool
+) -> None:
     if page:
-        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, find_outline))
+        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, rpcs, find_outline))
     write_report_json(str(folder / REPORT_FILE), report)
 
 

@@ -11,7 +11,7 @@
   const cells = [...svg.querySelectorAll(".cells path")];
   const footprints = new Map([...svg.querySelectorAll(".footprint")].map((ring) => [Number(ring.dataset.i), ring]));
   const SVG = svg.namespaceURI;
-  const MOST_ZOOM = 2000;
+  const MOST_ZOOM = 2000, MOST_NAMES = 120;
   const FLAGS = ["", "outlier", "left out"];
 
   const numberOf = new Map(points.id.map((id, number) => [id, number]));
@@ -161,7 +161,7 @@
       text.setAttribute("x", side[0]);
       text.setAttribute("y", side[1]);
       text.style.display = "";
-      if (taken.length > 400) break;
+      if (taken.length >= MOST_NAMES) break;
     }
   };
 
@@ -242,7 +242,12 @@
       return;
     }
     const number = target.dataset.point !== undefined ? numberOf.get(target.dataset.point) : Number(target.dataset.p);
-    if (number === undefined) return; // one of many that are not shown one by one
+    if (number === undefined) { // one of many that are not shown one by one
+      choose(-1);
+      panel.replaceChildren();
+      element("p", `${target.dataset.point} is one of many points that the map does not show one by one.`, panel);
+      return;
+    }
     choose(number, { center: true });
   });
   for (const row of document.querySelectorAll("tbody tr")) {
