@@ -59,22 +59,21 @@ def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigur
 
 def _before_after(report: Mapping[str, Any]) -> str:
     """Return bars of what the refinement did, of tie points and of the images that were farthest off; empty without."""
-    rmse = {
-        name: [_length(entry, f"{state}rmse_sample_px", f"{state}rmse_line_px") for state in ("before_", "")]
+    images = {
+        name: {
+            "before": _length(entry, "before_rmse_sample_px", "before_rmse_line_px"),
+            "after": _length(entry, "rmse_sample_px", "rmse_line_px"),
+        }
         for name, entry in report.get("images", {}).items()
     }
-    farthest = sorted(
-        (name for name, pair in rmse.items() if None not in pair), key=lambda name: -(rmse[name][0] or 0.0)
-    )
+    farthest = sorted(images, key=lambda name: -images[name]["before"])
     ties = report.get("ties") or {}
-    if ties.get("points"):
-        rmse["tie points"] = [ties.get("before_rmse_px"), ties.get("rmse_px")]
-    shown = [*(["tie points"] if None not in rmse.get("tie points", [None]) else []), *farthest[:MOST_BARS]]
-    if not shown:
-        return ""
-    return bars_svg({name: dict(zip(("before", "after"), rmse[name], strict=True)) for name in shown}, "px")
+    bars = {"tie points": {"before": _length(ties, "before_rmse_px"), "after": _length(ties, "rmse_px")}}
+    bars |= {name: images[name] for name in farthest}
+    known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
+    return bars_svg(dict(list(known.items())[: MOST_BARS + 1]), "px") if known else ""
 
 
-def _length(entry: Mapping[str, Any], *axes: str) -> float | None:
-    values = [entry.get(axis) for axis in axes]
-    return None if None in values else math.hypot(*values)
+def _length(entry: Mapping[str, Any], *axes: str) -> float:
+    """Return the length of the vector of some figures; NaN where one does not exist."""
+    return math.hypot(*(math.nan if entry.get(axis) is None else float(entry[axis]) for axis in axes))
