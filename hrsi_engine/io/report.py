@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from ..drawing.block_figures import ReportFigures, drawn
 from ..drawing.residual_plots import bars_svg
 from ..foundation.json_values import json_text
@@ -66,7 +68,7 @@ def _before_after(report: Mapping[str, Any]) -> str:
         }
         for name, entry in report.get("images", {}).items()
     }
-    farthest = sorted(images, key=lambda name: -images[name]["before"])
+    farthest = sorted(images, key=lambda name: -np.nan_to_num(images[name]["before"]))
     ties = report.get("ties") or {}
     bars = {"tie points": {"before": _length(ties, "before_rmse_px"), "after": _length(ties, "rmse_px")}}
     bars |= {name: images[name] for name in farthest}

@@ -7,7 +7,7 @@ few; of many the worst, and all of them as cells of the map and of the images.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from ..adjustment.result import Adjustment
 from ..block.block import Block, Image
 from ..block.footprints import footprint
 from ..block.points import ROLE_LABELS, Role
-from ..camera.rpc import RPC
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.image_cards import FEWEST_OF_FIELD, ImageCard
@@ -59,7 +58,7 @@ class _Shown:
 
 
 def report_figures(
-    result: Adjustment, left: Residuals, rpcs: Sequence[RPC] | None = None, outline: Outline | None = None
+    result: Adjustment, left: Residuals, refined: Sequence[Image] = (), outline: Outline | None = None
 ) -> ReportFigures:
     """Return the figures of an adjusted block.
 
@@ -69,8 +68,8 @@ def report_figures(
         The adjustment.
     left : Residuals
         What it left over.
-    rpcs : sequence of RPC, optional
-        The refined RPCs, one an image: what lies on the map lies where they have it. By default the images' own.
+    refined : sequence of Image
+        The block's images with their refined RPCs: what lies on the map lies where these have it. Without, the block's.
     outline : callable, optional
         What finds the outline of a target that was measured: with image and position it gives polylines.
 
@@ -80,8 +79,7 @@ def report_figures(
         What `io.report` writes.
     """
     shown = _choose_points(result, left)
-    refined = [replace(image, rpc=rpc) for image, rpc in zip(result.block.images, rpcs, strict=True)] if rpcs else None
-    images = refined or list(result.block.images)
+    images = refined or result.block.images
     cards = _cards(result, shown)
     pictures = _pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(

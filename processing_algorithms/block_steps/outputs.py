@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,7 +13,6 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
-from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.layers import default_styles, write_geopackage
@@ -181,7 +181,8 @@ def write_results(
             report["warnings"] += prepare_images(images, refined, changes, stage(context.progress, 0.7, 0.95))
         clock.lap("write")
         report["seconds"] = clock.total()
-        _write_reports(folder, report, result, left, [new.rpc for new in refined], page=output.report)
+        delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
+        _write_reports(folder, report, result, left, delivered, page=output.report)
         advance(context.progress, 1.0, "done")
     if how == IN_PLACE:
         for image, new in images_with_pixels(images, refined):
@@ -204,10 +205,10 @@ def _name_outputs(
 
 
 def _write_reports(
-    folder: Path, report: Report, result: Adjustment, left: Residuals, rpcs: Sequence[RPC], page: bool
+    folder: Path, report: Report, result: Adjustment, left: Residuals, refined: Sequence[Image], page: bool
 ) -> None:
     if page:
-        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, rpcs, find_outline))
+        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, find_outline))
     write_report_json(str(folder / REPORT_FILE), report)
 
 
