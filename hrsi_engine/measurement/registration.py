@@ -208,7 +208,7 @@ def summarise_residuals(residual: np.ndarray, unit: float = 1.0) -> ResidualSumm
 
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "center": ("center", "centre", "ellipse", "rectangle", "region"),
+    "center": ("center", "centre", "ellipse", "rectangle", "region", "blob"),
     "corner": ("corner", "super"),
 }
 

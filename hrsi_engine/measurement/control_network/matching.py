@@ -26,7 +26,7 @@ from .refinement import Positions, refine_matches
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
 from .thresholds import Tolerance, tolerance_of
-from .unknown_scale import UNKNOWN_SCALES, likely_scales
+from .unknown_scale import LOOK_PX, UNKNOWN_SCALES, likely_scales
 from .views import NetworkWindow, network_window
 
 STEEP_DEG = 30.0  # slope of the later stages of growth
@@ -158,15 +158,21 @@ def match_windows(
     areas = inside(first_window, first), inside(second_window, second)
     if options.scales is not None:
         return _match_at(first, second, options, options.scales, areas, progress)
-    found = _match_at(first, second, options, EQUAL_SCALES, areas, stage(progress, 0.0, 0.5))
-    if found.status == FOUND:
-        return found
+    # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for
     likely = likely_scales(first, second, *areas)
-    if likely[0] <= 1.0 <= likely[1] and likely != UNKNOWN_SCALES:
-        return found  # the scale was right: another one would not help
+    told = likely != UNKNOWN_SCALES and not likely[0] <= 1.0 <= likely[1]
+    found = _match_at(first, second, options, likely if told else EQUAL_SCALES, areas, stage(progress, 0.0, 0.5))
+    if found.status == FOUND or (likely != UNKNOWN_SCALES and not told):
+        return found
+    if told:
+        likely = EQUAL_SCALES
+    else:
+        likely = likely_scales(first, second, *areas, most_px=LOOK_PX)
+        if likely[0] <= 1.0 <= likely[1] and likely != UNKNOWN_SCALES:
+            return found  # the scale was right: another one would not help
     again = _match_at(first, second, options, likely, areas, stage(progress, 0.5, 1.0))
     # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
-    return again if again.status == FOUND or likely != UNKNOWN_SCALES else found
+    return again if again.status == FOUND or likely not in (UNKNOWN_SCALES, EQUAL_SCALES) else found
 
 
 def _match_at(

@@ -14,20 +14,25 @@ from itertools import islice
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.threads import thread_count
+from .blobs import Blobs, find_blobs
 from .corners import Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
 from .corners import corner_halo_px as corner_halo_px
 from .gravity_centres import Centre, gravity_centres
 from .gravity_centres import centre_halo_px as centre_halo_px
-from .options import CornerOptions, DetectionOptions
+from .options import STRONG_QUALITY, CentreOptions, CornerOptions, DetectionOptions
 from .points import CORNER, SUPER, InterestPoints, join_points, no_points, spread_over_grid
-from .statistics import ImageStatistics, image_statistics, sample_areas
+from .statistics import ImageStatistics, image_statistics, normalise, sample_areas
 from .windows import Area, DetectionWindow, cores, read_window
 
+BLOB = "blob"
+CHANCE_OF_SHAPE = 2.0 / 3.0  # to be found again, of a shape of the best quality: on real pairs, beside blobs
+COVERED, LIKE_SIZE = 0.15, 1.4  # share of a shape's diameter, and factor of size, by which a blob is the same object
 SMALLEST_IMAGE_PX = 32
 SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
 
@@ -110,7 +115,7 @@ def _corner_table(peaks: Peaks, super_threshold: float) -> InterestPoints:
 
 @dataclass(frozen=True)
 class CentreDetector:
-    """Gravity centres of closed regions."""
+    """Gravity centres of closed regions with a shape, and of blobs where there is none."""
 
     def halo_px(self, options: DetectionOptions) -> int:
         return centre_halo_px(options.centres)
@@ -118,7 +123,14 @@ class CentreDetector:
     def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[DetectionWindow], InterestPoints]:
-        return lambda window: _centre_table(gravity_centres(window, statistics, options.centres))
+        return partial(self._find, statistics=statistics, options=options.centres)
+
+    def _find(self, window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> InterestPoints:
+        of_shape = replace(options, quality=min(options.quality / CHANCE_OF_SHAPE, 1.0))
+        shapes = _centre_table(gravity_centres(window, statistics, of_shape))
+        found = find_blobs(normalise(window, statistics), window.usable, options)
+        blobs = _blob_table(found.select(found.chance >= options.quality), window)
+        return join_points([shapes, blobs.select(window.core.contains(blobs.xy) & ~_covered(blobs, shapes))])
 
 
 def _centre_table(centres: list[Centre]) -> InterestPoints:
@@ -127,10 +139,36 @@ def _centre_table(centres: list[Centre]) -> InterestPoints:
     return InterestPoints(
         np.array([c.xy for c in centres]), np.array([c.kind for c in centres], dtype="U9"),
         np.array([c.covariance_px2 for c in centres]), np.array([abs(c.contrast) for c in centres]),
-        np.array([c.quality for c in centres]), np.array([c.size_px for c in centres]),
+        CHANCE_OF_SHAPE * np.array([c.quality for c in centres]), np.array([c.size_px for c in centres]),
         np.array([c.azimuth_rad for c in centres]), np.array([c.contrast for c in centres]),
         np.array([c.rmse_px for c in centres]),
     )  # fmt: skip
+
+
+def _blob_table(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
+    if not len(blobs.xy):
+        return no_points()
+    size, azimuth, uneven = blobs.ellipse()
+    contrast = blobs.grey_contrast(window.grey)
+    return InterestPoints(
+        blobs.xy + window.origin, np.full(len(blobs.xy), BLOB, dtype="U9"),
+        blobs.sigma_px[:, None, None] ** 2 * np.eye(2), np.abs(contrast), blobs.chance, size, azimuth, contrast, uneven,
+    )  # fmt: skip
+
+
+def _covered(blobs: InterestPoints, shapes: InterestPoints) -> np.ndarray:
+    """Return the mask of blobs that lie in a strong shape of like size: the same object, measured better."""
+    shapes = shapes.select(shapes.quality >= STRONG_QUALITY)
+    if not len(shapes) or not len(blobs):
+        return np.zeros(len(blobs), dtype=bool)
+    diameter, of_blob = (np.sqrt(np.prod(points.size_px, axis=1)) for points in (shapes, blobs))
+    near = cKDTree(shapes.xy).query_ball_point(blobs.xy, COVERED * float(diameter.max()))
+    covered = np.zeros(len(blobs), dtype=bool)
+    for row, others in enumerate(near):
+        away = np.hypot(*(shapes.xy[others] - blobs.xy[row]).T)
+        alike = np.abs(np.log(diameter[others] / of_blob[row])) < np.log(LIKE_SIZE)
+        covered[row] = bool((alike & (away < COVERED * diameter[others])).any())
+    return covered
 
 
 #: Detectors by the name that `interest-points` and matching know them by.

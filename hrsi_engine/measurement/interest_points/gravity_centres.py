@@ -32,6 +32,7 @@ SAME_CENTRE = 0.1  # share of the diameter
 OBJECT_MARGIN_PX = 24  # what a window needs around half of the largest object
 SUPPORT_OF_SCORE_1, CONTRAST_OF_SCORE_1, SIGMA_OF_SCORE_0_PX = 4, 8.0, 0.25
 CLOSED_OF_SCORE_0 = 0.65
+STRONG_SHAPE = 0.75  # quality of a shape from which most views have it
 
 
 class Centre(NamedTuple):

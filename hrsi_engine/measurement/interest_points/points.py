@@ -22,13 +22,13 @@ class InterestPoints(Columns):
     xy : (n, 2) ndarray
         Sample, line in pixels.
     kind : (n,) ndarray of str
-        ``super``, ``corner``, ``ellipse``, ``rectangle`` or ``region``.
+        ``super``, ``corner``, ``ellipse``, ``rectangle``, ``region`` or ``blob``.
     covariance_px2 : (n, 2, 2) ndarray
         Of the position.
     strength : (n,) ndarray
         Of the detector, larger is better.
     quality : (n,) ndarray
-        0 … 1.
+        0 … 1; of a centre, its chance to be found again in another view.
     size_px : (n, 2) ndarray
         Longer and shorter diameter or side, NaN for corners.
     azimuth_rad : (n,) ndarray

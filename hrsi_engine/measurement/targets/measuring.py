@@ -13,8 +13,8 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
-from ..interest_points.gravity_centres import Centre, gravity_centres
-from ..interest_points.options import STRONG_QUALITY, CentreOptions
+from ..interest_points.gravity_centres import STRONG_SHAPE, Centre, gravity_centres
+from ..interest_points.options import CentreOptions
 from ..interest_points.statistics import ImageStatistics, image_statistics
 from ..interest_points.windows import Area, DetectionWindow, read_window
 from .edge_points import EdgePoints, find_edge_points, straight_segments
@@ -167,7 +167,7 @@ def _reach(centre: Centre, options: TargetOptions) -> float:
 
     Where the target itself is not seen, something weak beside it would be taken for it.
     """
-    if centre.quality >= STRONG_QUALITY:
+    if centre.quality >= STRONG_SHAPE:
         return options.search_px
     return min(options.search_px, float(centre.size_px[0]) / 2.0)
 
