@@ -31,8 +31,8 @@ ALGORITHM = Algorithm(
     help=(
         "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, tanks, "
         "roofs, pools, ponds, trees, plots, and of bright and dark spots inside a closed outline (blobs). The quality "
-        "of a centre is its chance to be found again in another view, measured on real pairs of one date: of those of the "
-        "default 56 to 76 in 100 were. Positions are to a fraction of a pixel and come with their standard "
+        "of a centre is its chance to be found again in another view, measured on real pairs of one date: of those "
+        "of the default 56 to 76 in 100 were. Positions are to a fraction of a pixel and come with their standard "
         "deviation, size, orientation and quality. Thresholds follow from each image's own statistics, relative to "
         "the surroundings of every pixel, so that forest, field and city all deliver points. Images of any size are "
         "read in overlapping windows; the result does not depend on them. Nodata and saturated areas are left out.\n\n"

@@ -12,8 +12,8 @@ class ControlNetworkOptions:
 
     scales: tuple[float, float] | None = option(
         None,
-        "Pixels of the second image for one of the first, or the range to search; by default 1, and where that does "
-        "not match what features tell",
+        "Pixels of the second image for one of the first, or the range to search; by default what features tell, else "
+        "1 and then 0.6 to 1.7",
         name="scale",
         minimum=0.05,
         maximum=20.0,
