@@ -28,7 +28,7 @@ LARGEST_AT_LEVEL_PX = 6.4  # seeds of a larger scale are looked for in the image
 SEED_STRENGTH = 0.45  # square root of the determinant, in local deviations
 RADIUS_OF_SIGMA = 1.4  # of the disc that answers most
 RAYS, RADII = 32, 24
-NEAREST, FARTHEST = 0.45, 2.2  # radii searched, times the expected one
+NEAREST_RADIUS, FARTHEST_RADIUS = 0.45, 2.2  # radii searched, times the expected one
 OUTLINE_PX = 0.8  # standard deviation of the Gaussian of the slopes
 TURN_COST = 0.3  # of a step by one radius from ray to ray
 FINE_RADIUS_PX = 8.0  # outlines of more than twice that radius are sought in the reduced image
@@ -180,8 +180,8 @@ def _best_paths(
     slopes: np.ndarray, factor: int, xy: np.ndarray, radius: np.ndarray, sign: np.ndarray
 ) -> np.ndarray:  # fmt: skip
     """Return the radii along each ray of the closed path with the most slope and the fewest turns, ``(n, RAYS)``."""
-    step = (FARTHEST / NEAREST) ** (1.0 / (RADII - 1))
-    distance = radius[:, None] * NEAREST * step ** np.arange(RADII)
+    step = (FARTHEST_RADIUS / NEAREST_RADIUS) ** (1.0 / (RADII - 1))
+    distance = radius[:, None] * NEAREST_RADIUS * step ** np.arange(RADII)
     x = (xy[:, :1, None] + _DIRECTION.real[:, None] * distance[:, None] + 0.5) / factor - 0.5
     y = (xy[:, 1:, None] + _DIRECTION.imag[:, None] * distance[:, None] + 0.5) / factor - 0.5
     slope = bilinear(slopes, x, y)
@@ -196,7 +196,7 @@ def _best_paths(
     before, at, after = (np.take_along_axis(outwards, middle + k, axis=2)[..., 0] for k in (-1, 0, 1))
     bend = before - 2.0 * at + after
     shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    return radius[:, None] * NEAREST * step ** (middle[..., 0] + np.clip(shift, -0.5, 0.5))
+    return radius[:, None] * NEAREST_RADIUS * step ** (middle[..., 0] + np.clip(shift, -0.5, 0.5))
 
 
 def _closed_path(gain: np.ndarray) -> np.ndarray:

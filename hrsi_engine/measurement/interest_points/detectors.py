@@ -32,7 +32,10 @@ from .windows import Area, DetectionWindow, cores, read_window
 
 BLOB = "blob"
 CHANCE_OF_SHAPE = 2.0 / 3.0  # to be found again, of a shape of the best quality: on real pairs, beside blobs
-COVERED, LIKE_SIZE = 0.15, 1.4  # share of a shape's diameter, and factor of size, by which a blob is the same object
+COVERED_SHARE, LIKE_SIZE = (
+    0.15,
+    1.4,
+)  # share of a shape's diameter, and factor of size, by which a blob is the same object
 SMALLEST_IMAGE_PX = 32
 SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
 
@@ -162,12 +165,12 @@ def _covered(blobs: InterestPoints, shapes: InterestPoints) -> np.ndarray:
     if not len(shapes) or not len(blobs):
         return np.zeros(len(blobs), dtype=bool)
     diameter, of_blob = (np.sqrt(np.prod(points.size_px, axis=1)) for points in (shapes, blobs))
-    near = cKDTree(shapes.xy).query_ball_point(blobs.xy, COVERED * float(diameter.max()))
+    near = cKDTree(shapes.xy).query_ball_point(blobs.xy, COVERED_SHARE * float(diameter.max()))
     covered = np.zeros(len(blobs), dtype=bool)
     for row, others in enumerate(near):
         away = np.hypot(*(shapes.xy[others] - blobs.xy[row]).T)
         alike = np.abs(np.log(diameter[others] / of_blob[row])) < np.log(LIKE_SIZE)
-        covered[row] = bool((alike & (away < COVERED * diameter[others])).any())
+        covered[row] = bool((alike & (away < COVERED_SHARE * diameter[others])).any())
     return covered
 
 
