@@ -6,8 +6,9 @@ MAGSAC fundamental matrix of 1 px), joined into tracks and adjusted in the same 
 the images under clouds or moves their RPCs by 200 px. Errors are true ones: points of the ground are projected by the
 true cameras, and each image is predicted from the point that all other adjusted images intersect.
 
-``--no-sift`` leaves the rival out, ``--folder`` keeps the images, ``--docs`` adds the lines to docs/many_dates.md.
-Times are processor seconds of one run.
+``--every K`` takes each Kth date only: the same year with fewer views. ``--no-sift`` leaves the rival out, ``--folder``
+keeps the images, ``--docs`` adds the lines to docs/many_dates.md, in the place of those of the same name.
+Times are processor seconds of one run; memory is the most that the process had, images made in another one.
 """
 
 from __future__ import annotations
@@ -16,16 +17,20 @@ import argparse
 import itertools
 import json
 import resource
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from osgeo import gdal
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, open_image
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
@@ -33,8 +38,9 @@ from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
+from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.rasters import GdalRaster
 from hrsi.hrsi_engine.measurement.tracks import consistent_tracks
-from hrsi.processing_algorithms import run
 
 SIDE_PX, RELIEF_M, OFF_NADIR_DEG = 1000, 60.0, 20.0
 HELD_PX = 0.5  # true relative error below which an image is held
@@ -48,8 +54,10 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "many_dates.md"
 def simulated(folder: Path, dates: int, seed: int, side: int) -> list[str]:
     """Return the images of a year, made where they are not there yet."""
     if not (folder / "report.json").exists():
-        run("simulate", output_dir=str(folder), dates=dates, images=1, size=side, gcps=0, checks=0, ties=400,
-            relief=RELIEF_M, off_nadir=OFF_NADIR_DEG, seed=seed, threads=THREADS)  # fmt: skip
+        words = {"output-dir": folder, "dates": dates, "images": 1, "size": side, "gcps": 0, "checks": 0, "ties": 400,
+                 "relief": RELIEF_M, "off-nadir": OFF_NADIR_DEG, "seed": seed, "threads": THREADS}  # fmt: skip
+        options = [text for name, value in words.items() for text in (f"--{name}", str(value))]
+        subprocess.run([sys.executable, "-m", "hrsi", "simulate", "--quiet", *options], check=True)
     return sorted(str(path) for path in folder.glob("d*_1.tif"))
 
 
@@ -84,8 +92,6 @@ def spoil(images: Sequence[Image], share: float, seed: int) -> tuple[list[Image]
         dataset = gdal.GetDriverByName("GTiff").Create(path, *image.size, 1, gdal.GDT_UInt16)
         dataset.GetRasterBand(1).WriteArray(np.clip(grey, 0, 2047).astype(np.uint16))
         dataset.FlushCache()
-        from hrsi.hrsi_engine.io.rasters import GdalRaster
-
         spoilt[number] = replace(image, raster=GdalRaster(path))
     return spoilt, sorted(images[number].id for number in chosen.tolist())
 
@@ -175,33 +181,89 @@ def _mutual(likeness: np.ndarray) -> np.ndarray:
 
 def components(ties: ImagePoints) -> int:
     """Return how many parts the images that have tie points fall into."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     names, image = np.unique(ties.image_ids, return_inverse=True)
     tracks, track = np.unique(ties.ids, return_inverse=True)
     graph = coo_matrix((np.ones(len(image)), (image, len(names) + track)), shape=(len(names) + len(tracks),) * 2)
     return int(connected_components(graph, directed=False)[0])
 
 
-def told(
-    scene: str, method: str, errors: dict[str, float], hopeless: Sequence[str], number: int, more: Sequence[Any]
-) -> str:
+class Outcome(NamedTuple):
+    """What came out of one method: errors of the adjusted images (px), and the last columns of the table."""
+
+    errors: dict[str, float]
+    tried: int
+    parts: int
+    seconds: float
+    mib: str
+    named: frozenset[str] = frozenset()
+
+
+def hrsi(images: Sequence[Image], truth: dict[str, RPC], folder: Path) -> Outcome:
+    """Return what HRSI makes of the images, and say what it says of them."""
+    start = time.process_time()
+    with tempfile.TemporaryDirectory() as kept:
+        found = find_tie_points(images, scheduler=open_scheduler(None, THREADS), keeper=FinishedParts(kept))
+    searched = time.process_time() - start
+    cameras = adjusted_cameras(images, found.image_points)
+    seconds = time.process_time() - start
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    errors = true_errors_px(cameras, truth, images, folder)
+    links = [hold.links for hold in found.holds if hold.links]
+    print(f"  search {searched:.0f} s; links an image {min(links)} to {max(links)}")
+    for hold in found.holds:
+        if hold.links < 2:
+            print(f"  {hold.sentence}; true error {errors.get(hold.image, float('nan')):.2f} px")
+    for warning in found.warnings:
+        print(f"  {warning}")
+    tried = sum(hold.tried for hold in found.holds) // 2
+    named = frozenset(hold.image for hold in found.holds if not hold.links)
+    return Outcome(errors, tried, components(found.image_points), seconds, f"{memory:.0f}", named)
+
+
+def rival(images: Sequence[Image], truth: dict[str, RPC], folder: Path) -> Outcome:
+    """Return what SIFT between all pairs makes of the images."""
+    start = time.process_time()
+    ties = sift_of_all_pairs(images)
+    cameras = adjusted_cameras(images, ties)
+    seconds = time.process_time() - start
+    errors = true_errors_px(cameras, truth, images, folder)
+    return Outcome(errors, len(images) * (len(images) - 1) // 2, components(ties), seconds, "–")
+
+
+def told(scene: str, method: str, hopeless: Sequence[str], number: int, outcome: Outcome) -> str:
     """Print one method's outcome and return it as a line of the table."""
-    sound = {name: error for name, error in errors.items() if name not in hopeless and np.isfinite(error)}
+    sound = {name: error for name, error in outcome.errors.items() if name not in hopeless and np.isfinite(error)}
     good = sum(error < HELD_PX for error in sound.values())
-    middle = f"{np.median(list(sound.values())):.3f}" if sound else "–"
-    worst = f"{max(sound.values()):.2f}" if sound else "–"
-    cells = (scene, method, f"{good} of {number - len(hopeless)}", middle, worst, *more)
+    unseen = sum(not error < HELD_PX for error in outcome.errors.values())
+    cells = (
+        scene, method, f"{good} of {number - len(hopeless)}", len(outcome.named), unseen,
+        f"{np.median(list(sound.values())):.3f}" if sound else "–", f"{max(sound.values()):.2f}" if sound else "–",
+        outcome.tried, outcome.parts, f"{outcome.seconds:.0f}", outcome.mib,
+    )  # fmt: skip
     line = f"| {' | '.join(map(str, cells))} |"
     print(line, flush=True)
+    wrong = {name: round(error, 2) for name, error in outcome.errors.items() if not error < HELD_PX}
+    print(f"  not named, beyond {HELD_PX} px: {wrong}", flush=True)
     return line
+
+
+def enter(lines: Sequence[str]) -> None:
+    """Write lines into the page's table, in the place of those of the same scene and method."""
+    before, after = PAGE.read_text(encoding="utf-8").split(END)
+    for line in lines:
+        head = "|".join(line.split("|")[:3])
+        rows = before.splitlines()
+        same = [place for place, row in enumerate(rows) if row.startswith(head + "|")]
+        rows[same[0] if same else len(rows) : same[0] + 1 if same else len(rows)] = [line]
+        before = "\n".join(rows) + "\n"
+    PAGE.write_text(before + END + after, encoding="utf-8")
 
 
 def main() -> None:
     """Print the table of a year."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dates", type=int, default=40)
+    parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--side", type=int, default=SIDE_PX)
     parser.add_argument("--hopeless", type=float, default=0.0)
@@ -211,40 +273,18 @@ def main() -> None:
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(words.folder or scratch)
-        paths = simulated(folder, words.dates, words.seed, words.side)
+        paths = simulated(folder, words.dates, words.seed, words.side)[:: words.every]
         images, hopeless = spoil([open_image(path) for path in paths], words.hopeless, words.seed)
         truth = true_cameras(folder)
         print(f"{len(images)} images of {words.side} px, seed {words.seed}, hopeless: {', '.join(hopeless) or 'none'}")
-        start = time.process_time()
-        found = find_tie_points(images, scheduler=open_scheduler(None, THREADS))
-        searched = time.process_time() - start
-        cameras = adjusted_cameras(images, found.image_points)
-        seconds = time.process_time() - start
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        errors = true_errors_px(cameras, truth, images, folder)
-        tried = sum(hold.tried for hold in found.holds) // 2
-        scene = f"{len(images)}, seed {words.seed}" + (f", {len(hopeless)} hopeless" if hopeless else "")
-        cost = (tried, components(found.image_points), f"{seconds:.0f}", f"{memory:.0f}")
-        lines = [told(scene, "HRSI", errors, hopeless, len(images), cost)]
-        named = sorted(hold.image for hold in found.holds if not hold.links)
-        links = [hold.links for hold in found.holds if hold.links]
-        print(f"  search {searched:.0f} s; links an image {min(links)} to {max(links)}; named as not held: {named}")
-        for warning in found.warnings:
-            print(f"  {warning}")
-        lost = {name: round(error, 2) for name, error in errors.items() if not error < HELD_PX}
-        print(f"  beyond {HELD_PX} px: {lost}", flush=True)
-        if not words.no_sift:
-            start = time.process_time()
-            ties = sift_of_all_pairs(images)
-            cameras = adjusted_cameras(images, ties)
-            seconds = time.process_time() - start
-            errors = true_errors_px(cameras, truth, images, folder)
-            pairs = len(images) * (len(images) - 1) // 2
-            cost = (pairs, components(ties), f"{seconds:.0f}", "–")
-            lines.append(told(scene, "SIFT, all pairs", errors, hopeless, len(images), cost))
+        scene = f"{len(images)} of {words.side} px, seed {words.seed}"
+        scene += f", {len(hopeless)} hopeless" if hopeless else ""
+        methods = {"HRSI": hrsi} if words.no_sift else {"HRSI": hrsi, "SIFT, all pairs": rival}
+        lines = [
+            told(scene, name, hopeless, len(images), method(images, truth, folder)) for name, method in methods.items()
+        ]
         if words.docs:
-            before, after = PAGE.read_text(encoding="utf-8").split(END)
-            PAGE.write_text(before + "\n".join(lines) + f"\n{END}" + after, encoding="utf-8")
+            enter(lines)
 
 
 if __name__ == "__main__":

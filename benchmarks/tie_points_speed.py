@@ -3,7 +3,6 @@
     hrsi simulate --size 12000 --images 3 --strips 2 --places 2 --seed 7 --output-dir BLOCK   # 3.5 GB, once
     python benchmarks/tie_points_speed.py --block BLOCK [--counts 3 6 12] [--threads 1]
     python benchmarks/tie_points_speed.py --large FOLDER [--size 40000]   # writes and reads a pair of 2 x 3.2 GB
-    python benchmarks/tie_points_speed.py --pairs 1000                    # overlaps of blocks of many images
 
 Every measurement runs in a process of its own. Peak memory is its maximum resident set: Python, NumPy, OpenCV and
 GDAL's block cache (whose limit is printed) included. SIFT runs on tiles of 2048 x 2048 px with a border of 32 px, the
@@ -30,14 +29,11 @@ from typing import Any
 import numpy as np
 from osgeo import gdal
 
-from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
-from hrsi.hrsi_engine.measurement.block_matching import overlaps
-from hrsi.hrsi_engine.measurement.block_matching.probes import angles_deg, choose_probed, view_directions
 from hrsi.processing_algorithms import run
 
 SIFT_TILE, SIFT_BORDER = 2048, 32
@@ -267,42 +263,6 @@ def print_large(folder: str, size: int, threads: int) -> None:
     )
 
 
-# ---- overlaps of many images ---------------------------------------------------------------------------------------
-
-
-def print_overlaps(most: int) -> None:
-    """Print what finding the overlaps costs as the number of images grows."""
-    print("images  candidates  overlapping  probed  CPU s  ms an image")
-    for count in (most // 10, most // 3, most):
-        images = grid_of_images(count)
-        began = time.process_time()
-        ranges = overlaps.ground_ranges(images, None, 0.0)
-        candidates = overlaps.candidate_pairs(images, ranges)
-        found = overlaps.find_overlaps(images, ranges, None, 0.02)
-        first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
-        chosen = choose_probed(found, angles_deg(view_directions(images), first, second), len(images))
-        seconds = time.process_time() - began
-        print(
-            f"{count:6d} {len(candidates):11d} {len(found):12d} {len(chosen):7d} {seconds:6.1f} "
-            f"{1e3 * seconds / count:8.1f}"
-        )
-
-
-def grid_of_images(count: int, size: int = 12000) -> list[Image]:
-    """Return triplets over a square of places that overlap by a fifth."""
-    places = -(-count // 3)
-    width = int(np.ceil(np.sqrt(places)))
-    images = []
-    for number in range(count):
-        row, column = divmod(number // 3, width)
-        rpc = parallel_rpc(size, TILT * (number % 3 - 1))
-        values = {name: getattr(rpc, name) for name in rpc.__dataclass_fields__}
-        values["long_off"] += 1.6 * column * rpc.long_scale
-        values["lat_off"] -= 1.6 * row * rpc.lat_scale
-        images.append(Image(f"I{number:05d}", RPC(**values), (size, size)))
-    return images
-
-
 def one(arguments: list[str]) -> dict[str, Any]:
     """Do one measurement in this process."""
     what, *rest = arguments
@@ -322,7 +282,6 @@ def main() -> None:
     parser.add_argument("--sift-tiles", type=int, default=6, help="sampled tiles of each image")
     parser.add_argument("--large", metavar="FOLDER")
     parser.add_argument("--size", type=int, default=40000)
-    parser.add_argument("--pairs", type=int)
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
@@ -331,8 +290,6 @@ def main() -> None:
         print_block(given.block, given.counts, given.threads, given.sift_tiles)
     if given.large:
         print_large(given.large, given.size, given.threads)
-    if given.pairs:
-        print_overlaps(given.pairs)
 
 
 if __name__ == "__main__":

@@ -31,11 +31,6 @@ def footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLIN
     return polygon_of(image.rpc.localize(image.outline_px(per_side), height_m).ground)
 
 
-def footprints_at(image: Image, heights_m: np.ndarray) -> list[Polygon]:
-    """Return the footprints of an image at several heights."""
-    return [polygon_of(ring) for ring in _outlines(image, heights_m, OUTLINE_PER_SIDE)]
-
-
 def footprint_between(image: Image, low_m: float, high_m: float) -> Polygon:
     """Return a polygon that holds the footprints of an image at all heights between two."""
     hull = MultiPoint(_join(_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull

@@ -21,10 +21,11 @@ from ..foundation.scheduling import PartResult, Scheduler, WorkPart, open_schedu
 from .block_matching import joining
 from .block_matching.links import hold_images, judge_links, without_links
 from .block_matching.overlaps import coarseness, resolution_step
+from .block_matching.search import EVERY
 from .block_matching.star import Rows, columns_of
 from .block_matching.windows import ImageWindow, read_tile
 from .tie_options import TieOptions
-from .tie_points import EVERY, PairSummary, TiePoints
+from .tie_points import PairSummary, TiePoints
 from .tile_matching.epipolar import epipolar_miss, transfer
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import refine_points

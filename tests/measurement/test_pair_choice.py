@@ -11,8 +11,12 @@ from scipy.sparse.csgraph import connected_components
 
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
 from hrsi.hrsi_engine.measurement.block_matching.links import (
+    ALONE_MATCHES,
     WEAK_MATCHES,
+    ImageLink,
+    cut_unchecked,
     find_displaced,
+    find_single_holds,
     judge_links,
     without_links,
 )
@@ -112,7 +116,7 @@ def test_only_near_views_are_probed_where_there_are_many():
     images = 300
     overlaps = [Overlap(a, b, 1.0) for a, b in combinations(range(images), 2)]
     angle = np.array([0.1 * abs(pair.first - pair.second) for pair in overlaps])
-    rows = choose_probed(overlaps, angle, images)
+    rows = choose_probed(overlaps, angle)
     assert len(rows) <= PROBED_PARTNERS * images
     nearest = {(k, k + 1) for k in range(images - 1)}
     assert nearest <= {(overlaps[row].first, overlaps[row].second) for row in rows}
@@ -173,6 +177,36 @@ def test_weak_links_go_where_both_images_have_better_ones():
     assert [(link.first, link.second) for link in links if not link.sound] == [(1, 3)]
     lonely = judge_links(block_matches(2, {}, few={(0, 1)}))
     assert lonely[0].sound
+
+
+def links_of(pairs: dict[tuple[int, int], int]) -> list[ImageLink]:
+    return [ImageLink(*pair, matches, 0, 0, True) for pair, matches in pairs.items()]
+
+
+def test_an_image_on_no_loop_is_left_out_unless_its_link_is_strong():
+    """0 to 3 are a ring, 4 and 5 hang on it by one link each, 6 on 5; 7 and 8 have each other only."""
+    few, many = WEAK_MATCHES, ALONE_MATCHES
+    ring = {(0, 1): few, (1, 2): few, (2, 3): few, (0, 3): few}
+    links = cut_unchecked(links_of(ring | {(3, 4): many - 1, (2, 5): many, (5, 6): many - 1, (7, 8): many}))
+    assert {(link.first, link.second) for link in links if link.sound} == set(ring) | {(2, 5)}
+    assert [(link[:2], held) for link, held in find_single_holds(links)] == [((2, 5), [5])]
+
+
+def test_bridges_are_those_whose_loss_parts_the_block():
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        pairs = {(int(min(a, b)), int(max(a, b))): 5 for a, b in rng.integers(0, 12, (13, 2)) if a != b}
+        found = {link[:2] for link, _ in find_single_holds(links_of(pairs))}
+        expected = {pair for pair in pairs if parts(12, set(pairs) - {pair}) > parts(12, set(pairs))}
+        assert found == expected
+
+
+def test_two_blocks_with_one_link_stay_and_the_smaller_one_is_named():
+    large, small = list(combinations(range(4), 2)), list(combinations(range(4, 7), 2))
+    links = cut_unchecked(links_of(dict.fromkeys([*large, *small, (3, 4)], WEAK_MATCHES)))
+    assert all(link.sound for link in links)
+    assert [(link[:2], sorted(held)) for link, held in find_single_holds(links)] == [((3, 4), [4, 5, 6])]
+    assert cut_unchecked([]) == [] and find_single_holds([]) == []
 
 
 def test_displaced_rpcs_are_named_and_not_their_partners():

@@ -95,7 +95,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     assert parts
     assert not (folder / "report.json").exists()
     said: list[str] = []
-    monkeypatch.setattr("hrsi.hrsi_engine.measurement.tie_points.CELLS_PER_PART", 1)
+    monkeypatch.setattr("hrsi.hrsi_engine.measurement.block_matching.search.CELLS_PER_PART", 1)
     monkeypatch.setattr("hrsi.hrsi_engine.measurement.block_matching.plan.FULL_WINDOW_PX", 200)
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
@@ -109,10 +109,9 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
 SLOW_RUN = """
 import sys, time
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
-from hrsi.hrsi_engine.measurement import tie_points
-from hrsi.hrsi_engine.measurement.block_matching import plan
+from hrsi.hrsi_engine.measurement.block_matching import plan, search
 from hrsi.processing_algorithms import run
-tie_points.CELLS_PER_PART, plan.FULL_WINDOW_PX = 1, 200
+search.CELLS_PER_PART, plan.FULL_WINDOW_PX = 1, 200
 save = FinishedParts.save
 def slow(self, key, result):
     save(self, key, result)

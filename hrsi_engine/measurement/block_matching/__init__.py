@@ -1,6 +1,8 @@
 """Tie points over a block: which images overlap, how they lie to one another, where to match, what belongs together.
 
-`overlaps` finds pairs at the true height of the terrain, `overview` and `coarse` what the RPCs are off and how high
-the ground is, `plan` the windows, `star` does the work of one window, `joining` makes tracks. Work goes through
+`search` goes through the rounds. `overlaps` finds pairs at the true height of the terrain, `probes` and `pair_choice`
+those worth matching, `overview` and `coarse` what the RPCs are off and how high the ground is, `plan` the windows,
+`star` does the work of one window, `joining` makes tracks, `links` judges which hold. `relative_cameras` puts all
+together to find what single pairs miss, for which `completion` looks in small blocks. Work goes through
 `hrsi_engine.foundation.scheduling` as independent parts, each of which needs nothing but what it carries.
 """

@@ -43,8 +43,9 @@ from ..tracks import spread_over_image
 #: shows: on relief, a window's match is off along them (docs/tie_sigmas.md).
 LEAST_CAMERA_PX, MOST_CAMERA_PX = 0.0125, 0.2
 MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
-SIGMAS = 4.0
-DEVIATION_FLOOR_PX = 0.25  # deviations below this are no reason to drop a match
+SIGMAS = 3.5
+#: Deviations below these are no reason to drop a match: across the lines, and from the height of all of its track
+DEVIATION_FLOOR_PX, CONTRADICTION_FLOOR_PX = 0.25, 0.375
 JOINING_ROUNDS = 10
 FEWEST_OF_A_PAIR = 8  # matches that a pair needs, to be judged and used
 #: A match is vague with a sigma above this many times the pair's median, and above this (px). Simulated pairs with
@@ -190,7 +191,7 @@ def _trend_terms(xy: np.ndarray) -> np.ndarray:
 
 
 def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
-    """Return which values agree with a smooth trend, fitted robustly: within the tolerance or 4 robust sigmas."""
+    """Return which values agree with a smooth trend, fitted robustly: within the tolerance or so many robust sigmas."""
     good = np.isfinite(values)
     if good.sum() < FEWEST_OF_A_PAIR:
         return np.zeros(len(values), dtype=bool)
@@ -261,7 +262,7 @@ def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
         deviations = away_px[keep & good]
         nonzero = deviations[deviations > 1e-9]
         spread_of = float(robust_sigma(nonzero)) if len(nonzero) else 0.0
-        limit = np.maximum(2.0 * DEVIATION_FLOOR_PX, SIGMAS * spread_of)
+        limit = np.maximum(CONTRADICTION_FLOOR_PX, SIGMAS * spread_of)
         bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
         keep &= ~bad
     return keep

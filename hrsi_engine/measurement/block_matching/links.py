@@ -5,6 +5,11 @@ must be where the link j-k says that q is. The matches of j-k near q tell that, 
 common there. The median of the closures of many points is near 0 where all three links are right, and anything where
 one of them is false, as repeated patterns make it. A link is left out where two triangles more stay open than close;
 the worst goes first, and takes its open triangles with it.
+
+A link on no loop (a bridge of the graph of links) is checked by nothing. An image that hangs on such a link alone, with
+few matches, is left out: they lie in a part of it, and say little of the rest. Bridges are found by random numbers
+(Pritchard and Thurimella, 2011): each link outside a spanning tree has one, which is added modulo 2 to all links of the
+tree between its ends; a link of the tree whose sum is 0 is on no loop.
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from ...block.block import Image
@@ -29,6 +34,8 @@ CLOSED_PX = 3.0  # median closure of a sound triangle: the ground between a poin
 FEWEST_CLOSURES = 8
 WEAK_MATCHES, HELD_WITHOUT = 16, 2  # links with fewer matches are left out where both images have so many better ones
 LEAST_EXCESS = 2  # open triangles more than closed ones: of a single triangle nobody knows which link is false
+ALONE_MATCHES = 60  # of a link that may hold an image by itself
+LEAST_PART = 3  # images that are used though nothing ties them to the others
 DISPLACED_PX, DISPLACED_FACTOR = 32.0, 8.0  # least offset of a wrong RPC, and times that of the block
 
 
@@ -170,12 +177,81 @@ def _closure(
     return float(np.median(np.hypot(*(q + expected - r)[usable].T)))
 
 
+def cut_unchecked(links: Sequence[ImageLink]) -> list[ImageLink]:
+    """Return the links with those not sound that are on no loop and would hold an image by few matches alone.
+
+    What then hangs together in pairs only, beside a larger block, is cut too.
+    """
+    sound = [link for link in links if link.sound]
+    loops = _Loops(sound)
+    cut = {
+        (link.first, link.second)
+        for link, bridge in zip(sound, loops.bridge, strict=True)
+        if bridge and link.matches < ALONE_MATCHES
+        and min(loops.size[link.first], loops.size[link.second]) == 1
+    }  # fmt: skip
+    kept = [link for link in sound if (link.first, link.second) not in cut]
+    size = _Loops(kept).together
+    largest = max(size.values(), default=0)
+    cut |= {(link.first, link.second) for link in kept if size[link.first] < min(LEAST_PART, largest)}
+    return [link._replace(sound=link.sound and (link.first, link.second) not in cut) for link in links]
+
+
+def find_single_holds(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]]:
+    """Return the sound links that no loop checks, each with the images of the smaller side that it holds."""
+    sound = [link for link in links if link.sound]
+    found = []
+    for place in np.flatnonzero(_Loops(sound).bridge).tolist():
+        link = sound[place]
+        part = _Loops([*sound[:place], *sound[place + 1 :]]).part
+        sides = [[number for number, of in part.items() if of == part.get(end)] or [end]
+                 for end in (link.first, link.second)]  # fmt: skip
+        found.append((link, min(sides, key=len)))
+    return found
+
+
+class _Loops:
+    """The graph of links: which are bridges, and what hangs together with and without them.
+
+    bridge : (links,) of each link, whether no loop has it
+    size : of each image, how many hang together with it by links on loops
+    part, together : of each image, the block that it is in by all links, and how many images that has
+    """
+
+    def __init__(self, links: Sequence[ImageLink]) -> None:
+        pairs = np.array([link[:2] for link in links], dtype=np.int64).reshape(-1, 2)
+        numbers, ends = np.unique(pairs, return_inverse=True)
+        ends, count = ends.reshape(-1, 2), len(numbers)
+        _, part = connected_components(_graph(ends, count), directed=False)
+        # A root above one image of every block makes one tree of all
+        heads = np.unique(part, return_index=True)[1]
+        rooted = np.concatenate([ends, np.column_stack([np.full(len(heads), count), heads])])
+        order, parent = breadth_first_order(_graph(rooted, count + 1), count, directed=False)
+        in_tree = (parent[ends[:, 0]] == ends[:, 1]) | (parent[ends[:, 1]] == ends[:, 0])
+        around = np.zeros(count + 1, dtype=np.uint64)
+        keys = np.random.default_rng(0).integers(1, 2**63, len(ends), dtype=np.uint64)
+        np.bitwise_xor.at(around, ends[~in_tree].ravel(), np.repeat(keys[~in_tree], 2))
+        for image in order[:0:-1].tolist():
+            around[parent[image]] ^= around[image]
+        lower = np.where(parent[ends[:, 0]] == ends[:, 1], ends[:, 0], ends[:, 1])
+        self.bridge = in_tree & (around[lower] == 0)
+        _, looped = connected_components(_graph(ends[~self.bridge], count), directed=False)
+        names = numbers.tolist()
+        self.size = dict(zip(names, np.bincount(looped)[looped].tolist(), strict=True))
+        self.part = dict(zip(names, part.tolist(), strict=True))
+        self.together = dict(zip(names, np.bincount(part)[part].tolist(), strict=True))
+
+
+def _graph(pairs: np.ndarray, count: int) -> coo_matrix:
+    return coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+
+
 def without_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
-    """Return the matches of the sound links."""
-    sound = {(link.first, link.second) for link in links if link.sound}
+    """Return the matches of the sound links, whichever of the two images is the reference."""
+    sound = {frozenset(link[:2]) for link in links if link.sound}
     keep = np.zeros(len(matches), dtype=bool)
     for pair, rows in pair_rows(matches).items():
-        keep[rows] = pair in sound
+        keep[rows] = frozenset(pair) in sound
     return matches.select(keep)
 
 
@@ -208,14 +284,20 @@ def hold_images(
     reasons: Mapping[int, str],
 ) -> tuple[ImageHold, ...]:  # fmt: skip
     """Return what holds each usable image: its sound links, and how many images hang together with it."""
-    pairs = np.array([(link.first, link.second) for link in links if link.sound], dtype=np.int64).reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(images), len(images)))
-    _, part = connected_components(graph, directed=False)
-    size, count = np.bincount(part), np.bincount(pairs.ravel(), minlength=len(images))
+    sound = [link for link in links if link.sound]
+    count = Counter(number for link in sound for number in link[:2])
+    together = _Loops(sound).together
+    lost: dict[int, str] = {}
+    for link in sorted(set(links) - set(sound), key=lambda link: (link.matches, link)):
+        for number, other in (link[:2], link[1::-1]):
+            lost[number] = (
+                f"its matches with {images[other].id} contradict those of other images" if link.open
+                else f"nothing but {link.matches} matches with {images[other].id}, which no third image checks"
+            )  # fmt: skip
     return tuple(
         ImageHold(
-            images[number].id, int(count[number]), int(size[part[number]]), int(tried.get(number, 0)),
-            "" if count[number] else reasons.get(number, "no pair of it gives matches that agree"),
+            images[number].id, count[number], together.get(number, 1), int(tried.get(number, 0)),
+            "" if count[number] else reasons.get(number, lost.get(number, "no pair of it gives matches that agree")),
         )
         for number in usable
     )  # fmt: skip

@@ -18,11 +18,12 @@ from ...block.footprints import (
     OUTLINE_PER_SIDE,
     footprint,
     footprint_between,
-    footprints_at,
     overlap_shares,
+    polygon_of,
     touching_pairs,
 )
 from ...foundation.errors import InputError
+from ...ground.geodesy import wrap_degrees
 from ...surface.dem import HeightSurface, surface_heights
 
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)
@@ -76,19 +77,49 @@ def candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> l
     return touching_pairs([footprint_between(image, *heights) for image, heights in zip(images, ranges, strict=True)])
 
 
-def overlap_share(first: Image, second: Image, heights: GroundRange, surface: HeightSurface | None = None) -> float:
-    """Return the larger share that one image sees of the other; without surface at the height where it is largest."""
-    if surface is not None:
-        return max(overlap_shares(*(_footprint_on(image, surface, heights) for image in (first, second))))
+class SlidingFootprint:
+    """The footprint of an image at any height: its rays are straight, so two heights tell all others.
+
+    It slides by ``slide (2,)`` degrees of lon, lat per metre of height; ``extent`` is the shorter side of its box.
+    ``box (2, 4)`` has least and greatest lon, lat at the lower height, and what they change by per metre.
+
+    Parameters
+    ----------
+    image : Image
+        The image.
+    heights : GroundRange
+        Two heights of the ground.
+    """
+
+    def __init__(self, image: Image, heights: GroundRange) -> None:
+        at = (image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height).ground[:, :2] for height in heights)
+        self._heights, (self._low, high) = heights, at
+        rise = high - self._low
+        rise[:, 0] = wrap_degrees(rise[:, 0])
+        self._rise = rise / max(heights.high_m - heights.low_m, 1e-9)
+        known = np.isfinite(rise).all(axis=1)
+        self.slide = np.median(self._rise[known], axis=0) if known.any() else np.zeros(2)
+        around = self._low[known] - self._low[known][:1]
+        around[:, 0] = wrap_degrees(around[:, 0])
+        self.extent = float(np.min(np.ptp(around, axis=0))) if known.any() else 0.0
+        self.box = np.full((2, 4), np.nan)
+        if known.any():
+            corner = self._low[known][0]
+            self.box[:] = np.r_[corner + around.min(axis=0), corner + around.max(axis=0)], np.tile(self.slide, 2)
+
+    def outline(self, height_m: float) -> np.ndarray:
+        """Return the outline's lon, lat at a height, ``(k, 2)``."""
+        return self._low + (height_m - self._heights.low_m) * self._rise
+
+
+def overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: GroundRange) -> float:
+    """Return the larger share that one image sees of the other, at the height where it is largest."""
     # Heights between which the two footprints slide past one another by at most a tenth of an image
-    centre = first.centre_px[None]
-    ends = [second.rpc.project(first.rpc.localize(centre, height).ground)[0] for height in heights]
-    slide = np.abs(ends[1] - ends[0]) / (2.0 * second.half_size_px)
-    steps = 1 if not np.isfinite(slide).all() else int(np.clip(np.ceil(10.0 * slide.max()), 1, 40))
-    levels = np.linspace(*heights, steps + 1)
+    slide = float(np.abs(first.slide - second.slide).max()) * (heights.high_m - heights.low_m)
+    steps = int(np.clip(np.ceil(10.0 * slide / max(min(first.extent, second.extent), 1e-9)), 1, 40))
     return max(
-        max(overlap_shares(*both))
-        for both in zip(*(footprints_at(image, levels) for image in (first, second)), strict=True)
+        max(overlap_shares(*(polygon_of(footprint.outline(level)) for footprint in (first, second))))
+        for level in np.linspace(*heights, steps + 1)
     )
 
 
@@ -103,16 +134,48 @@ def _footprint_on(image: Image, surface: HeightSurface, heights: GroundRange) ->
 
 
 def find_overlaps(
-    images: Sequence[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float
+    images: Sequence[Image],
+    ranges: Sequence[GroundRange],
+    surface: HeightSurface | None,
+    smallest: float,
+    candidates: Sequence[tuple[int, int]] | None = None,
 ) -> list[Overlap]:
-    """Return the pairs of images that share at least ``smallest`` (0 to 1) of one of them."""
+    """Return the pairs of images, of all or of candidates, that share at least ``smallest`` (0 to 1) of one of them."""
+    if surface is not None:
+        outlines = [_footprint_on(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
+    else:
+        sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
     found = []
-    for a, b in candidate_pairs(images, ranges):
-        heights = common_heights(ranges[a], ranges[b])
-        share = overlap_share(images[a], images[b], heights, surface)
+    for a, b in candidate_pairs(images, ranges) if candidates is None else candidates:
+        if surface is not None:
+            share = max(overlap_shares(outlines[a], outlines[b]))
+        else:
+            share = overlap_share(sliding[a], sliding[b], common_heights(ranges[a], ranges[b]))
         if share >= smallest:
             found.append(Overlap(a, b, share))
     return found
+
+
+def estimate_overlaps(
+    images: Sequence[Image], ranges: Sequence[GroundRange], candidates: Sequence[tuple[int, int]]
+) -> list[Overlap]:
+    """Return roughly what candidates share: boxes around footprints, where that is largest of three heights."""
+    boxes = [SlidingFootprint(image, heights).box for image, heights in zip(images, ranges, strict=True)]
+    box, slide = np.array(boxes).transpose(1, 0, 2)
+    first, second = np.array(candidates, dtype=np.int64).T
+    low, high = np.array(ranges).T
+    bottom, top = np.maximum(low[first], low[second]), np.minimum(high[first], high[second])
+    share = np.zeros(len(first))
+    for part in (0.0, 0.5, 1.0):
+        level = bottom + part * (top - bottom)
+        x0, y0, x1, y1 = (box[first] + (level - low[first])[:, None] * slide[first]).T
+        u0, v0, u1, v1 = (box[second] + (level - low[second])[:, None] * slide[second]).T
+        turn = wrap_degrees(u0 - x0) - (u0 - x0)
+        width = np.minimum(x1, u1 + turn) - np.maximum(x0, u0 + turn)
+        common = np.maximum(width, 0.0) * np.maximum(np.minimum(y1, v1) - np.maximum(y0, v0), 0.0)
+        smaller = np.minimum((x1 - x0) * (y1 - y0), (u1 - u0) * (v1 - v0))
+        share = np.fmax(share, common / np.maximum(smaller, 1e-18))
+    return [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
 
 
 def common_heights(first: GroundRange, second: GroundRange) -> GroundRange:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from ...block.block import Image
-from ...foundation.scheduling import PartResult
+from ...foundation.progress import Progress, stage
+from ...foundation.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
 from ..tile_matching.features import SIFT_CONTRAST, stretch_to_byte
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
@@ -17,6 +19,7 @@ SMALLEST_PX, LARGEST_PX = 1024, 2048  # the longer side of an overview
 TILE_PX = 1024  # of an overview that goes through SIFT at once
 OVERVIEW_BORDER_PX = 24
 FEATURES = 4000
+IMAGES_AT_ONCE = 64  # whose features are in memory
 FEATURE_CELLS = 10  # features are kept evenly over CELLS x CELLS parts
 
 
@@ -42,6 +45,46 @@ def overview_features(job: OverviewJob) -> PartResult:
 def hand_over(features: PartResult) -> PartResult:
     """Return features that were found before, as a part of the work whose result others need."""
     return features
+
+
+class FoundFeatures:
+    """Features of the overviews of many images, found once for the probes and all pairs.
+
+    Memory holds the strongest of each image, which probes compare; all of them where there is no keeper, else they are
+    in its files.
+
+    Parameters
+    ----------
+    parts : sequence of WorkPart
+        That find the features, one for each image.
+    scheduler : Scheduler
+        Who runs them.
+    keeper : Keeper or None
+        Where the features are kept.
+    """
+
+    def __init__(self, parts: Sequence[WorkPart], scheduler: Scheduler, keeper: Keeper | None) -> None:
+        self._parts = [replace(part, keep=True) for part in parts]
+        self._scheduler, self._keeper = scheduler, keeper
+        self._held: dict[str, PartResult] = {}
+        self.strongest: list[PartResult] = []
+
+    def find(self, most: int, progress: Progress) -> None:
+        """Find the features, so many images at a time; ``most`` of each are the strongest."""
+        for start in range(0, len(self._parts), IMAGES_AT_ONCE):
+            chosen = self._parts[start : start + IMAGES_AT_ONCE]
+            ends = (min(start + done, len(self._parts)) / len(self._parts) for done in (0, IMAGES_AT_ONCE))
+            keys = [part.key for part in chosen]
+            found = run_parts(chosen, keys, self._scheduler, self._keeper, stage(progress, *ends))
+            self.strongest += [{name: column[:most].copy() for name, column in found[key].items()} for key in keys]
+            if self._keeper is None:
+                self._held |= found
+
+    def part(self, index: int) -> WorkPart:
+        """Return the part of the work that hands over an image's features, or finds them anew where files are gone."""
+        part = self._parts[index]
+        features = self._held.get(part.key) or (self._keeper.load(part.key) if self._keeper is not None else None)
+        return part if features is None else WorkPart(part.key, hand_over, features, keep=False)
 
 
 def features_of(tile: ImageTile, most: int) -> PartResult:

@@ -56,23 +56,32 @@ class PairChoice:
         """Number of pairs that were tried."""
         return len(self.found) + len(self.failed)
 
+    @property
+    def room(self) -> int:
+        """Number of pairs that may still be tried."""
+        return self.most_pairs - self.tried
+
     def next_round(self) -> list[NumberPair]:
         """Return the pairs to try now, the most promising first; none where the choice is done."""
         self.rounds += 1
-        room = self.most_pairs - self.tried
-        if self.rounds > CHOICE_ROUNDS or room <= 0:
+        if self.rounds > CHOICE_ROUNDS or self.room <= 0:
             return []
         wanted = self._trees()
         wanted |= self._geometry(wanted)
         wanted |= self._last_tries(wanted)
         new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
-        return sorted(new, key=lambda pair: (-self._worth(pair), pair))[:room]
+        return sorted(new, key=lambda pair: (-self._worth(pair), pair))[: self.room]
 
     def tell(self, pair: NumberPair, found: bool) -> None:
         """Take notice of how a pair came out; a pair that was found may fail later."""
         self.found.discard(pair)
         self.failed.discard(pair)
         (self.found if found else self.failed).add(pair)
+
+    def most_alike(self, image: int) -> list[NumberPair]:
+        """Return the probed pairs of an image, those with the smallest angle between their views first."""
+        own = [pair for pair in self.probes if image in pair]
+        return sorted(own, key=lambda pair: (self.probes[pair].convergence_deg, pair))
 
     def _worth(self, pair: NumberPair) -> float:
         probe = self.probes[pair]

@@ -8,6 +8,7 @@ overlap all act on that number, known or not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,14 +17,16 @@ import numpy as np
 from ...block.block import Image
 from ...block.imaging_geometry import rays_up
 from ...foundation.scheduling import PartResult
+from ...surface.dem import HeightSurface
 from ..tile_matching.epipolar import epipolar_miss
 from .coarse import Lines, banded_matches, epipolar_lines, reduce_range
-from .overlaps import GroundRange, Overlap
+from .overlaps import GroundRange, Overlap, candidate_pairs, estimate_overlaps, find_overlaps
 
 PROBED_FEATURES = 600
 AGREEING_PX = 4.0  # of the overviews: offsets that are one
 PROBED_CELLS = 3  # parts along each side of an image, for the ground that a pair covers
 PROBED_PARTNERS = 40  # candidates of an image that are probed
+MEASURED_PARTNERS = 60  # candidates of an image whose overlap is measured; of more it is estimated
 ANGLE_SCALE_DEG = 20.0  # over which views look 1 / e as alike
 
 
@@ -59,11 +62,6 @@ class ProbeJob:
     heights: tuple[GroundRange, ...]
     margin_px: float
     features: tuple[PartResult, ...]  #: of the first and the others
-
-
-def strongest(features: PartResult) -> PartResult:
-    """Return the features that a probe compares."""
-    return {name: column[:PROBED_FEATURES] for name, column in features.items()}
 
 
 def probe_pairs(job: ProbeJob) -> PartResult:
@@ -114,7 +112,7 @@ def angles_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def choose_probed(overlaps: list[Overlap], angle_deg: np.ndarray, images: int) -> np.ndarray:
+def choose_probed(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = PROBED_PARTNERS) -> np.ndarray:
     """Return the indices of the overlaps that are probed: of each image those that overlap most and look most alike.
 
     So the cost grows with the number of images, not with that of their pairs.
@@ -127,4 +125,17 @@ def choose_probed(overlaps: list[Overlap], angle_deg: np.ndarray, images: int) -
     order = np.lexsort((-prior[row], image))
     _, start = np.unique(image[order], return_index=True)
     place = np.arange(len(order)) - np.repeat(start, np.diff(np.r_[start, len(order)]))
-    return np.unique(row[order[place < PROBED_PARTNERS]])
+    return np.unique(row[order[place < most]])
+
+
+def likely_overlaps(
+    images: list[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float
+) -> list[Overlap]:
+    """Return the pairs that share at least ``smallest``; of images that touch very many, those that may be probed."""
+    candidates = candidate_pairs(images, ranges)
+    if 2 * len(candidates) > MEASURED_PARTNERS * len(images):
+        rough = estimate_overlaps(images, ranges, candidates)
+        first, second = np.array(candidates).T
+        rows = choose_probed(rough, angles_deg(view_directions(images), first, second), MEASURED_PARTNERS)
+        candidates = [candidates[row] for row in rows.tolist()]
+    return find_overlaps(images, ranges, surface, smallest, candidates)

@@ -84,7 +84,7 @@ def match_stars(job: StarJob) -> PartResult:
 
 
 def columns_of(rows: Sequence[Rows]) -> PartResult:
-    """Return the matches of windows as the columns that `match_stars` explains."""
+    """Return matches of windows with partners as the columns that `match_stars` tells of."""
     if not rows:
         nothing = np.empty(0)
         return {"first_xy": np.empty((0, 2)), "second_xy": np.empty((0, 2)), "partner": np.empty(0, np.int64),

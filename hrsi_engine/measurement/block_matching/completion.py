@@ -1,0 +1,55 @@
+"""Points of a star are looked for in the images that miss them, where all cameras together put them.
+
+An image is the reference of the pairs with images after it, so a point that a later image's star has on two others is
+not looked for in the earlier ones; and what failed where a pair alone predicted it may succeed where three images do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block.block import Image
+from ...foundation.scheduling import PartResult
+from ..tile_matching.options import TileMatchOptions
+from ..tile_matching.pair_matching import transfer_points
+from .local_geometry import local_geometry
+from .star import WINDOW_BORDER_PX, Partner, Rows, columns_of
+from .windows import ImageWindow, predicted_window, read_tile
+
+
+@dataclass(frozen=True, eq=False)
+class TransferJob:
+    """Points of a reference image with heights, and an image that is to show them.
+
+    windows : parts of the reference; xy : (n, 2) whole pixels; height_m : (n,)
+    """
+
+    number: int
+    reference: Image
+    windows: tuple[ImageWindow, ...]
+    xy: np.ndarray
+    height_m: np.ndarray
+    partner: Partner
+    options: TileMatchOptions
+
+
+def transfer_star(job: TransferJob) -> PartResult:
+    """Return the points that are found, as `match_stars` does."""
+    rows, other = [], job.partner
+    for window in job.windows:
+        inside = window.contains(job.xy)
+        if not inside.any():
+            continue
+        geometry = local_geometry(other.geometry, window)
+        shown = predicted_window(geometry, window, WINDOW_BORDER_PX)
+        tiles = (
+            read_tile(job.reference, window.grown(WINDOW_BORDER_PX)),
+            read_tile(other.image, shown.inside(other.image.known_size)),
+        )
+        if tiles[0] is None or tiles[1] is None:
+            continue
+        found = transfer_points(tiles[0], tiles[1], geometry, job.xy[inside], job.height_m[inside], job.options)
+        rows.append(Rows(other.number, found))
+    return columns_of([row for row in rows if len(row.matches)])

@@ -1,0 +1,165 @@
+"""What the RPCs of a block are off to one another, from the matches found so far, so that hard pairs are sought near.
+
+Where image b shows the point that image a shows at p follows from both RPCs, the height h of the point and the shifts
+s that the images have to what their RPCs say::
+
+    q = project_b(localize_a(p - s_a, h)) + s_b  ~  transfer(p, h0) - J s_a + s_b + t dh
+
+with J the change of the transfer by p and t that by the height, one each for a pair. All matches of a point share dh:
+with U the unit columns of the t of each point, and A those of the shifts, its elimination leaves
+
+    (A'A - A'U U'A) s = (A' - A'U U') r,        r = q - transfer(p, h0),
+
+to which a weak prior is added, as a block may move as a whole. Shifts are all that is estimated: over an image cameras
+drift by less than the search that follows looks around.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+from scipy.spatial import cKDTree
+
+from ...block.block import Image
+from ...foundation.robust_scale import robust_sigma
+from ..tile_matching.epipolar import MIN_STRETCH, transfer
+from ..tile_matching.types import HeightGrid, TilePairGeometry
+from .coarse import CoarseJob, PairEstimate, height_nodes
+from .joining import BlockMatches, pair_rows
+
+PRIOR_PX = 30.0  # that RPCs are off
+ROBUST_ROUNDS, INFLUENCE_PX = 3, 2.0  # residuals beyond count less
+LEAST_MARGIN_PX = 2.0  # around a predicted place
+WIDE_SIGMAS = 3.0
+WIDEST_PX = 24.0  # that an image without matches is sought around, by what the others are off
+HEIGHT_NEIGHBOURS = 5
+SAMPLED = 16  # points of a pair that its J and t are means of
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeCameras:
+    """Shifts of images to what their RPCs say, and the ground that they see.
+
+    shift_px : (images, 2); sigma_px : (images,) what a place predicted by them may be off
+    tracks : (n,) in order; partners : (n,) images besides the reference that show them
+    ground : (n, 3) their points on the ground
+    """
+
+    shift_px: np.ndarray
+    sigma_px: np.ndarray
+    tracks: np.ndarray
+    partners: np.ndarray
+    ground: np.ndarray
+
+    def estimate(self, job: CoarseJob, first: int, second: int) -> PairEstimate | None:
+        """Return where points of one image (number) appear in another; None where no known ground lies in the first."""
+        xy = job.first.rpc.project(self.ground) + self.shift_px[first]
+        margin = float(np.hypot(self.sigma_px[first], self.sigma_px[second]))
+        inside = ((xy > -margin) & (xy < np.array(job.first.known_size) + margin)).all(axis=1)
+        if inside.sum() < HEIGHT_NEIGHBOURS:
+            return None
+        xy, height = xy[inside], self.ground[inside, 2]
+        nodes, shape, spacing = height_nodes(job.first.known_size)
+        tree = cKDTree(xy)
+        grid = HeightGrid(_middle(tree, height, nodes, 0).reshape(shape), (0.0, 0.0), spacing)
+        # What a point's neighbours, itself left out, are off: how well the ground between points is known
+        sigma = max(float(robust_sigma(height - _middle(tree, height, xy, 1))), 0.5)
+        reach = WIDE_SIGMAS * sigma
+        turn, _ = _slopes(job.first, job.second, xy, height)
+        bias = self.shift_px[second] - turn @ self.shift_px[first]
+        geometry = TilePairGeometry(
+            job.first.rpc, job.second.rpc, float(height.min()) - reach, float(height.max()) + reach,
+            (float(bias[0]), float(bias[1])), (margin, margin), grid, sigma,
+        )  # fmt: skip
+        return PairEstimate(geometry, 0)
+
+
+def _middle(tree: cKDTree, values: np.ndarray, places: np.ndarray, skipped: int) -> np.ndarray:
+    """Return the medians of the values nearest to places, so many of the nearest left out."""
+    count = min(HEIGHT_NEIGHBOURS + skipped, len(values))
+    _, near = tree.query(places, k=np.arange(1, count + 1))
+    return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))
+
+
+def _slopes(first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean change ``(2, 2)`` of a transfer by the place and that ``(2,)`` by the height."""
+    few = np.linspace(0, len(xy) - 1, min(SAMPLED, len(xy))).astype(int)
+    here, height = xy[few], height_m[few]
+
+    def seen(dx: float, dy: float, dh: float) -> np.ndarray:
+        return transfer(first.rpc, second.rpc, here + (dx, dy), height + dh)
+
+    steps = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    slope = [np.nanmean(seen(*step) - seen(*(-part for part in step)), axis=0) / 2.0 for step in steps]
+    return np.column_stack(slope[:2]), slope[2]
+
+
+def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> RelativeCameras | None:
+    """Return the shifts of a block's images by its matches; None without matches."""
+    if not len(matches):
+        return None
+    names, point = np.unique(matches.track, return_inverse=True)
+    turn, climb = np.empty((len(matches), 2, 2)), np.empty((len(matches), 2))
+    rows_of = pair_rows(matches)
+    for (a, b), rows in rows_of.items():
+        turn[rows], climb[rows] = _slopes(images[a], images[b], matches.first_xy[rows], matches.height_m[rows])
+    # One height for all matches of a point: the mean by what they tell of it
+    weight = np.maximum(np.sum(climb**2, axis=1), MIN_STRETCH**2)
+    height = (np.bincount(point, weight * matches.height_m) / np.bincount(point, weight))[point]
+    left = np.empty((len(matches), 2))
+    for (a, b), rows in rows_of.items():
+        left[rows] = matches.second_xy[rows] - transfer(
+            images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows]
+        )
+    equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
+    design = _design(matches, turn, equation, len(images))
+    weight = np.ones(equation.shape)
+    for _ in range(ROBUST_ROUNDS):
+        root = np.sqrt(weight).ravel()
+        A, r = sparse.diags(root) @ design, root * left.ravel()
+        t = root * climb.ravel()
+        length = np.sqrt(np.bincount(np.repeat(point, 2), t**2))
+        U = sparse.csr_matrix(
+            (t / np.maximum(length, 1e-12)[np.repeat(point, 2)], (equation.ravel(), np.repeat(point, 2)))
+        )
+        UA = U.T @ A
+        N = (A.T @ A - UA.T @ UA + sparse.identity(A.shape[1]) / PRIOR_PX**2).tocsc()
+        shift = spsolve(N, A.T @ r - UA.T @ (U.T @ r))
+        rest = r - A @ shift
+        rise = (U.T @ rest) / np.maximum(length, 1e-12)
+        away = (left.ravel() - design @ shift - climb.ravel() * rise[np.repeat(point, 2)]).reshape(-1, 2)
+        weight[:] = np.minimum(1.0, INFLUENCE_PX / np.maximum(np.hypot(*away.T), 1e-9))[:, None]
+    shift = shift.reshape(-1, 2)
+    head = np.unique(point, return_index=True)[1]
+    ground = np.empty((len(names), 3))
+    for number in np.unique(matches.first[head]):
+        here = head[matches.first[head] == number]
+        risen = height[here] + rise[point[here]]
+        ground[point[here]] = images[number].rpc.localize(matches.first_xy[here] - shift[number], risen).ground
+    known = np.isfinite(ground).all(axis=1)
+    return RelativeCameras(*_with_others(matches, shift, away), names[known], np.bincount(point)[known], ground[known])
+
+
+def _design(matches: BlockMatches, turn: np.ndarray, equation: np.ndarray, images: int) -> sparse.csr_matrix:
+    """Return the derivatives ``(2 n, 2 images)`` of the transfers by the shifts."""
+    row = np.concatenate([np.repeat(equation.ravel(), 2), equation.ravel()])
+    by_first = np.broadcast_to((2 * matches.first[:, None] + [0, 1])[:, None, :], turn.shape)
+    column = np.concatenate([by_first.ravel(), (2 * matches.second[:, None] + [0, 1]).ravel()])
+    value = np.concatenate([-turn.ravel(), np.ones(equation.size)])
+    return sparse.csr_matrix((value, (row, column)), shape=(equation.size, 2 * images))
+
+
+def _with_others(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return shifts and sigmas of all images: those without matches may be off as all others are."""
+    known = np.unique(np.r_[matches.first, matches.second])
+    sigma = np.full(len(shift), LEAST_MARGIN_PX)
+    sigma[known] += WIDE_SIGMAS * float(robust_sigma(away.ravel()))
+    others = np.setdiff1d(np.arange(len(shift)), known)
+    middle = np.median(shift[known], axis=0)
+    spread = WIDE_SIGMAS * float(np.max(robust_sigma(shift[known] - middle, axis=0), initial=0.0))
+    shift[others], sigma[others] = middle, min(LEAST_MARGIN_PX + spread, WIDEST_PX)
+    return shift, sigma

@@ -1,0 +1,380 @@
+"""The rounds of one search for tie points: who is matched with whom, how, and what of it holds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...block.block import Image
+from ...foundation.errors import InputError, list_ids
+from ...foundation.progress import Progress, stage
+from ...foundation.scheduling import Keeper, PartResult, Scheduler, WorkPart, digest, run_parts
+from ...foundation.version import VERSION
+from ...surface.dem import HeightSurface
+from ..tie_options import AUTOMATIC_CELLS, FULL_PER_CELL, SAMPLED_PER_CELL, TieOptions
+from ..tile_matching.options import TileMatchOptions
+from . import coarse, joining, overlaps, plan
+from .completion import TransferJob, transfer_star
+from .links import (
+    ImageLink,
+    find_displaced,
+    judge_links,
+    without_links,
+)
+from .overview import FoundFeatures, OverviewJob, overview_features, overview_step
+from .pair_choice import PairChoice
+from .probes import (
+    PROBED_FEATURES,
+    Probe,
+    ProbeJob,
+    angles_deg,
+    choose_probed,
+    likely_overlaps,
+    probe_pairs,
+    view_directions,
+)
+from .relative_cameras import relative_cameras
+from .star import Partner, StarJob, match_stars
+from .windows import PyramidRaster
+
+FEW_LINKS = 3  # of an image: below, its pairs are matched thoroughly
+PREDICTED_PAIRS = 5  # of such an image that are matched where the others put it, if that is not enough
+COMPARED_AT_ONCE = 128  # whose overviews' features are in memory
+COMPLETED_PARTNERS = 2  # images besides the reference that a point must be on, to be looked for in others
+COMPLETED_SIGMA_PX = 0.12  # beyond which what is found there then is not taken
+EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
+CELLS_PER_PART = 12  # of a star job: about a second of work, as is one cell of an image that is matched everywhere
+DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
+
+
+def choose_match_options(
+    options: TieOptions, image: Image, linked: bool = False, predicted: bool = False
+) -> TileMatchOptions:
+    """Return how windows of a reference image are matched.
+
+    linked : its block has many pairs to choose from; predicted : points are looked for where the pair's geometry says
+    """
+    if options.dense:
+        return options.match_dense
+    if not plan.is_matched_everywhere(image):
+        return options.match_sampled
+    chosen = options.match_linked if linked else options.match
+    return replace(chosen, finders=()) if predicted else chosen
+
+
+def points_of_a_cell(options: TieOptions, image: Image) -> int:
+    """Return how many points a cell of an image is to have."""
+    if options.per_cell != AUTOMATIC_CELLS:
+        return options.per_cell
+    if options.dense:
+        return EVERY
+    return FULL_PER_CELL if plan.is_matched_everywhere(image) else SAMPLED_PER_CELL
+
+
+class EstimatedPair(NamedTuple):
+    """A pair by the numbers of its images, and what is known of it; no estimate where nothing agrees."""
+
+    job: coarse.CoarseJob
+    first: int
+    second: int
+    estimate: coarse.PairEstimate | None
+
+
+class TieSearch:
+    """The rounds of one search."""
+
+    def __init__(
+        self,
+        images: Sequence[Image],
+        options: TieOptions,
+        surface: HeightSurface | None,
+        scheduler: Scheduler,
+        keeper: Keeper | None,
+        marked: bool = True,
+    ) -> None:
+        self.images, self.options, self.surface = images, options, surface
+        self.usable = [index for index, image in enumerate(images) if image.raster is not None]
+        if len(self.usable) < 2:
+            raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
+        self._scheduler, self._keeper = scheduler, keeper
+        self._marks = {index: _mark(images[index]) for index in self.usable} if marked else {}
+        self._features: FoundFeatures | None = None  # of the overviews, where pairs are probed
+        self._terrain: dict[int, np.ndarray] = {}
+        self._results: list[tuple[int, PartResult]] = []
+        self._matched = 0  # pairs whose windows were matched
+        self.choice: PairChoice | None = None  #: who chooses the pairs, where there are more than can be matched
+        self.pairs: list[EstimatedPair] = []
+        self.reasons: dict[int, str] = {}  #: why images are left out
+
+    def find_overlapping(self) -> list[overlaps.Overlap]:
+        """Return the pairs of usable images that overlap; raise `InputError` where there are none."""
+        images = [self.images[index] for index in self.usable]
+        self._ranges = overlaps.ground_ranges(images, self.surface, DEM_MARGIN_M)
+        found = likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
+        if not found:
+            raise InputError(
+                f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "
+                "check that they show the same area, or name the terrain's heights with `dem`"
+            )
+        return found
+
+    def choose_pairs(self, progress: Progress) -> None:
+        """Find the pairs to match, with what is known of each; raise `InputError` where there are none."""
+        found = self.find_overlapping()
+        images = [self.images[index] for index in self.usable]
+        self._coarseness = [overlaps.coarseness(image) for image in images]
+        self._steps = [overview_step(image.known_size) for image in images]
+        if 2 * len(found) <= self.options.most_partners * len(images):
+            self._estimate([self._reference_first(pair.first, pair.second) for pair in found], progress)
+            return
+        self.choice = self._probed(found, stage(progress, 0.0, 0.5))
+        rounds = 0
+        while pairs := self.choice.next_round():
+            rounds += 1
+            self._estimate(sorted(pairs), stage(progress, 1.0 - 0.5**rounds, 1.0 - 0.5 ** (rounds + 1)))
+        offsets = {(pair.first, pair.second): float(np.hypot(*pair.estimate.geometry.bias_px))
+                   for pair in self.pairs if pair.estimate is not None}  # fmt: skip
+        for number, offset_px in find_displaced(offsets).items():
+            self.reasons[number] = (
+                f"its RPC lies about {offset_px:.0f} px beside those of the other images; correct it first, for "
+                "instance by refine-rpc with GCPs"
+            )
+        self.pairs = [pair for pair in self.pairs if not {pair.first, pair.second} & set(self.reasons)]
+
+    def _reference_first(self, first: int, second: int) -> tuple[int, int]:
+        """Return two usable images with the coarser one, the reference, first."""
+        a, b = sorted((first, second), key=lambda index: (-self._coarseness[index], index))
+        return a, b
+
+    def _overview_part(self, index: int) -> WorkPart:
+        """Return the part that finds a usable image's features, or hands over those that were found."""
+        if self._features is not None:
+            return self._features.part(index)
+        image, step = self.images[self.usable[index]], self._steps[index]
+        key = f"overview-{digest(VERSION, self._marks[self.usable[index]], step)}"
+        return WorkPart(key, overview_features, OverviewJob(image, step), keep=False, label=f"looking at {image.id}")
+
+    def _probed(self, found: list[overlaps.Overlap], progress: Progress) -> PairChoice:
+        """Probe the overlapping pairs that may be worth it; return who chooses among them."""
+        images = [self.images[index] for index in self.usable]
+        parts = [self._overview_part(index) for index in range(len(images))]
+        self._features = FoundFeatures(parts, self._scheduler, self._keeper)
+        self._features.find(PROBED_FEATURES, stage(progress, 0.0, 0.7))
+        directions = view_directions(images)
+        first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
+        angle = angles_deg(directions, first, second)
+        partners: dict[int, list[tuple[int, float]]] = {}
+        for row in choose_probed(found, angle).tolist():
+            a, b = self._reference_first(int(first[row]), int(second[row]))
+            partners.setdefault(a, []).append((b, float(angle[row])))
+        probing = []
+        for a, others in partners.items():
+            numbers = [b for b, _ in others]
+            job = ProbeJob(
+                images[a], tuple(images[b] for b in numbers), tuple(self._steps[k] for k in (a, *numbers)),
+                tuple(overlaps.common_heights(self._ranges[a], self._ranges[b]) for b in numbers),
+                self.options.margin_px, tuple(self._features.strongest[k] for k in (a, *numbers)),
+            )  # fmt: skip
+            probing.append(WorkPart(f"probe-{a}", probe_pairs, job, keep=False, label=f"probing {images[a].id}"))
+        told = run_parts(
+            probing, [part.key for part in probing], self._scheduler, self._keeper, stage(progress, 0.7, 1.0)
+        )  # fmt: skip
+        probes = [
+            Probe(a, b, int(told[f"probe-{a}"]["agreeing"][k]), convergence, tuple(told[f"probe-{a}"]["cells"][k]))
+            for a, others in partners.items()
+            for k, (b, convergence) in enumerate(others)
+        ]
+        trees = max(1, self.options.most_partners // 2)
+        return PairChoice(len(images), probes, trees, (trees + 1) * len(images))
+
+    def _estimate(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
+        """Compare the overviews of pairs of usable images, and enter what was found."""
+        for start in range(0, len(pairs), COMPARED_AT_ONCE):
+            ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, COMPARED_AT_ONCE))
+            self._compare(pairs[start : start + COMPARED_AT_ONCE], stage(progress, *ends))
+
+    def _compare(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
+        jobs = {(a, b): self._job(a, b) for a, b in pairs}
+        overviews = {index: self._overview_part(index) for pair in jobs for index in pair}
+        marks = {index: self._marks[self.usable[index]] for index in overviews}
+        parts = {
+            (a, b): WorkPart(
+                f"pair-{digest(VERSION, marks[a], marks[b], job.steps, tuple(job.heights), job.margin_px)}",
+                coarse.match_overviews, job, (overviews[a].key, overviews[b].key),
+                label=f"comparing {job.first.id} and {job.second.id}",
+            )
+            for (a, b), job in jobs.items()
+        }  # fmt: skip
+        wanted = [part.key for part in parts.values()]
+        found = run_parts([*overviews.values(), *parts.values()], wanted, self._scheduler, self._keeper, progress)
+        for (a, b), part in parts.items():
+            estimate = coarse.estimate_pair(jobs[a, b], found[part.key])
+            self.pairs.append(EstimatedPair(jobs[a, b], self.usable[a], self.usable[b], estimate))
+            if self.choice is not None:
+                self.choice.tell((a, b), estimate is not None)
+
+    def _job(self, a: int, b: int) -> coarse.CoarseJob:
+        """Return the comparison of two usable images."""
+        first, second = (self.images[self.usable[index]] for index in (a, b))
+        if self.surface is not None and a not in self._terrain:
+            self._terrain[a] = coarse.terrain_at_nodes(first, self.surface)
+        heights = overlaps.common_heights(self._ranges[a], self._ranges[b])
+        steps = self._steps[a], self._steps[b]
+        return coarse.CoarseJob(first, second, steps, heights, self.options.margin_px, self._terrain.get(a))
+
+    def replace_links(self, links: Sequence[ImageLink], progress: Progress) -> bool:
+        """Take other pairs for those whose links are not sound; tell whether there are any."""
+        if self.choice is None:
+            return False
+        place = {number: index for index, number in enumerate(self.usable)}
+        sound = {(link.first, link.second) for link in links if link.sound}
+        for pair in self.pairs:
+            self.choice.tell((place[pair.first], place[pair.second]), (pair.first, pair.second) in sound)
+        new = [pair for pair in self.choice.next_round()
+               if not {self.usable[index] for index in pair} & set(self.reasons)]  # fmt: skip
+        self._estimate(new, progress)
+        return bool(new)
+
+    def tried_of_image(self) -> dict[int, int]:
+        """Return how many pairs of each image were tried."""
+        if self.choice is None:
+            numbers = [number for pair in self.pairs for number in (pair.first, pair.second)]
+        else:
+            numbers = [self.usable[index] for pair in self.choice.found | self.choice.failed for index in pair]
+        return dict(Counter(numbers))
+
+    def judge(self) -> tuple[joining.BlockMatches, list[ImageLink]]:
+        """Return the matches that pass the tests of pairs and heights, and the links that they make."""
+        matches = joining.collect_matches(self._results)
+        fitting = joining.without_outliers(matches, self.images, self.options.dense)
+        good = joining.without_contradictions(fitting, self.images)
+        return good, judge_links(good)
+
+    def match_pairs(self, progress: Progress) -> None:
+        """Match the windows of all pairs that were not matched yet."""
+        self._match(self.pairs[self._matched :], self.choice is not None, progress)
+        self._matched = len(self.pairs)
+
+    def match_thoroughly(self, links: Sequence[ImageLink], progress: Progress) -> bool:
+        """Match the pairs of images that few links hold as those of small blocks are; tell whether there are any."""
+        if self.choice is None:
+            return False
+        sound = [(link.first, link.second) for link in links if link.sound]
+        held = Counter(number for pair in sound for number in pair)
+        hard = [
+            pair
+            for pair in self.pairs
+            if (pair.first, pair.second) not in sound and min(held[pair.first], held[pair.second]) < FEW_LINKS
+        ]
+        return self._match(hard, False, progress)
+
+    def match_predicted(self, good: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
+        """Match images that few links hold with those that look most alike, where all matches so far put them."""
+        cameras = None if self.choice is None else relative_cameras(without_links(good, links), self.images)
+        if self.choice is None or cameras is None:
+            return False
+        sound = {(link.first, link.second) for link in links if link.sound}
+        held = Counter(number for pair in sound for number in pair)
+        few = [index for index, number in enumerate(self.usable)
+               if held[number] < FEW_LINKS and number not in self.reasons]  # fmt: skip
+        pairs: dict[tuple[int, int], EstimatedPair] = {}
+        for index in few:
+            for a, b in self.choice.most_alike(index):
+                first, second = self.usable[a], self.usable[b]
+                partner = second if a == index else first
+                if held[partner] < FEW_LINKS or (first, second) in sound:
+                    continue
+                job = self._job(a, b)
+                pairs[a, b] = EstimatedPair(job, first, second, cameras.estimate(job, first, second))
+                if sum(index in pair for pair in pairs) == PREDICTED_PAIRS or len(pairs) >= self.choice.room:
+                    break
+        for pair in pairs:
+            self.choice.tell(pair, True)
+        numbers = {(pair.first, pair.second) for pair in pairs.values()}
+        self.pairs = [pair for pair in self.pairs if (pair.first, pair.second) not in numbers] + list(pairs.values())
+        return self._match(list(pairs.values()), False, progress, predicted=True)
+
+    def complete(self, good: joining.BlockMatches, progress: Progress) -> bool:
+        """Look for points that images miss where all matches so far put them; tell whether there are any."""
+        places = {(first, second): job for first, second, job in self._both_ways()}
+        cameras = relative_cameras(good, self.images) if len(self.usable) > 2 and not self.options.dense else None
+        if cameras is None:
+            return False
+        parts = []
+        for (first, second), job in places.items():
+            estimate = cameras.estimate(job, first, second)
+            chosen = (cameras.partners >= COMPLETED_PARTNERS) & ~np.isin(
+                cameras.tracks, good.track[good.second == second]
+            )
+            own = good.first == first
+            track, row = np.unique(good.track[own], return_index=True)
+            wanted = np.isin(track, cameras.tracks[chosen])
+            if estimate is None or not wanted.any():
+                continue
+            xy = good.first_xy[own][row[wanted]]
+            height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
+            windows = tuple(cell.own[0] for cells in plan.cell_rows(job.first, self.options.cells, 0) for cell in cells)
+            partner = Partner(second, job.second, estimate.geometry)
+            options = replace(choose_match_options(self.options, job.first), largest_sigma_px=COMPLETED_SIGMA_PX)
+            transfer = TransferJob(first, job.first, windows, xy, height, partner, options)
+            key = digest(VERSION, self._marks[first], self._marks[second], estimate.geometry, xy, height, options)
+            parts.append(WorkPart(f"points-{key}", transfer_star, transfer, label=f"completing {job.first.id}"))
+        if parts:
+            found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
+            self._results += [(part.job.number, found[part.key]) for part in parts]
+        return bool(parts)
+
+    def _both_ways(self) -> Iterator[tuple[int, int, coarse.CoarseJob]]:
+        """Give the images of the pairs that matched, either one first, where both are matched everywhere."""
+        for pair in self.pairs:
+            both = self.images[pair.first], self.images[pair.second]
+            if pair.estimate is None or not all(map(plan.is_matched_everywhere, both)):
+                continue
+            if overlaps.resolution_step(*both) == 1:
+                yield pair.first, pair.second, pair.job
+                yield pair.second, pair.first, replace(pair.job, first=both[1], second=both[0])
+
+    def _match(self, pairs: Sequence[EstimatedPair], linked: bool, progress: Progress, predicted: bool = False) -> bool:
+        """Match the windows of pairs, as far as they were estimated; tell whether there are any."""
+        partners: dict[int, list[Partner]] = {}
+        for pair in pairs:
+            if pair.estimate is not None:
+                step = overlaps.resolution_step(self.images[pair.first], self.images[pair.second])
+                partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
+                partners.setdefault(pair.first, []).append(partner)
+        parts = [part for number, own in partners.items() for part in self._parts_of(number, own, linked, predicted)]
+        if parts:
+            found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
+            self._results += [(part.job.number, found[part.key]) for part in parts]
+        return bool(parts)
+
+    def _parts_of(self, number: int, partners: list[Partner], linked: bool, predicted: bool) -> list[WorkPart]:
+        image = self.images[number]
+        cells_of_image = EVERY if self.options.dense else self.options.cells
+        rows = plan.cell_rows(image, cells_of_image, points_of_a_cell(self.options, image))
+        cells = [cell for row in rows for cell in row]
+        known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
+        parts = []
+        per_part = 1 if plan.is_matched_everywhere(image) else CELLS_PER_PART
+        for start in range(0, len(cells), per_part):
+            chosen = tuple(cells[start : start + per_part])
+            job = StarJob(
+                number,
+                image,
+                chosen,
+                tuple(partners),
+                choose_match_options(self.options, image, linked, predicted),
+            )
+            key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
+            parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
+        return parts
+
+
+def _mark(image: Image) -> str:
+    """Return what tells an image from another one, and from itself after a change of its file."""
+    content = image.raster.content_mark() if isinstance(image.raster, PyramidRaster) else ""
+    return digest(image.id, image.path, image.size, image.rpc, content)
