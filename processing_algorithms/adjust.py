@@ -8,6 +8,7 @@ from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.adjusting_workers import adjusting_workers
+from .block_steps.earlier_block import read_earlier
 from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_laser
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
@@ -20,11 +21,15 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
     images = open_images(options.images, context)
+    earlier = read_earlier(options.growth, images, options.tie_points)
+    images = [*earlier.images, *images]
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
-    block, warnings = block_inputs.read_block(images, options.points, options.dem, options.tie_points)
+    block, warnings = block_inputs.read_block(
+        images, options.points, options.dem, options.tie_points, earlier.ties, earlier.known
+    )
     clock.lap("read")
-    how = options.adjustment
+    how = earlier.adjusted_by(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     laser = read_laser_points(images, options.laser, context)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from ..foundation.options import option, options, threads_option
@@ -29,6 +30,8 @@ class AdjustOptions:
         A surface that holds the heights of tie points, where ``sigma_dem_m`` says how well.
     laser : LaserPoints, optional
         Laser points that hold the heights of the tie points around them; those with a ``doubt`` hold none.
+    camera_sigmas : mapping of str to tuple of float, optional
+        Standard deviations of the parameters of images that are known already, by id: their priors.
     max_iterations : int
         Of the Gauss-Newton loop.
     tolerance : float
@@ -135,6 +138,7 @@ class AdjustOptions:
         advanced=True,
         metavar="X",
     )
+    camera_sigmas: Mapping[str, tuple[float, ...]] | None = None
     max_iterations: int = 30
     tolerance: float = 1e-9
     threads: int = threads_option()

@@ -324,6 +324,8 @@ def _prior_weight(
             number = observations.camera_of_image[index]
             sigma[number, :p] = model.prior_sigmas(image, priors)
             sigma[number, guessed] = _guessed_drift(options, image, priors)
+            if options.camera_sigmas is not None and image.id in options.camera_sigmas:
+                sigma[number, :p] = options.camera_sigmas[image.id]
     with np.errstate(divide="ignore"):
         weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}

@@ -22,6 +22,7 @@ from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
+from ...hrsi_engine.results.block_record import RECORD_FILE, record_of
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, residuals_epsg
@@ -87,7 +88,7 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
 
 def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
     """Return the names of the files that a block's results are written into."""
-    own = [REPORT_FILE, LAYERS_FILE, *([PAGE_FILE] if output.report else [])]
+    own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, *([PAGE_FILE] if output.report else [])]
     return [*own, *planned_names(images, output.write).values()]
 
 
@@ -183,6 +184,7 @@ def write_results(
         report["seconds"] = clock.total()
         delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
         _write_reports(folder, report, result, left, delivered, page=output.report)
+        write_report_json(str(folder / RECORD_FILE), record_of(result))
         advance(context.progress, 1.0, "done")
     if how == IN_PLACE:
         for image, new in images_with_pixels(images, refined):
@@ -200,7 +202,9 @@ def _name_outputs(
         if how == IN_PLACE and image.raster is not None and image.path:
             output = image.path
         report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
-    files = {"report": REPORT_FILE, "layers": LAYERS_FILE} | ({"html": PAGE_FILE} if options.report else {})
+    files = {"report": REPORT_FILE, "layers": LAYERS_FILE, "block": RECORD_FILE} | (
+        {"html": PAGE_FILE} if options.report else {}
+    )
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 

@@ -9,6 +9,7 @@ from ..interface.option_groups import (
     NO_TIES,
     BlockOutput,
     DemOptions,
+    GrowthOptions,
     LaserFile,
     PointFiles,
     WorkerOptions,
@@ -30,6 +31,7 @@ class AdjustAlgorithmOptions:
     )
     dem: DemOptions = nested(DemOptions)
     laser: LaserFile = nested(LaserFile)
+    growth: GrowthOptions = nested(GrowthOptions)
     adjustment: AdjustOptions = nested(AdjustOptions)
     workers: WorkerOptions = nested(WorkerOptions)
     output: BlockOutput = nested(BlockOutput)

@@ -15,6 +15,8 @@ DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
 POINTS = "FILE[|layername=L]"
 #: Words instead of a file of tie points: those that matching finds, and none.
 AUTOMATIC_TIES, NO_TIES = "auto", "none"
+#: What cameras of an earlier block are when others join them.
+FREE, OBSERVED = "free", "observed"
 WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
 
 
@@ -201,6 +203,23 @@ class PointFiles:
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
     sigmas: Defaults = nested(Defaults)
+
+
+@options
+class GrowthOptions:
+    """The block that was adjusted before and that the images join."""
+
+    add_to: str | None = option(
+        None,
+        "Output directory of an earlier adjustment, whose block the images join",
+        metavar="DIR",
+    )
+    earlier_cameras: str = option(
+        FREE,
+        "What the cameras of the earlier block are: free, adjusted again from all measurements, or observed, at their "
+        "adjusted RPCs with the standard deviations that these have; then the earlier points are not used again",
+        choices=(FREE, OBSERVED),
+    )
 
 
 @options

@@ -135,8 +135,8 @@ def test_the_command_leaves_nothing_but_its_result(tmp_path: Path) -> None:
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=":0") as cluster:
         given = {**scene, "scheduler": cluster.scheduler_address}
         there = run("adjust", output_dir=str(tmp_path / "there"), **given)
-        dem = {"dem": str(tmp_path / "scene" / "dem.tif"), "sigma_dem_m": 2.0}
-        with pytest.raises(InputError, match="sigma_dem_m"):
+        dem = {"dem": str(tmp_path / "scene" / "dem.tif"), "sigma_dem": 2.0}
+        with pytest.raises(InputError, match="workers do not know heights"):
             run("adjust", output_dir=str(tmp_path / "dem"), **given, **dem)
     assert there["sigma0"] == pytest.approx(here["sigma0"], rel=1e-9)
     assert there["check"]["predicted"] == pytest.approx(here["check"]["predicted"], rel=1e-6)

@@ -1,0 +1,108 @@
+"""Images that join a block that was adjusted before: earlier images, their points, what is known of their cameras.
+
+Either everything is free: the earlier measurements take part again with the cameras as they were before any adjustment,
+and the result is that of one adjustment of all. Or the earlier cameras are observations: they begin at their adjusted
+RPCs, with the standard deviations that these have, and of the earlier points nothing is used again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
+from ...hrsi_engine.foundation.errors import InputError, list_ids
+from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
+from ...hrsi_engine.io.rasters import open_image
+from ...hrsi_engine.refinement.models import MODELS
+from ...hrsi_engine.results.block_record import BlockRecord, read_record
+from ..files.image_files import require_ids
+from ..interface.option_groups import FREE, NO_TIES, GrowthOptions
+
+SAME_PLACE_PX = 1e-3  # measurements of one point on one image that are as near are the same
+EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the same ids
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierBlock:
+    """What joins the new images: earlier images, ties and known points, and each image's sigmas where they are kept."""
+
+    images: tuple[Image, ...] = ()
+    ties: tuple[ImagePoints, ...] = ()
+    known: tuple[GroundPoints, ...] = ()
+    model: str | None = None
+    sigmas: Mapping[str, tuple[float, ...]] | None = None
+
+    def adjusted_by(self, options: AdjustOptions) -> AdjustOptions:
+        """Return the options with what is known of the earlier cameras."""
+        if self.sigmas is None or self.model is None:
+            return options
+        return replace(options, model=self.model, camera_sigmas=self.sigmas)
+
+
+def read_earlier(options: GrowthOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
+    """Return the block that the images join; an empty one where the options name none."""
+    if options.add_to is None:
+        return EarlierBlock()
+    record = read_record(options.add_to)
+    require_ids([*(one.path for one in record.images), *(image.path for image in images)],
+                [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
+    if options.earlier_cameras != FREE:
+        return _observed(record)
+    earlier = tuple(replace(_open(one.path), id=one.id, rpc=one.rpc) for one in record.images)
+    ids = [one.id for one in record.images]
+    tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
+    ground, measured = tables[0].ground, tables[1].image
+    if ground is None or measured is None:
+        raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
+    known = ground.select(np.isin(ground.role, [int(Role.GCP), int(Role.CHECK)]))
+    measured = _told_apart(measured, known, tie_points)
+    return EarlierBlock(earlier, (measured,), (known,))
+
+
+def _open(path: str) -> Image:
+    if not os.path.exists(path) and not path.startswith("/vsi"):
+        raise InputError(f"{path}: an image of the earlier block is not there any more: put it back")
+    return open_image(path)
+
+
+def _observed(record: BlockRecord) -> EarlierBlock:
+    """Return the images at their adjusted cameras, with the standard deviations of their corrections."""
+    model = MODELS[record.model]
+    without = [one.id for one in record.images if one.covariance is None]
+    if without:
+        raise InputError(
+            f"{record.folder}: has no covariance of image {list_ids(without)}: let `earlier_cameras` be free"
+        )
+    images, sigmas = [], {}
+    for one in record.images:
+        image = replace(_open(one.path), id=one.id, rpc=one.rpc)
+        images.append(replace(image, rpc=model.refined_rpc(image, one.values).rpc))
+        if one.covariance is not None:
+            sigmas[one.id] = tuple(np.sqrt(one.covariance.diagonal()).tolist())
+    return EarlierBlock(tuple(images), model=record.model, sigmas=sigmas)
+
+
+def _told_apart(measured: ImagePoints, known: GroundPoints, tie_points: str | None) -> ImagePoints:
+    """Return earlier measurements whose tie points have other ids where a new file means other points by the same ids.
+
+    They are the same points unless the new file has one of them at another place of the same image.
+    """
+    if not tie_points or tie_points == NO_TIES:
+        return measured
+    for spec in several_specs(tie_points):
+        new = read_points(measurements_of(spec), image_ids=np.unique(measured.image_ids).tolist()).image
+        if new is None:
+            continue
+        name, other = (np.char.add(np.char.add(table.ids, "\0"), table.image_ids) for table in (measured, new))
+        order = np.argsort(name)
+        place = order[np.minimum(np.searchsorted(name, other, sorter=order), len(name) - 1)]
+        same = name[place] == other
+        if (np.abs(measured.xy[place[same]] - new.xy[same]) > SAME_PLACE_PX).any():
+            tie = ~np.isin(measured.ids, known.ids)
+            return replace(measured, ids=np.where(tie, np.char.add(EARLIER, measured.ids), measured.ids))
+    return measured
