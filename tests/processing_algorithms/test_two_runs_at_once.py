@@ -49,7 +49,13 @@ def test_two_command_lines_at_once(scene: Path, tmp_path: Path) -> None:
     assert sorted(process.returncode for process in both) == [0, 2]
     refusal = said[0] if both[0].returncode else said[1]
     assert "another run writes there now" in refusal or "already holds a result" in refusal
-    assert sorted(path.name for path in output.iterdir()) == ["block.gpkg", "image_1.tif", "image_2.tif", "report.json"]
+    assert sorted(path.name for path in output.iterdir()) == [
+        "block.gpkg",
+        "block.json",
+        "image_1.tif",
+        "image_2.tif",
+        "report.json",
+    ]
 
 
 HOLDER = """

@@ -101,7 +101,12 @@ def test_unusable_result_writes_no_rpc(algorithm, how, scene, tmp_path, capsys):
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["verdict"]["level"] == "unusable"
     assert all(image["output"] is None for image in report["images"].values())
-    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["block.gpkg", "report.html", "report.json"]
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
+        "block.gpkg",
+        "block.json",
+        "report.html",
+        "report.json",
+    ]
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()} == before
 
 
@@ -126,7 +131,13 @@ def test_unusable_result_leaves_no_rpc_of_an_earlier_run(scene: Path, tmp_path: 
     (folder / "notes.txt").write_text("mine")
     report = run("adjust", **options(scene, folder, "swapped.csv"), write="sidecar", overwrite=True)
     assert report["verdict"]["level"] == "unusable"
-    assert sorted(file.name for file in folder.iterdir()) == ["block.gpkg", "notes.txt", "report.html", "report.json"]
+    assert sorted(file.name for file in folder.iterdir()) == [
+        "block.gpkg",
+        "block.json",
+        "notes.txt",
+        "report.html",
+        "report.json",
+    ]
 
 
 def test_reasons_say_what_to_do_on_terminal_and_page(scene: Path, tmp_path: Path, capsys):
