@@ -14,46 +14,14 @@ adjustment, the estimated parameters with their covariance, and which images sha
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from ..adjustment.result import Adjustment
-from ..camera.rpc import RPC
-from ..foundation.errors import InputError
-from ..io.json_files import read_json
-
-RECORD_FILE = "block.json"
-LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points", "image_points")}
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedImage:
-    """An image of an adjusted block.
-
-    values, covariance : (p,) and (p, p) of its parameters; None where it was not computed
-    """
-
-    id: str
-    path: str
-    rpc: RPC
-    values: np.ndarray
-    covariance: np.ndarray | None
-
-
-@dataclass(frozen=True, eq=False)
-class BlockRecord:
-    """What was recorded of a block: its model, its images, and where its points are, as read from a folder."""
-
-    folder: str
-    model: str
-    images: tuple[RecordedImage, ...]
-
-    def layer(self, name: str) -> str:
-        """Return the file and layer of `LAYERS`."""
-        return os.path.join(self.folder, LAYERS[name])
+from ..io.block_records import POINT_LAYERS
 
 
 def record_of(result: Adjustment) -> dict[str, Any]:
@@ -66,12 +34,12 @@ def record_of(result: Adjustment) -> dict[str, Any]:
         "images": [
             {
                 "id": image.id, "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
-                "rpc": {part.name: _plain(getattr(image.rpc, part.name)) for part in fields(RPC)},
+                "rpc": {part.name: _plain(getattr(image.rpc, part.name)) for part in fields(image.rpc)},
                 "values": values.tolist(), "covariance": own.tolist() if known[k] else None,
             }
             for k, (image, values, own) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
         ],
-        "pairs": _pairs(result), "layers": LAYERS,
+        "pairs": _pairs(result), "layers": POINT_LAYERS,
     }  # fmt: skip
 
 
@@ -90,22 +58,3 @@ def _pairs(result: Adjustment) -> list[list[Any]]:
     shared = sparse.triu(seen.T @ seen, 1).tocoo()
     names = [image.id for image in block.images]
     return [[names[a], names[b], int(n)] for a, b, n in zip(shared.row, shared.col, shared.data, strict=True)]
-
-
-def read_record(folder: str) -> BlockRecord:
-    """Return the record in a result folder; raise `InputError` where there is none, or it is none."""
-    path = os.path.join(folder, RECORD_FILE)
-    if not os.path.exists(path):
-        raise InputError(f"{folder}: holds no {RECORD_FILE}: name the output directory of an earlier adjustment")
-    try:
-        found = read_json(path, "report")
-        images = tuple(
-            RecordedImage(
-                str(image["id"]), str(image["path"]), RPC(**image["rpc"]), np.array(image["values"], dtype=np.float64),
-                None if image["covariance"] is None else np.array(image["covariance"], dtype=np.float64),
-            )
-            for image in found["images"]
-        )  # fmt: skip
-        return BlockRecord(folder, str(found["model"]), images)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: is no record of a block ({error!r}): adjust that block again") from None

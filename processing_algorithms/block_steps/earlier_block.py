@@ -16,12 +16,12 @@ import numpy as np
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError, list_ids
+from ...hrsi_engine.io.block_records import BlockRecord, read_record
 from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
 from ...hrsi_engine.io.rasters import open_image
 from ...hrsi_engine.refinement.models import MODELS
-from ...hrsi_engine.results.block_record import BlockRecord, read_record
 from ..files.image_files import require_ids
-from ..interface.option_groups import FREE, NO_TIES, GrowthOptions
+from ..interface.option_groups import FREE, NO_TIES, JoinedBlockOptions
 
 SAME_PLACE_PX = 1e-3  # measurements of one point on one image that are as near are the same
 EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the same ids
@@ -44,7 +44,7 @@ class EarlierBlock:
         return replace(options, model=self.model, camera_sigmas=self.sigmas)
 
 
-def read_earlier(options: GrowthOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
+def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
     """Return the block that the images join; an empty one where the options name none."""
     if options.add_to is None:
         return EarlierBlock()

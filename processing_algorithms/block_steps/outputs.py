@@ -15,6 +15,7 @@ from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.io.block_records import RECORD_FILE
 from ...hrsi_engine.io.layers import default_styles, write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
@@ -22,7 +23,7 @@ from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
-from ...hrsi_engine.results.block_record import RECORD_FILE, record_of
+from ...hrsi_engine.results.block_record import record_of
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, residuals_epsg

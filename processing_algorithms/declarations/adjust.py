@@ -9,7 +9,7 @@ from ..interface.option_groups import (
     NO_TIES,
     BlockOutput,
     DemOptions,
-    GrowthOptions,
+    JoinedBlockOptions,
     LaserFile,
     PointFiles,
     WorkerOptions,
@@ -31,7 +31,7 @@ class AdjustAlgorithmOptions:
     )
     dem: DemOptions = nested(DemOptions)
     laser: LaserFile = nested(LaserFile)
-    growth: GrowthOptions = nested(GrowthOptions)
+    growth: JoinedBlockOptions = nested(JoinedBlockOptions)
     adjustment: AdjustOptions = nested(AdjustOptions)
     workers: WorkerOptions = nested(WorkerOptions)
     output: BlockOutput = nested(BlockOutput)

@@ -206,7 +206,7 @@ class PointFiles:
 
 
 @options
-class GrowthOptions:
+class JoinedBlockOptions:
     """The block that was adjusted before and that the images join."""
 
     add_to: str | None = option(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.results.block_record import read_record
+from hrsi.hrsi_engine.io.block_records import read_record
 from hrsi.processing_algorithms import run
 
 OLD, NEW = ("image_1", "image_2", "image_3"), "image_4"
