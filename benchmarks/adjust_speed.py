@@ -79,7 +79,7 @@ def timed(block: Block, options: AdjustOptions) -> dict[str, Any]:
     rounds = Adjuster(problem)
     solution = rounds.solve(None, silent)
     solved, solve_mb = time.perf_counter(), high_water_mb()
-    precise = precision(problem.equations, rounds.loop, solution)
+    precise = precision(rounds.loop, solution)
     result = outcome(problem, rounds.loop, rounds.found, solution, precise)
     return {
         "solve_s": solved - began, "precision_s": time.perf_counter() - solved, "solve_mb": solve_mb,
