@@ -36,18 +36,18 @@ class LaserScene:
 
 def laser_scene(
     seed: int, spec: LaserSpec | None = None, *, sensor: str = "pleiades", images: int = 2, size: int = 10_000,
-    image_px: float = 0.3, relief_m: float = 150.0,
+    image_px: float = 0.3, relief_m: float = 150.0, looked_up: int = LOOKED_UP, checks: int = 100,
 ) -> LaserScene:  # fmt: skip
     """Return a block with check points, whose laser points have tie points around them, as matching would find them."""
     views = along_track_views(SENSORS[sensor], images, (size, size))
     noise = Noise(image_px=image_px, gcp_xy_m=0.01, gcp_h_m=0.01)
     scene = SceneSpec(seed=seed, post_m=8.0, relief_m=relief_m)
-    simulated = simulate_block(scene, views, PointCounts(0, 100, 300), noise)
+    simulated = simulate_block(scene, views, PointCounts(0, checks, 200), noise)
     terrain, rng = simulated.scene.terrain, np.random.default_rng([seed, 51])
     half_m = 0.5 * size * views[0].sensor.gsd_m
     laser = simulate_laser(terrain, half_m, spec or LaserSpec(3), [seed, 50])
     points = replace(laser.points, doubt=laser_reasons(laser.points))
-    chosen = rng.permutation(np.flatnonzero(points.doubt == ""))[:LOOKED_UP]
+    chosen = rng.permutation(np.flatnonzero(points.doubt == ""))[:looked_up]
     chart = terrain.chart.from_ground(points.ground[chosen])
     near = (chart[:, None] + rng.uniform(-AROUND_M, AROUND_M, (len(chosen), TIES_EACH, 2))).reshape(-1, 2)
     ground = terrain.chart.to_ground(near, terrain.height(*near.T))
