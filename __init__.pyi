@@ -1291,7 +1291,7 @@ def interest_points(
     smallest: float = 5.0,
     largest: float = 160.0,
     contrast: float = 0.8,
-    quality: float = 0.75,
+    quality: float = 0.5,
     per_cell: int = 0,
     cell: float = 256.0,
     mask_saturated: bool = True,
@@ -1307,11 +1307,13 @@ def interest_points(
     """Corners, super points and gravity centres of images as a point layer.
 
     Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects:
-    roundabouts, tanks, roofs, pools, ponds, trees, plots. Positions are to a fraction of a pixel and
-    come with their standard deviation, size, orientation and quality. Thresholds follow from each
-    image's own statistics, relative to the surroundings of every pixel, so that forest, field and city
-    all deliver points. Images of any size are read in overlapping windows; the result does not depend
-    on them. Nodata and saturated areas are left out.
+    roundabouts, tanks, roofs, pools, ponds, trees, plots, and of bright and dark spots inside a closed
+    outline (blobs). The quality of a centre is its chance to be found again in another view, measured
+    on real pairs of one date: of those of the default 56 to 76 in 100 were. Positions are to a fraction
+    of a pixel and come with their standard deviation, size, orientation and quality. Thresholds follow
+    from each image's own statistics, relative to the surroundings of every pixel, so that forest, field
+    and city all deliver points. Images of any size are read in overlapping windows; the result does not
+    depend on them. Nodata and saturated areas are left out.
 
     The layer lies at the points' ground positions where the image has an RPC (at its mean height, a
     given height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of
@@ -1349,9 +1351,9 @@ def interest_points(
         Smallest contrast of an object, in standard deviations of its surroundings (at least 0; default
         0.8).
     quality : float, optional
-        Smallest quality of a gravity centre. Of those from 0.75 on another view has nine in ten; 0.5
-        doubles their number, fewer of the additional ones are found again (at least 0; at most 1;
-        default 0.75).
+        Smallest quality of a gravity centre: its chance to be found again in a second view, as measured
+        on real pairs of one date. Of those from 0.5 two in three have been; 0.33 adds dark spots, of
+        which in towns one in three has (at least 0; at most 1; default 0.5).
     per_cell : int, optional
         Keep so many of the best points of each detector in every cell, to spread them; 0 keeps all (at
         least 0; default 0).
@@ -1439,8 +1441,8 @@ def match(
     band : int, optional
         Band of the images (at least 1; default 1).
     scale : (float, float), optional
-        Pixels of the second image for one of the first, or the range to search; by default 1, and where
-        that does not match what features tell (at least 0.05; at most 20).
+        Pixels of the second image for one of the first, or the range to search; by default what
+        features tell, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
     detector : str, optional
         Interest points to match (one of harris, foerstner, centres, all; default harris).
     radius : float, optional

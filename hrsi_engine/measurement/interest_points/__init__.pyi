@@ -10,6 +10,7 @@ Layers, each importing only those above it::
     outlines         their sub-pixel outlines
     shapes           ellipses, rectangles and polygons through the outlines
     gravity_centres  the best shape of each object, its centre and quality
+    blobs            spots without a shape inside a closed outline, and their grey-weighted centres
     points           the table of points, spreading over a grid
     detectors        `DETECTORS` and `detect_interest_points`
 """
