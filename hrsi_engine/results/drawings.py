@@ -323,7 +323,7 @@ def _chips(result: Adjustment, shown: _Shown, outline: Outline | None) -> list[P
     for row in chosen:
         image, point, xy = block.images[rows.image[row]], rows.point[row], rows.xy[row]
         residual = shown.residual_px[row]
-        curves = tuple(outline(image, xy)) if outline is not None and role[row] != Role.TIE else ()
+        curves = tuple(outline(image, xy)) if outline is not None and role[row] == Role.GCP else ()
         chips.append(
             PointChip(
                 id=str(block.points.ids[point]), image=image.id, role=Role(role[row]).label,
