@@ -22,7 +22,8 @@ from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.simulated_block import write_laser_points
 from hrsi.hrsi_engine.simulation import SENSORS, SceneSpec
 from hrsi.hrsi_engine.simulation.free_dem import FreeDemSpec, simulate_free_dem
-from hrsi.hrsi_engine.simulation.laser import LaserSpec, simulate_laser
+from hrsi.hrsi_engine.simulation.laser import simulate_laser
+from hrsi.hrsi_engine.simulation.options import LaserSpec
 from hrsi.hrsi_engine.simulation.terrain import Chart, SimulatedTerrain
 from hrsi.hrsi_engine.surface.dem import GridSurface, surface_heights
 from hrsi.processing_algorithms import run

@@ -217,7 +217,7 @@ class Session:
         self.panel.choose("G000002")
 
     def click(self) -> None:
-        for view in self.panel.ui.views:
+        for view in self.panel.ui.shown_views():
             made = self.panel.session.measured[("G000002", view.image())]
             self.panel.measure(view.image(), made.sample + 3.0, made.line - 2.0)
 
@@ -230,13 +230,13 @@ class Session:
 
         wait_until(lambda: not self.panel.is_adjusting())
         self.panel.choose(WRONG_POINT)
-        for view in self.panel.ui.views:
+        for view in self.panel.ui.shown_views():
             expected = self.panel.session.predicted(WRONG_POINT, view.image())
             fit = fit_target(self.panel.session.images[view.image()], expected, "center")
-            view.chip.show_chip(fit.chip_svg, fit.refusal)
+            view.chip.show_chip(fit.chip_svg)
 
     def save_panel(self) -> None:
-        for view in self.panel.ui.views:
+        for view in self.panel.ui.shown_views():
             view.canvas.waitWhileRendering()
         save_screen("qgis_panel.png")
 

@@ -29,11 +29,12 @@ from qgis.core import (
     QgsProcessingParameterString,
 )
 
-from ..processing_algorithms.interface.declare import Kind, Param, typed_value
+from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, typed_value
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
 
+SHORT_DIALOG = 12  # fields that a person sees at one glance
 _ABBREVIATIONS = {
     "crs": "CRS", "dem": "DEM", "dir": "directory", "gcp": "GCP", "gcps": "GCPs", "gsd": "GSD", "h": "height",
     "rpc": "RPC", "rpcs": "RPCs", "utm": "UTM", "xy": "easting and northing",
@@ -120,9 +121,20 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
     """Make the QGIS parameter of a declared one."""
     made = BINDINGS[param.kind].make(param)
     made.setHelp(f"{spell_arguments(param.help, params, label_of)}.")
-    if param.advanced:
+    if param.advanced or not _is_asked_first(param, params):
         made.setFlags(made.flags() | ADVANCED)
     return made
+
+
+def _is_asked_first(param: Param, params: Sequence[Param]) -> bool:
+    """Return whether a field stands above "Advanced": in a long dialog what is read or written, and what must be given.
+
+    How it is done has defaults, and thirty fields in a column hide the three that are needed.
+    """
+    if len(params) <= SHORT_DIALOG or not any(other.kind in READ_KINDS for other in params):
+        return True
+    takes_file = "FILE" in param.metavar.split("|")
+    return param.required or takes_file or param.kind in (*READ_KINDS, Kind.FOLDERS, Kind.OUTPUT_DIR)
 
 
 def option_value(param: Param, reading: Reading) -> Any:

@@ -16,6 +16,20 @@ from .icons import icon_path
 CHAINS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
 
 
+class ShippedModel(QgsProcessingModelAlgorithm):
+    """A model with a title for people; its own name is its id."""
+
+    def __init__(self, title: str) -> None:
+        super().__init__()
+        self._title = title
+
+    def displayName(self) -> str:
+        return self._title
+
+    def icon(self) -> QIcon:
+        return QIcon(str(icon_path()))
+
+
 class HrsiProvider(QgsProcessingProvider):
     """Group *HRSI* of the Processing toolbox: the declared algorithms, and models that chain them.
 
@@ -52,7 +66,7 @@ class HrsiProvider(QgsProcessingProvider):
             self.addAlgorithm(DeclaredAlgorithm(declaration))
         if self._declarations is None:
             for path in sorted(CHAINS.glob("*.model3")):
-                model = QgsProcessingModelAlgorithm()
+                model = ShippedModel(path.stem.replace("_", " ").capitalize())
                 if model.fromFile(str(path)):
                     self.addAlgorithm(model)
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from qgis.core import (
     QgsLayerTreeGroup,
+    QgsLayerTreeLayer,
+    QgsLayerTreeNode,
     QgsMapLayer,
     QgsProcessingContext,
     QgsProcessingFeedback,
@@ -111,19 +113,21 @@ class Placement(QgsProcessingLayerPostProcessorInterface):
         root = context.project().layerTreeRoot()
         group = root.findGroup(self._group) or root.insertGroup(0, self._group)
         node = root.findLayer(layer.id())
-        if node is not None and node.parent() is not group:
-            group.insertChildNode(_place_in(group, layer), node.clone())
+        if node is not None:  # wherever the desktop has put it
+            group.insertChildNode(_place_in(group, node), node.clone())  # first: with its last node a layer goes
             node.parent().removeChildNode(node)
         layer.triggerRepaint()
 
 
-def _place_in(group: QgsLayerTreeGroup, layer: QgsMapLayer) -> int:
-    """Return where a layer belongs: points above footprints above images."""
-    above = [_rank(node.layer()) < _rank(layer) for node in group.findLayers() if node.layer() is not None]
-    return sum(above)
+def _place_in(group: QgsLayerTreeGroup, node: QgsLayerTreeLayer) -> int:
+    """Return where a layer's node belongs: points above footprints above images, the latest of a kind on top."""
+    nodes = group.children()
+    below = (place for place, other in enumerate(nodes) if other is not node and _rank(other) >= _rank(node))
+    return next(below, len(nodes))
 
 
-def _rank(layer: QgsMapLayer) -> int:
+def _rank(node: QgsLayerTreeNode) -> int:
+    layer = node.layer() if isinstance(node, QgsLayerTreeLayer) else None
     if not isinstance(layer, QgsVectorLayer):
         return 2
     return int(layer.geometryType() == QgsWkbTypes.GeometryType.PolygonGeometry)

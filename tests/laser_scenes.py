@@ -13,7 +13,8 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
 from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
 from hrsi.hrsi_engine.simulation.control import measure, observe
-from hrsi.hrsi_engine.simulation.laser import LaserSpec, SimulatedLaser, simulate_laser
+from hrsi.hrsi_engine.simulation.laser import SimulatedLaser, simulate_laser
+from hrsi.hrsi_engine.simulation.options import LaserSpec
 from hrsi.hrsi_engine.simulation.synthesis import SimulatedBlock
 
 LOOKED_UP, TIES_EACH, AROUND_M = 400, 3, 10.0

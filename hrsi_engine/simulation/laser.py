@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.laser import LaserPoints
-from ..foundation.options import option, options
+from .options import LaserSpec
 from .terrain import SimulatedTerrain
 
 PAIRS_APART_M, BEAMS_APART_M = 3300.0, 90.0
@@ -31,42 +31,6 @@ STATED_SHARE = (1.0, 1.8)  # of spread over root of photons
 CANOPY_PATCH_M, CANOPY_HEIGHT_M, CANOPY_SPREAD = 200.0, (2.0, 3.0), (np.log(0.7), 0.6)  # gamma shape and scale
 CLOUD_M, CLOUD_SPREAD = (20.0, 600.0), (np.log(2.0), 0.8)
 GROUND_HIT, CANOPY_HIT, CLOUD_HIT = 0, 1, 2  #: what a laser point met
-
-
-@options
-class LaserSpec:
-    """Which laser points a scene gets."""
-
-    passes: int = option(
-        0, "Passes of a laser altimeter over the scene, six beams each", name="laser-passes", minimum=0, metavar="N"
-    )
-    canopy: float = option(
-        0.1,
-        "Share of the laser points that met canopy",
-        name="laser-canopy",
-        minimum=0.0,
-        maximum=1.0,
-        advanced=True,
-        metavar="SHARE",
-    )
-    segment_m: float = option(
-        40.0,
-        "Length of the segments whose mean height a laser point is",
-        name="laser-segment",
-        minimum=1.0,
-        unit="m",
-        advanced=True,
-        metavar="M",
-    )
-    clouds: float = option(
-        0.03,
-        "Share of the laser points that met clouds",
-        name="laser-clouds",
-        minimum=0.0,
-        maximum=1.0,
-        advanced=True,
-        metavar="SHARE",
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,3 +105,39 @@ class Noise:
         for name in ("blunders", "gcp_blunders", "wrong_heights"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"simulation share {name} is {getattr(self, name)}: give 0 to 1")
+
+
+@options
+class LaserSpec:
+    """Which laser points a scene gets."""
+
+    passes: int = option(
+        0, "Passes of a laser altimeter over the scene, six beams each", name="laser-passes", minimum=0, metavar="N"
+    )
+    canopy: float = option(
+        0.1,
+        "Share of the laser points that met canopy",
+        name="laser-canopy",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
+        metavar="SHARE",
+    )
+    segment_m: float = option(
+        40.0,
+        "Length of the segments whose mean height a laser point is",
+        name="laser-segment",
+        minimum=1.0,
+        unit="m",
+        advanced=True,
+        metavar="M",
+    )
+    clouds: float = option(
+        0.03,
+        "Share of the laser points that met clouds",
+        name="laser-clouds",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
+        metavar="SHARE",
+    )

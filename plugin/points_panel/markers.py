@@ -15,7 +15,7 @@ NAMED_POINTS = 60  # with more in view, only the chosen and the suspicious ones 
 ARROW_PX = 30.0  # on the screen, of a residual of one pixel
 _ARM = 9.0
 _BESIDE = 200.0  # on the screen: names and arrows of points that lie beside what is shown reach into it
-_HALO = QColor(0, 0, 0, 190)
+_DARK, _LIGHT = QColor(0, 0, 0, 190), QColor(255, 255, 255, 220)  # around texts
 GOOD, PREDICTED = QColor(255, 176, 0), QColor(90, 200, 255)
 
 
@@ -85,7 +85,8 @@ def _draw_text(painter: QPainter, at: QPointF, text: str, colour: QColor) -> Non
     """Write a text that is read on bright and on dark ground."""
     outline = QPainterPath()
     outline.addText(at, painter.font(), text)
-    painter.strokePath(outline, QPen(_HALO, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+    halo = _LIGHT if colour == SUSPICIOUS else _DARK
+    painter.strokePath(outline, QPen(halo, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
     painter.fillPath(outline, QBrush(colour))
 
 

@@ -19,9 +19,8 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
-from ...hrsi_engine.measurement.reference.checks import dem_sigma_m
 from ...hrsi_engine.plausibility.laser_quality import laser_reasons
-from ...hrsi_engine.surface.dem import cell_size_m
+from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, LaserFile, PointFiles
@@ -92,12 +91,12 @@ def adjust_at_laser_points(
     The laser points are looked up with the cameras of an adjustment before, and again where the block has moved by more
     than the ties may lie beside them.
     """
+    laser = options.laser
+    if laser is None or sum(image.raster is not None for image in block.images) < 2:
+        return adjust(block, options, context.progress, elsewhere=elsewhere), []
     from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # needs OpenCV, which a QGIS may lack
 
-    laser = options.laser
     result = adjust(block, options, stage(context.progress, 0.0, 0.1), elsewhere=elsewhere)
-    if laser is None or sum(image.raster is not None for image in block.images) < 2:
-        return result, []
     for number in range(LOOK_UPS):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
         images = [

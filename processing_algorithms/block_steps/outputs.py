@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -31,7 +31,6 @@ from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
-from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
@@ -209,11 +208,20 @@ def _name_outputs(
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 
+def _outline_finder() -> Callable[[Image, np.ndarray], tuple[np.ndarray, ...]]:
+    """Return what finds the outline of a target in an image; without OpenCV, which a QGIS may lack, none is found."""
+    try:
+        from ..files.target_chip import find_outline
+    except ImportError:
+        return lambda _image, _measured_px: ()
+    return find_outline
+
+
 def _write_reports(
     folder: Path, report: Report, result: Adjustment, left: Residuals, refined: Sequence[Image], page: bool
 ) -> None:
     if page:
-        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, find_outline))
+        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, _outline_finder()))
     write_report_json(str(folder / REPORT_FILE), report)
 
 

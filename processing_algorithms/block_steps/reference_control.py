@@ -15,13 +15,12 @@ from ...hrsi_engine.measurement.reference.checks import (
     MeasuredGcps,
     ReferenceAccuracy,
     contradiction,
-    dem_sigma_m,
     reference_shift,
     shift_warnings,
 )
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
 from ...hrsi_engine.measurement.reference.parts import without_wrong_parts
-from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m
+from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage

@@ -5,8 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from ...hrsi_engine.foundation.options import nested, option, options
-from ...hrsi_engine.simulation.laser import LaserSpec
-from ...hrsi_engine.simulation.options import HEADING_DEG, SENSOR_NAMES, STRIP_OVERLAP, Noise, PointCounts, SceneSpec
+from ...hrsi_engine.simulation.options import (
+    HEADING_DEG,
+    SENSOR_NAMES,
+    STRIP_OVERLAP,
+    LaserSpec,
+    Noise,
+    PointCounts,
+    SceneSpec,
+)
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import Common, ResultFolder
 

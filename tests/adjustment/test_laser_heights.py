@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.adjustment.held_heights import Opinion, SharedError, agree
 from hrsi.hrsi_engine.adjustment.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
-from hrsi.hrsi_engine.simulation.laser import LaserSpec
+from hrsi.hrsi_engine.simulation.options import LaserSpec
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
 OPTIONS = AdjustOptions(model="shift")

@@ -42,7 +42,7 @@ def test_every_kind_has_a_binding() -> None:
 
 def test_provider_lists_the_registry(hrsi_provider) -> None:
     ids = {algorithm.id() for algorithm in hrsi_provider.algorithms()}
-    assert ids == {f"hrsi:{name.replace('-', '')}" for name in REGISTRY}
+    assert ids == {f"hrsi:{name.replace('-', '')}" for name in REGISTRY} | {"hrsi:triangulatetoorthoimages"}
     for identifier in ids:
         assert QgsApplication.processingRegistry().createAlgorithmById(identifier) is not None
 
@@ -58,6 +58,7 @@ def test_texts_and_outputs(declaration: Algorithm) -> None:
     writes_folder = any(param.kind is Kind.OUTPUT_DIR for param in declaration.params)
     layers = {layer_name(source).upper() for source in declaration.layers}
     judged = {"VERDICT"} if any(param.key == "force_write" for param in declaration.params) else set()
+    judged |= {"IMAGES_MADE"} if declaration.images_made else set()
     assert outputs == layers | judged | ({"REPORT", "REPORT_HTML", "OUTPUT_DIR"} if writes_folder else {"REPORT"})
 
 
@@ -73,7 +74,7 @@ def test_parameter(declaration: Algorithm, param: Param) -> None:
     optional = bool(flags & OPTIONAL)
     assert not (optional and (param.required or param.piped))
     assert optional or param.required or param.piped or param.default is not None
-    assert bool(flags & ADVANCED) == param.advanced
+    assert bool(flags & ADVANCED) or not param.advanced
     if param.default not in (None, ()):
         assert definition.checkValueIsAcceptable(definition.defaultValue())
     if isinstance(definition, QgsProcessingParameterEnum):
@@ -100,3 +101,14 @@ def test_what_a_dialog_is_filled_with_reaches_the_algorithm_as_its_dataclass_has
     for param in declaration.params:
         value = option_value(param, reading)
         assert (VALUE_OF[param.kind](value) if value not in (None, ()) else value) == param.default, param.name
+
+
+def test_long_dialogs_ask_for_what_is_needed_first() -> None:
+    """Of the 50 fields of the main job what it reads and writes stands above "Advanced"; short dialogs hide nothing."""
+    for name, most in (("triangulate", 10), ("adjust", 8)):
+        algorithm = made(REGISTRY[name])
+        first = [one.name() for one in algorithm.parameterDefinitions() if not one.flags() & ADVANCED]
+        assert first[:3] == ["IMAGES", "GCPS", "IMAGE_POINTS"] and "OUTPUT_DIR" in first
+        assert len(first) <= most
+    short = made(REGISTRY["write-rpc"])
+    assert not any(one.flags() & ADVANCED for one in short.parameterDefinitions() if one.name() != "THREADS")

@@ -166,11 +166,3 @@ def contradiction(
     east, north = np.median(every, axis=0)
     limit = REFERENCE_LIMIT * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
     return Contradiction(float(east), float(north), limit, len(every))
-
-
-def dem_sigma_m(cell_size_m: float) -> float:
-    """Return a standard deviation of a DEM's heights from the size of its cells, where nobody says more.
-
-    0.4 m for 1 m (laser scanning), 3 m for 30 m (TanDEM-X, Copernicus), 9 m for 90 m (SRTM): what their makers state.
-    """
-    return 0.3 + 0.1 * min(cell_size_m, 100.0)
