@@ -12,6 +12,7 @@ from ..hrsi_engine.drawing.pair_pictures import PictureSide, pair_svg
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
+from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_csv
 from ..hrsi_engine.io.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
@@ -132,9 +133,9 @@ def _layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: list[
         "sigma": points.sigma_px, "kind": points.kind, "quality": points.quality,
     }  # fmt: skip
     return [
-        Layer(LAYER, "None" if images[0].rpc is None else "PointZ", 4326, ground[0], fields),
+        Layer(LAYER, "None" if images[0].rpc is None else "PointZ", WGS84_3D, ground[0], fields),
         Layer(
-            POINTS_LAYER, "None" if any(image.rpc is None for image in images) else "PointZ", 4326,
+            POINTS_LAYER, "None" if any(image.rpc is None for image in images) else "PointZ", WGS84_3D,
             np.concatenate(ground), measured,
         ),
     ]  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_measurements
 from ..hrsi_engine.io.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
@@ -58,8 +59,8 @@ def run(options: TiePointsOptions, context: Context) -> Report:
             "sigma": rows.sigma_px, "quality": rows.quality, "kind": rows.kind,
         }  # fmt: skip
         layers = [
-            Layer(LAYER, "PointZ", 4326, found.ground, points),
-            Layer(MEASUREMENTS_LAYER, "PointZ", 4326, found.ground[track], measured),
+            Layer(LAYER, "PointZ", WGS84_3D, found.ground, points),
+            Layer(MEASUREMENTS_LAYER, "PointZ", WGS84_3D, found.ground[track], measured),
         ]
         styles = default_styles(layers[:1])
         write_geopackage(str(folder / LAYERS_FILE), layers, styles)

@@ -20,11 +20,13 @@ from osgeo import gdal, ogr, osr
 from shapely.affinity import translate
 from shapely.geometry import Polygon
 
+from ..foundation.dates import run_date
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes, metres_per_degree
-from .datasets import gdal_messages, quiet
+from .datasets import config_option, gdal_messages, quiet
 from .layer_styles import Style, default_style
+from .layer_texts import FIELD_TEXTS, LAYER_TEXTS
 from .layer_words import Column
 from .replacing import replacing
 from .rtree import empty_rtree, fill_rtree
@@ -88,7 +90,11 @@ def default_styles(layers: Sequence[Layer]) -> dict[str, Style]:
 
 
 def write_geopackage(
-    path: str, layers: Sequence[Layer], styles: Mapping[str, Style] | None = None, progress: Progress = silent
+    path: str,
+    layers: Sequence[Layer],
+    styles: Mapping[str, Style] | None = None,
+    progress: Progress = silent,
+    lineage: Mapping[str, str] | None = None,
 ) -> None:
     """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
 
@@ -102,6 +108,8 @@ def write_geopackage(
         By layer name; by default those of `layer_styles`.
     progress : Progress
         Callback; False cancels.
+    lineage : mapping of str to str, optional
+        What the file tells of itself (its table gpkg_metadata), by name.
 
     Raises
     ------
@@ -121,7 +129,8 @@ def write_geopackage(
             f"{path}: a path of {length} bytes is too long for SQLite, which opens 512: choose a shorter `output_dir`"
         )
     with replacing(path) as temporary, quiet():  # GDAL and SQLite have more to say of a full disk
-        _create_tables(path, temporary, layers, with_styles=bool(styles))
+        with config_option("OGR_CURRENT_DATE", run_date()):
+            _create_tables(path, temporary, layers, bool(styles), lineage or {})
         try:
             with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:
                 for pragma in WITHOUT_SAFETY:
@@ -134,6 +143,7 @@ def write_geopackage(
                             done += _CHUNK_ROWS
                             advance(progress, min(1.0, done / total), f"writing layer {layer.name}")
                 insert_styles(database, layers, styles)
+                describe_fields(database, layers)
         except sqlite3.Error as error:
             raise OutputError(f"{path}: cannot be written ({error}): check free space and permissions") from None
         remove_old_journal(path)
@@ -177,7 +187,9 @@ def _turned(coordinates: np.ndarray | Sequence[Polygon], turns: np.ndarray) -> n
     ]
 
 
-def _create_tables(path: str, temporary: str, layers: Sequence[Layer], with_styles: bool) -> None:
+def _create_tables(
+    path: str, temporary: str, layers: Sequence[Layer], with_styles: bool, lineage: Mapping[str, str]
+) -> None:
     """Have OGR make an empty GeoPackage with all layers."""
     dataset = None
     with gdal_messages() as messages:
@@ -187,6 +199,8 @@ def _create_tables(path: str, temporary: str, layers: Sequence[Layer], with_styl
                 create_layer(dataset, layer)
             if with_styles:
                 create_style_table(dataset)
+            if lineage:
+                dataset.SetMetadata(dict(lineage))
     if dataset is None or messages:
         dataset = None  # closed here, where GDAL's complaints are not heard
         raise OutputError(
@@ -200,6 +214,7 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
     reference.ImportFromEPSG(layer.crs)
     reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
     options = ["SPATIAL_INDEX=YES", f"GEOMETRY_NAME={GEOMETRY_COLUMN}", "FID=fid"]
+    options += [f"DESCRIPTION={LAYER_TEXTS[layer.name]}"] if layer.name in LAYER_TEXTS else []
     has_geometry = layer.geometry != "None"
     table = dataset.CreateLayer(
         layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
@@ -317,6 +332,31 @@ def _polygon_blob(polygon: Polygon, crs: int) -> bytes | None:
     return struct.pack("<2sBBi4d", b"GP", 0, 3, crs, west, east, south, north) + bytes(polygon.wkb)
 
 
+#: Tables of the extension gpkg_schema, which describes columns. Source: OGC 12-128r18, annex F.9.
+_SCHEMA_TABLES = (
+    "CREATE TABLE IF NOT EXISTS gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT,"
+    " title TEXT, description TEXT, mime_type TEXT, constraint_name TEXT,"
+    " CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), CONSTRAINT gdc_tn UNIQUE (table_name, name))",
+    "CREATE TABLE IF NOT EXISTS gpkg_data_column_constraints (constraint_name TEXT NOT NULL, constraint_type TEXT NOT"
+    " NULL, value TEXT, min NUMERIC, min_is_inclusive BOOLEAN, max NUMERIC, max_is_inclusive BOOLEAN, description TEXT,"
+    " CONSTRAINT gdcc_ntv UNIQUE (constraint_name, constraint_type, value))",
+)
+_SCHEMA_EXTENSION = "http://www.geopackage.org/spec121/#extension_schema"
+
+
+def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> None:
+    """Say of each field what it holds (`layer_texts`), in the table that the standard has for that."""
+    rows = [(layer.name, name, FIELD_TEXTS[name]) for layer in layers for name in layer.fields if name in FIELD_TEXTS]
+    if not rows:
+        return
+    for statement in _SCHEMA_TABLES:
+        database.execute(statement)
+    extension = [(table, None, "gpkg_schema", _SCHEMA_EXTENSION, "read-write")
+                 for table in ("gpkg_data_columns", "gpkg_data_column_constraints")]  # fmt: skip
+    database.executemany("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", extension)
+    database.executemany("INSERT INTO gpkg_data_columns (table_name, column_name, description) VALUES (?, ?, ?)", rows)
+
+
 def create_style_table(dataset: gdal.Dataset) -> None:
     """Make the table in which QGIS looks for the styles of a file's layers, as QGIS itself makes it."""
     table = dataset.CreateLayer("layer_styles", None, ogr.wkbNone, ["FID=id"])
@@ -341,8 +381,8 @@ def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles:
         database.execute(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName,"
             " styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"
-            " VALUES ('', '', ?, ?, ?, ?, '', 1, ?, '', '', strftime('%Y-%m-%dT%H:%M:%fZ', 'now'))",
-            (name, GEOMETRY_COLUMN, name, styles[name].qml, styles[name].description),
+            " VALUES ('', '', ?, ?, ?, ?, '', 1, ?, '', '', ?)",
+            (name, GEOMETRY_COLUMN, name, styles[name].qml, styles[name].description, run_date()),
         )
     if styles:
         database.execute(

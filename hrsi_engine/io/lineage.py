@@ -20,7 +20,7 @@ from osgeo import gdal, osr
 from ..foundation.dates import run_date
 from ..foundation.version import VERSION
 from .content_marks import WHOLE_BYTES, places_of
-from .datasets import open_dataset, quiet, virtual_status
+from .datasets import metadata_of, open_dataset, quiet, virtual_status
 from .versions import versions
 
 ALL_BYTES = 2**30
@@ -57,6 +57,15 @@ def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[
         "versions": versions(),
         "platform": platform.platform(),
     }
+
+
+def rpc_history(path: str) -> str:
+    """Return where an image's RPC comes from, as its metadata tells: which run refined it, else ``as delivered``."""
+    dataset, _ = open_dataset(path)
+    told = {} if dataset is None else metadata_of(dataset)
+    if "HRSI_MODEL" not in told:
+        return "as delivered"
+    return f"refined by HRSI {told.get('HRSI_VERSION')} on {told.get('HRSI_DATE')}, model {told['HRSI_MODEL']}"
 
 
 def without_secrets(text: str) -> str:

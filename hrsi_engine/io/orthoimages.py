@@ -200,7 +200,7 @@ def file_state(path: str) -> list[Any]:
 
 def write_orthoimage(
     path: str, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp, form: OrthoFormat,
-    made_from: Mapping[str, Any], threads: int, progress: Progress,
+    made_from: Mapping[str, Any], threads: int, progress: Progress, lineage: Mapping[str, str] | None = None,
 ) -> OrthoFigures:  # fmt: skip
     """Write an orthoimage; return its figures.
 
@@ -224,6 +224,8 @@ def write_orthoimage(
         That compress.
     progress : Progress
         Callback; False cancels.
+    lineage : mapping of str to str, optional
+        What the file tells people of itself.
 
     Returns
     -------
@@ -241,7 +243,7 @@ def write_orthoimage(
 
     def fill(dataset: gdal.Dataset, part: Progress) -> None:
         _fill(dataset, source, grid, chunks, warp, figures, part)
-        dataset.SetMetadata(_metadata(made_from, figures))
+        dataset.SetMetadata({**_metadata(made_from, figures), **(lineage or {})})
 
     options = form.creation_options(source.is_integer, threads)
     with _hidden_folder(path) as hidden, replacing(path) as temporary:

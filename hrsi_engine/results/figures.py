@@ -141,6 +141,8 @@ def _image_entry(
         "rmse_sample_px": rmse(left.at_known_px[here, 0]),
         "rmse_line_px": rmse(left.at_known_px[here, 1]),
         "rpc_fit_max_px": refined.fit_max_px,
+        "err_bias_m": refined.rpc.err_bias,
+        "err_rand_m": refined.rpc.err_rand,
         "pointing": asdict(believed_pointing(result.block.images[index])),
         "parameters": {name: {"value": float(value), "sigma": float(sigma)} for name, value, sigma in values},
     }

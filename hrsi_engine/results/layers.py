@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..ground.geodesy import WGS84
+from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, to_projected
 from ..io.layers import Layer
 from .residuals import Residuals
@@ -43,13 +43,13 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     left_over = residuals_table(result, left)
     footprints = images_table(result, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
-    crs = {"residuals_wgs84": WGS84, "residuals_utm": residuals_epsg(result)}
+    crs = {"residuals_wgs84": WGS84_3D, "residuals_utm": residuals_epsg(result)}
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
-        _point_layer("ground_points", ground_points_table(result), WGS84),
-        _point_layer("image_points", image_points_table(result, left), WGS84),
+        _point_layer("ground_points", ground_points_table(result), WGS84_3D),
+        _point_layer("image_points", image_points_table(result, left), WGS84_3D),
         *(_point_layer(name, left_over, crs[name]) for name in chosen),
-        *([] if result.laser is None else [_point_layer("laser_points", laser_points_table(result.laser), WGS84)]),
+        *([] if result.laser is None else [_point_layer("laser_points", laser_points_table(result.laser), WGS84_3D)]),
     ]
 
 
@@ -61,6 +61,6 @@ def residuals_epsg(result: Adjustment) -> int:
 def _point_layer(name: str, table: Table, epsg: int) -> Layer:
     """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
     place = table.positions
-    if epsg != WGS84:
+    if epsg != WGS84_3D:
         place = np.column_stack([to_projected(place, epsg), place[:, 2]])
     return Layer(name, "PointZ", epsg, place, table.columns)

@@ -27,6 +27,7 @@ from ...hrsi_engine.results.block_record import record_of
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, residuals_epsg
+from ...hrsi_engine.results.lineage import lineage_items, state_accuracy
 from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
@@ -145,6 +146,7 @@ def write_results(
     images = result.block.images
     left = residuals(result)
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
+    refined = state_accuracy(result, refined)
     clock.lap("residuals")
     evidence = Evidence(result, left, refined)
     report = {
@@ -169,17 +171,18 @@ def write_results(
     target = output.folder
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
-        names = write_new_files(folder, images, refined, how, stage(context.progress, 0.0, 0.5))
+        items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
+        names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
         _name_outputs(report, output, how, images, names)
         advance(context.progress, 0.5, "writing layers")
         layers = block_layers(result, left, output.residual_crs)
         styles = default_styles(layers)
-        write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7))
+        write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7), items)
         for file in stale:
             changes.remove(file)
         report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
         if how == IN_PLACE:
-            report["warnings"] += prepare_images(images, refined, changes, stage(context.progress, 0.7, 0.95))
+            report["warnings"] += prepare_images(images, refined, changes, items, stage(context.progress, 0.7, 0.95))
         clock.lap("write")
         report["seconds"] = clock.total()
         delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]

@@ -9,23 +9,30 @@ from pathlib import Path
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
-from ...hrsi_engine.io.rpc_files import free_the_way, prepare_in_place, write_geotiff_copy, write_rpc_text, write_vrt
+from ...hrsi_engine.io.rpc_files import (
+    Lineage,
+    free_the_way,
+    prepare_in_place,
+    write_geotiff_copy,
+    write_rpc_text,
+    write_vrt,
+)
 from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
 
-Writer = Callable[[str, str, RPC, Progress], object]
+Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 
 
-def _copy(source: str, target: str, rpc: RPC, progress: Progress) -> None:
-    write_geotiff_copy(source, target, rpc, progress)
+def _copy(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
+    write_geotiff_copy(source, target, rpc, progress, lineage)
 
 
-def _virtual(source: str, target: str, rpc: RPC, progress: Progress) -> None:
-    write_vrt(source, target, rpc)
+def _virtual(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
+    write_vrt(source, target, rpc, lineage)
 
 
-def _text(source: str, target: str, rpc: RPC, progress: Progress) -> None:
-    write_rpc_text(target, rpc)
+def _text(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
+    write_rpc_text(target, rpc, lineage)
 
 
 #: By the choice of `write`: ending of the new file, and what writes it.
@@ -44,8 +51,17 @@ def planned_names(images: Sequence[Image], how: str) -> dict[str, str]:
     return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
 
 
+def _lineage_of(image: Image, items: Mapping[str, str]) -> Lineage:
+    return Lineage({**items, "HRSI_SOURCE": os.path.basename(image.path)}, image.rpc)
+
+
 def write_new_files(
-    folder: Path, images: Sequence[Image], refined: Sequence[RefinedRPC], how: str, progress: Progress
+    folder: Path,
+    images: Sequence[Image],
+    refined: Sequence[RefinedRPC],
+    how: str,
+    items: Mapping[str, str],
+    progress: Progress,
 ) -> dict[str, str]:
     """Write each image's refined RPC into a new file of ``folder``; return the file names by image id."""
     names = planned_names(images, how)
@@ -55,7 +71,7 @@ def write_new_files(
         part = stage(progress, done / len(images), (done + 1) / len(images))
         advance(part, 0.0, f"writing {image.id}")
         _, write = NEW_FILES[how if _has_file(image) else WITHOUT_PIXELS]
-        write(image.path, str(folder / names[image.id]), new.rpc, part)
+        write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
     return names
 
 
@@ -72,7 +88,11 @@ def clear_the_way(
 
 
 def prepare_images(
-    images: Sequence[Image], refined: Sequence[RefinedRPC], changes: Transaction, progress: Progress
+    images: Sequence[Image],
+    refined: Sequence[RefinedRPC],
+    changes: Transaction,
+    items: Mapping[str, str],
+    progress: Progress,
 ) -> list[str]:
     """Make the images themselves ready to take the refined RPCs, all together or none; return notices."""
     notices: list[str] = []
@@ -80,7 +100,7 @@ def prepare_images(
     for done, (image, new) in enumerate(with_pixels):
         part = stage(progress, done / len(with_pixels), (done + 1) / len(with_pixels))
         advance(part, 0.0, f"writing {os.path.basename(image.path)}")
-        notices += prepare_in_place(image.path, new.rpc, changes, part)
+        notices += prepare_in_place(image.path, new.rpc, changes, part, _lineage_of(image, items))
     return notices
 
 

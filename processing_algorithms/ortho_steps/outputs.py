@@ -15,6 +15,7 @@ from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.streams import open_calls
 from ...hrsi_engine.foundation.threads import thread_count
 from ...hrsi_engine.io.json_files import read_json
+from ...hrsi_engine.io.lineage import rpc_history
 from ...hrsi_engine.io.orthoimages import OrthoFigures, stamp_of, stored_figures, write_orthoimage
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages import write_page
@@ -93,8 +94,9 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
             begin = time.monotonic()
             try:
                 figures = write_orthoimage(
-                    job.path, job.source, job.grid, chunks, job.warp, job.form, job.made_from, threads, part
-                )
+                    job.path, job.source, job.grid, chunks, job.warp, job.form, job.made_from, threads, part,
+                    _lineage(job, options, context.record),
+                )  # fmt: skip
             except Cancelled:
                 raise Cancelled(
                     f"cancelled; {number} of {len(jobs)} orthoimages are finished: the same command goes on with the "
@@ -102,6 +104,20 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
                 ) from None
             entries[job.image.id] = _entry(job, MADE, figures, time.monotonic() - begin)
     return entries
+
+
+def _lineage(job: OrthoJob, options: OrthorectifyOptions, record: Report) -> dict[str, str]:
+    """Return what an orthoimage tells of itself: from which image, with which RPC, on which terrain, when."""
+    terrain, height = options.terrain, options.terrain.height
+    return {
+        "HRSI_VERSION": record["version"],
+        "HRSI_DATE": record["date"],
+        "HRSI_ALGORITHM": record["algorithm"],
+        "HRSI_SOURCE": os.path.basename(job.image.path),
+        "HRSI_RPC": rpc_history(job.image.path),
+        "HRSI_RPC_SHA256": str(job.made_from["rpc"]),
+        "HRSI_TERRAIN": str(terrain.dem.dem or options.terrain_points or f"height {height:g} m"),
+    }
 
 
 def _entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:

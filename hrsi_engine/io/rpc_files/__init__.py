@@ -10,11 +10,12 @@ from .find import RPC_READERS, read_rpc, read_rpc_or_none, rpc_for_image, rpc_in
 from .in_place import prepare_in_place, require_in_place, restore, write_in_place, write_sidecar
 from .reading import FoundRpc, RpcReader, RpcReading
 from .sidecars import free_the_way
-from .write import write_geotiff_copy, write_rpb, write_rpc_text, write_vrt
+from .write import Lineage, write_geotiff_copy, write_rpb, write_rpc_text, write_vrt
 
 __all__ = [
     "RPC_READERS",
     "FoundRpc",
+    "Lineage",
     "RpcReader",
     "RpcReading",
     "difference_px",

@@ -24,7 +24,7 @@ from .fields import numbers_of
 from .find import RPC_READERS, open_raster, read_rpc, rpc_reader_of, side_files
 from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
 from .tiff_directory import read_directory
-from .write import write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json
+from .write import UNTOLD, Lineage, write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json
 
 #: Format of a sidecar -> what follows the image's stem, and the function that writes it.
 SIDECARS = {
@@ -70,7 +70,9 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
     return notices
 
 
-def prepare_in_place(path: str, rpc: RPC, changes: Transaction, progress: Progress = silent) -> tuple[str, ...]:
+def prepare_in_place(
+    path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = UNTOLD
+) -> tuple[str, ...]:
     """Make everything ready to give an image another RPC; it has it when the changes are committed.
 
     Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. What has to lie beside the image,
@@ -82,6 +84,7 @@ def prepare_in_place(path: str, rpc: RPC, changes: Transaction, progress: Progre
     rpc : the new RPC
     changes : collects the changes of this file, and of others that are to happen together with them
     progress : callback; False cancels
+    lineage : what the file tells of itself
 
     Returns
     -------
@@ -100,7 +103,7 @@ def prepare_in_place(path: str, rpc: RPC, changes: Transaction, progress: Progre
     reader = rpc_reader_of(path)
     if reader is not None:
         return _prepare_rpc_file(path, rpc, changes)
-    notices = _prepare_tag(path, rpc, changes, progress)
+    notices = _prepare_tag(path, rpc, changes, progress, lineage)
     if vendor_xml(path):
         return notices + prepare_sidecar(os.path.splitext(path)[0] + SIDECARS["rpb"][0], rpc, changes, "rpb")
     return notices + tuple(set_aside(file, changes) for file in stale_files(path, rpc))
@@ -121,7 +124,7 @@ def _prepare_rpc_file(path: str, rpc: RPC, changes: Transaction) -> tuple[str, .
     return ()
 
 
-def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress) -> tuple[str, ...]:
+def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress, lineage: Lineage) -> tuple[str, ...]:
     """Make a copy of the image with the new tag, which keeps the original."""
     if not os.path.isfile(path) or read_directory(path) is None:
         raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
@@ -129,7 +132,7 @@ def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress) 
     temporary = changes.new_file(path)
     with _disk_errors(path):
         copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
-        stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True)
+        stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
         written = tiff_tag.read(temporary)
         open_raster(temporary)
         require_same(path, rpc, written.rpc if written else rpc.shift(float("nan"), 0.0))

@@ -6,14 +6,16 @@ The two are one format, but GDAL takes the vendor's XML between them.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from ...camera.rpc import RPC
 from .content import read_text
 from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, numbered_values, rpc_from_text
 from .reading import RpcReader, RpcReading
 
-#: Last line of files from here: `restore` may take them away again.
+#: In files from here, below the numbers: `restore` may take them away again.
 WRITTEN_BY = "WRITTEN_BY: HRSI"
+NOTHING: Mapping[str, str] = {}
 _MARK = re.compile(rb"(LINE_OFF|LINE_NUM_COEFF_1)[:=\s]", re.IGNORECASE)
 
 
@@ -34,13 +36,14 @@ def _entries(text: str) -> dict[str, str]:
     return entries
 
 
-def text_of(rpc: RPC) -> str:
-    """Return the content of a ``_RPC.TXT`` file, all digits; unknown errors are left out."""
+def text_of(rpc: RPC, lineage: Mapping[str, str] = NOTHING) -> str:
+    """Return the content of a ``_RPC.TXT`` file, all digits; unknown errors are left out, ``lineage`` comes last."""
     lines = [f"{GDAL_NAMES[name]}: {getattr(rpc, name)!r}" for name in SCALARS]
     for name in POLYNOMIALS:
         lines += [f"{GDAL_NAMES[name]}_{i}: {value!r}" for i, value in enumerate(getattr(rpc, name).tolist(), start=1)]
     lines += [f"{GDAL_NAMES[name]}: {value!r}" for name in ERRORS if (value := getattr(rpc, name)) is not None]
-    return "\n".join([*lines, WRITTEN_BY]) + "\n"
+    told = [f"{name}: {' '.join(value.split())}" for name, value in lineage.items()]
+    return "\n".join([*lines, WRITTEN_BY, *told]) + "\n"
 
 
 def _recognises(name: str, head: bytes) -> bool:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable, Mapping
+from html import escape
 
 from ...foundation.errors import InputError
 from .fields import GDAL_NAMES, SCALARS, rpc_from_numbers
@@ -22,6 +24,7 @@ ORIGINAL_DOMAIN = "HRSI_ORIGINAL_RPC"
 _DOUBLES_ITEM = "TAG_50844"
 _ABSENT = "absent"
 _ORIGINAL_ITEM = re.compile(rf'<Item name="([^"]*)" domain="{ORIGINAL_DOMAIN}"[^>]*>([^<]*)</Item>\r?\n?')
+_LINEAGE_ITEM = re.compile(r'<Item name="HRSI_[A-Z0-9_]*">[^<]*</Item>\r?\n?')
 _END = "</GDALMetadata>"
 
 
@@ -55,16 +58,29 @@ def read_numbers(path: str) -> list[float] | None:
     return list(struct.unpack(f"{directory.order}{COUNT}d", content or b""))
 
 
-def set_numbers(path: str, numbers: list[float], keep_original: bool) -> bool:
+def set_numbers(
+    path: str,
+    numbers: list[float],
+    keep_original: bool,
+    lineage: Mapping[str, str] | None = None,
+    original: list[float] | None = None,
+) -> bool:
     """Write the tag into a TIFF file, where it stands; return False where its directory had to move.
 
-    With ``keep_original`` the old doubles go into the metadata domain, unless an older original is there already.
+    With ``keep_original`` the old doubles (or those of ``original``, where the RPC came from beside the image) go into
+    the metadata domain, unless an older original is there already. ``lineage`` becomes items of the metadata, in place
+    of those of an earlier run.
     """
     directory = _directory(path)
     changes: dict[int, Field | None] = {TAG_RPC: _doubles(directory, numbers)}
     xml = _metadata(path, directory)
+    told = xml
     if keep_original and not _ORIGINAL_ITEM.search(xml):
-        changes[TAG_METADATA] = _text(_with_original(xml, read_numbers(path)))
+        told = _with_original(told, read_numbers(path) if original is None else original)
+    if lineage:
+        told = _with_items(_LINEAGE_ITEM.sub("", told), [_item(name, value) for name, value in lineage.items()])
+    if told != xml:
+        changes[TAG_METADATA] = _text(told)
     return edit_directory(path, changes)
 
 
@@ -78,7 +94,7 @@ def restore_numbers(path: str) -> bool:
     kept = dict(_ORIGINAL_ITEM.findall(xml)).get(_DOUBLES_ITEM)
     if kept is None:
         return False
-    cleaned = _ORIGINAL_ITEM.sub("", xml)
+    cleaned = _LINEAGE_ITEM.sub("", _ORIGINAL_ITEM.sub("", xml))
     numbers = None if kept == _ABSENT else _parse(path, kept)
     edit_directory(
         path,
@@ -121,9 +137,18 @@ def _with_original(xml: str, numbers: list[float] | None) -> str:
     items = {_DOUBLES_ITEM: _ABSENT if numbers is None else " ".join(number.hex() for number in numbers)}
     if numbers is not None:
         items |= {GDAL_NAMES[name]: repr(value) for name, value in zip(SCALARS, numbers[2:12], strict=True)}
-    lines = "".join(f'<Item name="{n}" domain="{ORIGINAL_DOMAIN}">{v}</Item>\n' for n, v in items.items())
+    return _with_items(xml, [_item(name, value, ORIGINAL_DOMAIN) for name, value in items.items()])
+
+
+def _with_items(xml: str, items: Iterable[str]) -> str:
+    """Return the GDAL metadata with further items."""
     body = xml[: xml.rindex(_END)] if _END in xml else "<GDALMetadata>\n"
-    return f"{body}{lines}{_END}\n"
+    return f"{body}{''.join(items)}{_END}\n"
+
+
+def _item(name: str, value: str, domain: str = "") -> str:
+    where = f' domain="{domain}"' if domain else ""
+    return f'<Item name="{name}"{where}>{escape(value)}</Item>\n'
 
 
 def _parse(path: str, kept: str) -> list[float]:

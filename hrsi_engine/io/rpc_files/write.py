@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from osgeo import gdal
@@ -23,7 +24,26 @@ from .sidecars import free_the_way
 from .tiff_directory import read_directory
 
 
-def write_rpc_text(path: str, rpc: RPC) -> None:
+@dataclass(frozen=True)
+class Lineage:
+    """What a file with a refined RPC tells of itself.
+
+    Parameters
+    ----------
+    items : mapping of str to str
+        Metadata by name, ``HRSI_VERSION``.
+    original : RPC, optional
+        What the camera was before; a GeoTIFF keeps it so that `restore` brings it back.
+    """
+
+    items: Mapping[str, str] = field(default_factory=dict)
+    original: RPC | None = None
+
+
+UNTOLD = Lineage()
+
+
+def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> None:
     """Write a ``_RPC.TXT`` file with all digits, read it again and compare.
 
     Parameters
@@ -32,13 +52,15 @@ def write_rpc_text(path: str, rpc: RPC) -> None:
         The file.
     rpc : RPC
         The camera.
+    lineage : Lineage, optional
+        What the file tells of itself.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    _write_text(path, rpc, rpc_txt.text_of(rpc), rpc_txt.READER.read)
+    _write_text(path, rpc, rpc_txt.text_of(rpc, lineage.items), rpc_txt.READER.read)
 
 
 def write_rpb(path: str, rpc: RPC) -> None:
@@ -76,12 +98,14 @@ def write_rpcm_json(path: str, rpc: RPC) -> None:
 
 def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], RpcReading]) -> None:
     with replacing(path) as temporary:
-        with open(temporary, "w", encoding="ascii", newline="\n") as file:
+        with open(temporary, "w", encoding="ascii", errors="backslashreplace", newline="\n") as file:
             file.write(text)
         require_same(path, rpc, read(temporary).rpc)
 
 
-def write_geotiff_copy(source_path: str, target_path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
+def write_geotiff_copy(
+    source_path: str, target_path: str, rpc: RPC, progress: Progress = silent, lineage: Lineage = UNTOLD
+) -> tuple[str, ...]:
     """Copy an image to a GeoTIFF with another RPC; the source is only read.
 
     A TIFF is copied byte for byte and only its RPC tag changes, so that pixels, compression, overviews, metadata and
@@ -96,6 +120,8 @@ def write_geotiff_copy(source_path: str, target_path: str, rpc: RPC, progress: P
         The camera of the copy.
     progress : Progress
         Callback; False cancels.
+    lineage : Lineage, optional
+        What the copy tells of itself.
 
     Returns
     -------
@@ -121,9 +147,11 @@ def write_geotiff_copy(source_path: str, target_path: str, rpc: RPC, progress: P
         if is_tiff:
             _copy_companions(source_path, target_path)
             copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
-            notices += _set_tag(temporary, target_path, rpc, source)
+            notices += _set_tag(temporary, target_path, rpc, source, lineage)
         else:
             _create_copy(source, temporary, target_path, rpc, progress)
+            if lineage is not UNTOLD:
+                _set_tag(temporary, target_path, rpc, source, lineage)
         written = tiff_tag.read(temporary)
         if written is None:
             raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
@@ -137,8 +165,9 @@ def _require_other_file(source_path: str, target_path: str) -> None:
         raise InputError(f"{target_path}: is the input itself: choose another output directory, or write in place")
 
 
-def _set_tag(temporary: str, target_path: str, rpc: RPC, source: gdal.Dataset) -> tuple[str, ...]:
-    stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=False)
+def _set_tag(temporary: str, target_path: str, rpc: RPC, source: gdal.Dataset, lineage: Lineage) -> tuple[str, ...]:
+    original = None if lineage.original is None else numbers_of(lineage.original)
+    stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), original is not None, lineage.items, original)
     if stayed or source.GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") != "COG":
         return ()
     return (f"{target_path}: there was no room for the RPC tag in the header: no longer a Cloud Optimized GeoTIFF",)
@@ -198,7 +227,7 @@ def _creation_options(source: gdal.Dataset) -> list[str]:
     return [*options, f"PREDICTOR={predictor.get(kind, '1')}"]
 
 
-def write_vrt(source_path: str, target_path: str, rpc: RPC) -> tuple[str, ...]:
+def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> tuple[str, ...]:
     """Write a virtual image: the source's pixels with another RPC; the source is only read.
 
     Parameters
@@ -208,6 +237,8 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC) -> tuple[str, ...]:
         otherwise.
     rpc : RPC
         The camera of the VRT.
+    lineage : Lineage, optional
+        What the VRT tells of itself.
 
     Returns
     -------
@@ -229,6 +260,10 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC) -> tuple[str, ...]:
         with gdal_messages() as messages:
             virtual = gdal.GetDriverByName("VRT").CreateCopy(temporary, source)
             virtual.SetMetadata(gdal_metadata(rpc), "RPC")
+            if lineage.original is not None:
+                virtual.SetMetadata(gdal_metadata(lineage.original), tiff_tag.ORIGINAL_DOMAIN)
+            for name, value in lineage.items.items():
+                virtual.SetMetadataItem(name, value)
             virtual.FlushCache()
             del virtual
         if messages or not os.path.exists(temporary):
