@@ -25,7 +25,7 @@ FIELDS = {
     "residuals_wgs84": RESIDUALS,
     "residuals_utm": RESIDUALS,
 }  # fmt: skip
-CRS = dict.fromkeys(FIELDS, 4979) | {"residuals_utm": 32755}  # Hobart: zone 55 south
+CRS = dict.fromkeys(FIELDS, 4979) | {"images": 4326, "residuals_utm": 32755}  # Hobart: zone 55 south
 
 
 @pytest.fixture
