@@ -109,7 +109,7 @@ def write_geopackage(
     progress : Progress
         Callback; False cancels.
     lineage : mapping of str to str, optional
-        What the file tells of itself (its table gpkg_metadata), by name.
+        What each layer tells of its making (in the table gpkg_metadata), by name.
 
     Raises
     ------
@@ -196,11 +196,9 @@ def _create_tables(
         dataset = ogr.GetDriverByName("GPKG").CreateDataSource(temporary, options=["VERSION=1.2"])
         if dataset is not None:
             for layer in layers:
-                create_layer(dataset, layer)
+                create_layer(dataset, layer, lineage)
             if with_styles:
                 create_style_table(dataset)
-            if lineage:
-                dataset.SetMetadata(dict(lineage))
     if dataset is None or messages:
         dataset = None  # closed here, where GDAL's complaints are not heard
         raise OutputError(
@@ -209,7 +207,8 @@ def _create_tables(
     del dataset
 
 
-def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
+def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str] | None = None) -> None:
+    """Have OGR make an empty layer; its ``lineage`` stands in gpkg_metadata, its description in gpkg_contents."""
     reference = osr.SpatialReference()
     reference.ImportFromEPSG(layer.crs)
     reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
@@ -225,6 +224,9 @@ def create_layer(dataset: gdal.Dataset, layer: Layer) -> None:
         if column.dtype.kind == "b":
             definition.SetSubType(ogr.OFSTBoolean)
         table.CreateField(definition)
+    if lineage:
+        description = {"DESCRIPTION": LAYER_TEXTS[layer.name]} if layer.name in LAYER_TEXTS else {}
+        table.SetMetadata({**lineage, **description})
 
 
 def insert_rows(

@@ -27,7 +27,7 @@ from .tables import positions
 
 NODES = 5  # of the grid over an image, along each axis
 MOST_IDS = 20
-CHECKED, PREDICTED = "check points", "prediction"
+FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
 
 def state_accuracy(result: Adjustment, refined: Sequence[RefinedRPC]) -> list[RefinedRPC]:
@@ -110,6 +110,8 @@ def _accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], str]:
     """Return CE90 and LE90 of the check points; without any, the worst that is predicted for a part of the block."""
     check = report["check"]
     if check["ce90_m"] is not None:
-        return {"CE90": check["ce90_m"], "LE90": check["le90_m"]}, CHECKED
+        return {"CE90": check["ce90_m"], "LE90": check["le90_m"]}, FROM_CHECKS
     found = {name: [part[f"{name.lower()}_m"] for part in report["parts"]] for name in ("CE90", "LE90")}
-    return {name: max(values) if values and None not in values else None for name, values in found.items()}, PREDICTED
+    return {
+        name: max(values) if values and None not in values else None for name, values in found.items()
+    }, FROM_PREDICTION

@@ -107,11 +107,13 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
 
 
 def _lineage(job: OrthoJob, options: OrthorectifyOptions, record: Report) -> dict[str, str]:
-    """Return what an orthoimage tells of itself: from which image, with which RPC, on which terrain, when."""
+    """Return what an orthoimage tells of itself: from which image, with which RPC, on which terrain.
+
+    Not when: whoever makes it again from the same files gets the same bytes. The report has the date.
+    """
     terrain, height = options.terrain, options.terrain.height
     return {
         "HRSI_VERSION": record["version"],
-        "HRSI_DATE": record["date"],
         "HRSI_ALGORITHM": record["algorithm"],
         "HRSI_SOURCE": os.path.basename(job.image.path),
         "HRSI_RPC": rpc_history(job.image.path),

@@ -161,7 +161,7 @@ def test_layers_are_complete(adjusted):
     assert dataset.GetLayerByName("images").GetFeatureCount() == 3
     assert dataset.GetLayerByName("ground_points").GetFeatureCount() == 71
     assert dataset.GetLayerByName("image_points").GetFeatureCount() == 159
-    for name, code in (("residuals_wgs84", "4326"), ("residuals_utm", "32755")):
+    for name, code in (("residuals_wgs84", "4979"), ("residuals_utm", "32755")):
         layer = dataset.GetLayerByName(name)
         assert layer.GetFeatureCount() == 71 + 159
         assert layer.GetSpatialRef().GetAuthorityCode(None) == code
