@@ -434,6 +434,8 @@ def adjust(
     dem_datum: str | None = None,
     laser: Points | None = None,
     laser_datum: str = "ellipsoidal",
+    add_to: str | None = None,
+    earlier_cameras: Literal["free", "observed"] = "free",
     model: Literal[
         "auto",
         "generic",
@@ -523,6 +525,12 @@ def adjust(
     laser_datum : str, optional
         What the heights of laser points in a layer refer to; those of granules are ellipsoidal (default
         ellipsoidal).
+    add_to : str, optional
+        Output directory of an earlier adjustment, whose block the images join.
+    earlier_cameras : str, optional
+        What the cameras of the earlier block are: free, adjusted again from all measurements, or
+        observed, at their adjusted RPCs with the standard deviations that these have; then the earlier
+        points are not used again (one of free, observed; default free).
     model : str, optional
         Correction of each image's RPC; auto and generic choose it by GCPs and tie points (one of auto,
         generic, none, shift, shift-drift, conformal, affine, quadratic, ground-linear, ground-
