@@ -39,7 +39,7 @@ from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps import plausibility
-from .block_steps.inputs import read_block
+from .block_steps.inputs import read_block, require_matches_used
 from .block_steps.outputs import Clock
 from .block_steps.summary import number
 from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
@@ -71,6 +71,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     """Read or find points, fit them under every set of RPCs, write what came out."""
     check_folder(options.folder, context)
     clock = Clock()
+    require_matches_used(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
     images = open_images(options.images, context)
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum)

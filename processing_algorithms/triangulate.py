@@ -31,6 +31,7 @@ SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
 def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     clock = block_outputs.Clock()
+    block_inputs.require_matches_used(options.search, options.tie_points == AUTOMATIC_TIES, "tie_points")
     images = open_images(options.images, context)
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)

@@ -30,7 +30,7 @@ SOUND: dict[str, Any] = {
     "edges": "edges.csv", "terrain_points": "points.csv",
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
-    "laser_datum": "geoid.tif", "work_dir": "kept",
+    "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
 #: Where one algorithm needs something else.
@@ -59,6 +59,7 @@ INSTEAD_OF = {
     "dem": ("terrain_points",),
     "images": ("tie_points", "tracks"),
     "work_dir": ("tie_points", "tracks"),
+    "matches": ("tie_points", "tracks"),
 }
 #: Inputs that are given only where they are looked at.
 SELDOM = {
@@ -68,6 +69,7 @@ SELDOM = {
     "rpc",
     "before",
     "work_dir",
+    "matches",
     "height_datum",
     "dem_datum",
     "laser_datum",

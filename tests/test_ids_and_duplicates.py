@@ -139,6 +139,8 @@ def test_json_is_written_in_one_place(repository: Path):
         for part in ("hrsi_engine", "processing_algorithms", "plugin")
         for path in (repository / part).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Attribute) and node.attr in ("dump", "dumps", "JSONEncoder")
+        if isinstance(node, ast.Attribute)
+        and node.attr in ("dump", "dumps", "JSONEncoder")
+        and not (isinstance(node.value, ast.Name) and node.value.id == "pickle")
     ]
     assert [maker.partition(":")[0] for maker in makers] == ["hrsi_engine/foundation/json_values.py"]

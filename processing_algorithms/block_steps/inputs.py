@@ -16,7 +16,7 @@ from ...hrsi_engine.measurement.tracks import consistent_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
 from ..interface.declare import Log
-from ..interface.option_groups import NO_TIES, DemOptions, PointFiles
+from ..interface.option_groups import NO_TIES, DemOptions, PointFiles, SearchOptions
 
 GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
 
@@ -153,6 +153,14 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     rows = first_row[kept]
     names = np.char.add("M", np.char.zfill(track[kept].astype(str), 7))
     return ImagePoints.create(names, image[rows], xy[rows], source=tables[0].source)
+
+
+def require_matches_used(search: SearchOptions, is_automatic: bool, instead: str) -> None:
+    """Raise `InputError` where matches are named and nothing is done with them: the option ``instead`` is used."""
+    if search.matches and not is_automatic:
+        raise InputError(
+            f"`matches` {search.matches} takes no part while `{instead}` is not auto: leave out one of them"
+        )
 
 
 def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:

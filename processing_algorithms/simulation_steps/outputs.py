@@ -49,7 +49,7 @@ def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
             }
             for view, camera, fit in zip(simulated.views, truth.cameras, truth.vendor_rpcs, strict=True)
         },
-        "points": {role.label: int(np.sum(roles == role)) for role in Role},
+        "points": {role.label: int(np.sum(roles == role)) for role in Role if role is not Role.OFF},
         "observations": len(truth.image_points.point),
         "blunders": int(truth.blunder.sum()),
         "wrong_heights": int(truth.wrong_height.sum()),

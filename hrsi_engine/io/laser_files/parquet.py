@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...foundation.errors import InputError
+from ...foundation.json_values import json_text
 from ..budgets import MOST_LASER_POINTS
 from ..point_files.columns import NUMBER_FIELDS, match_fields
 from ..point_files.table import PointTable
@@ -44,7 +45,7 @@ def read_parquet(path: str) -> PointTable:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: cannot be read as GeoParquet ({reason}): get it again") from None
     crs = geo.get("columns", {}).get(place, {}).get("crs", DEFAULT_CRS)
-    text = json.dumps(crs) if isinstance(crs, dict) else str(crs or "")
+    text = json_text(crs) if isinstance(crs, dict) else str(crs or "")
     return PointTable(path, columns, tuple(names), partial("row {}".format), geometry, text)
 
 
