@@ -334,8 +334,12 @@ def _polygon_blob(polygon: Polygon, crs: int) -> bytes | None:
     return struct.pack("<2sBBi4d", b"GP", 0, 3, crs, west, east, south, north) + bytes(polygon.wkb)
 
 
-#: Tables of the extension gpkg_schema, which describes columns. Source: OGC 12-128r18, annex F.9.
+#: Tables of the extension gpkg_schema, which describes columns, and the one that lists extensions, which a file without
+#: an R-tree has not. Source: OGC 12-128r18, annexes C.6 and F.9.
 _SCHEMA_TABLES = (
+    "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL,"
+    " definition TEXT NOT NULL, scope TEXT NOT NULL,"
+    " CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))",
     "CREATE TABLE IF NOT EXISTS gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT,"
     " title TEXT, description TEXT, mime_type TEXT, constraint_name TEXT,"
     " CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), CONSTRAINT gdc_tn UNIQUE (table_name, name))",

@@ -261,3 +261,13 @@ def test_many_points_are_thinned_by_scale(tmp_path: Path) -> None:
 def test_layers_of_the_same_name_without_residuals_have_no_style() -> None:
     for name in ("image_points", "ground_points"):
         assert default_style(name, {"id": np.array(["A"])}, 1e4) is None
+
+
+def test_fields_are_described_in_a_file_without_geometries(tmp_path: Path) -> None:
+    """Such a file has no R-tree, and GDAL makes no table of extensions in it."""
+    path = str(tmp_path / "table.gpkg")
+    write_geopackage(path, [Layer("residuals", "None", 4326, np.empty((0, 2)), {"id": np.array(["A"])})])
+    with sqlite3.connect(path) as database:
+        assert database.execute("SELECT column_name FROM gpkg_data_columns").fetchall() == [("id",)]
+        assert database.execute("SELECT DISTINCT extension_name FROM gpkg_extensions").fetchall() == [("gpkg_schema",)]
+    assert ogr.Open(path).GetLayerByName("residuals").GetFeatureCount() == 1
