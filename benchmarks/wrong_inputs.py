@@ -563,20 +563,21 @@ def run_whole(inputs: Inputs) -> Outcome:
 
 def run_checks(inputs: Inputs) -> Outcome:
     """Read the files as `adjust` does, and run the checks of the inputs alone."""
+    from hrsi.hrsi_engine.foundation.progress import silent
     from hrsi.hrsi_engine.foundation.reasons import Level
     from hrsi.processing_algorithms import REGISTRY
     from hrsi.processing_algorithms.block_steps.inputs import read_block
     from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
     from hrsi.processing_algorithms.declarations.adjust import AdjustAlgorithmOptions
     from hrsi.processing_algorithms.files.image_files import open_images
-    from hrsi.processing_algorithms.interface.declare import made_options
+    from hrsi.processing_algorithms.interface.declare import Context, made_options
     from hrsi.processing_algorithms.interface.options import checked_options
 
     with tempfile.TemporaryDirectory() as name:
         try:
             given = checked_options(REGISTRY["adjust"], written(inputs, Path(name)))
             options = made_options(AdjustAlgorithmOptions, given)
-            images = open_images(options.images, lambda message: None)
+            images = open_images(options.images, Context(silent, lambda message: None))
             block, _ = read_block(images, options.points, options.dem, options.tie_points)
             reasons = input_reasons(block, options.points, options.dem)
         except HrsiError as error:

@@ -23,6 +23,7 @@ CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton 
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
 CG_ITERATIONS = 20_000
 NEAR_TOLERANCE = 1e-7  # of a step, by the factors of a matrix near it; a pass of Gauss-Newton mends what is left
+NEAR_UNKNOWNS = 500  # of fewer new factors cost nothing, and are exact where the matrix is badly conditioned
 NEAR_ITERATIONS = 10  # each a twentieth of new factors in a large block
 NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
@@ -103,7 +104,8 @@ class Factored(_Scaled):
 
     def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
         """See `CameraSystem`: by conjugate gradients with the factors of the last matrix, where these lead there."""
-        if self._factorised is not None and self._factorised[2] == damping == 0.0:
+        has_factors = self._factorised is not None and self._factorised[2] == damping == 0.0
+        if has_factors and right.size >= NEAR_UNKNOWNS:
             solution = self._by_gradients(blocks, prior_weight, right)
             if solution is not None:
                 return solution
