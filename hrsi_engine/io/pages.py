@@ -52,7 +52,7 @@ def _policy(scripts: Sequence[str]) -> str:
 @cache
 def _script(name: str) -> Markup:
     with open(os.path.join(TEMPLATES, name), encoding="utf-8") as file:
-        return Markup(file.read())  # noqa: S704  a file of HRSI itself
+        return Markup(file.read())  # noqa: S704  # nosec B704 - a file of HRSI itself
 
 
 def write_text(path: str, text: str) -> None:

@@ -142,3 +142,14 @@ def test_the_command_leaves_nothing_but_its_result(tmp_path: Path) -> None:
     assert there["check"]["predicted"] == pytest.approx(here["check"]["predicted"], rel=1e-6)
     assert sorted(os.listdir(tmp_path / "there")) == sorted(os.listdir(tmp_path / "here"))
     assert not (tmp_path / "dem").exists()
+
+
+def test_parts_that_others_changed_are_not_read(tmp_path: Path) -> None:
+    """Objects come back from the bytes that were laid down, and from no others."""
+    deposit = FileDeposit(str(tmp_path / "parts"))
+    laid = deposit.put("part", {"values": [1.0, 2.0]})
+    assert laid() == {"values": [1.0, 2.0]}
+    with open(laid.path, "ab") as file:
+        file.write(b"more")
+    with pytest.raises(InputError, match="changed by another program"):
+        laid()
