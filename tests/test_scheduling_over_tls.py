@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,7 @@ def test_a_client_without_the_certificates_is_not_let_in(
 ):
     """One line that names the scheduler; nothing was run."""
     monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.CONNECT_S", 3.0)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.GIVE_UP_S", 10.0)
     others = configured(tmp_path / "others", distributed.Security.temporary())
     address = cluster.scheduler_address
     if client == "no encryption":
@@ -66,3 +68,11 @@ def test_a_client_without_the_certificates_is_not_let_in(
     with dask.config.set(others if client == "certificates of others" else {}), pytest.raises(InputError) as error:
         squares(address)
     assert address in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_client_that_waits_without_end_is_given_up(monkeypatch: pytest.MonkeyPatch):
+    """Dask's own timeout does not always hold, where a connection is closed at the wrong moment."""
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.GIVE_UP_S", 0.2)
+    monkeypatch.setattr(distributed, "Client", lambda *_given, **_named: threading.Event().wait(60.0))
+    with pytest.raises(InputError, match="tcp://nowhere:1: no Dask scheduler answers there"):
+        squares("tcp://nowhere:1")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
+import threading
 from asyncio import CancelledError as AsyncCancelledError
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
@@ -16,6 +17,7 @@ from .certificates import Certificates
 from .errors import InputError, SolveError
 
 CONNECT_S = 10  # that a scheduler has time to answer
+GIVE_UP_S = 30  # after which its client is left alone
 CLOSE_S = 2  # that it has to take leave
 
 
@@ -98,6 +100,31 @@ class OnWorker:
             ) from None
 
 
+def _within(seconds: float, call: Callable[[], Any]) -> Any:
+    """Return what a call returns; raise TimeoutError where it takes longer, and leave it behind.
+
+    A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by Dask's
+    client without end, whatever its own timeout.
+    """
+    found: list[Any] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(call())
+        except BaseException as error:  # raised below, in the thread that waits
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if errors:
+        raise errors[0]
+    if not found:
+        raise TimeoutError(f"no answer in {seconds:g} s")
+    return found[0]
+
+
 def _connect(address: str, certificates: Certificates) -> Any:
     """Return a client of the scheduler at an address; raise `InputError` where it cannot be reached."""
     from distributed import Client, Security
@@ -122,7 +149,7 @@ def _connect(address: str, certificates: Certificates) -> Any:
             }
             known = {name: file for name, file in given.items() if file is not None}
             security = Security(require_encryption=True, **known)
-        return Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
+        return _within(GIVE_UP_S, lambda: Client(address, timeout=CONNECT_S, set_as_default=False, security=security))
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"`scheduler` {address}: no Dask scheduler answers there ({reason}): {advice}") from None
