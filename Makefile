@@ -79,6 +79,10 @@ wheel: set-up  ## the Python package, in dist
 screenshots: set-up-test  ## the pictures of docs/pictures, made in QGIS on a virtual screen
 	$(BIN)/python docs/make_screenshots.py
 
+.PHONY: translations
+translations: set-up-test  ## collect the plugin's texts into plugin/i18n/*.ts, and compile these (qttools5-dev-tools)
+	@PATH=$$PATH:/usr/lib/qt5/bin $(QGIS_ENV) $(BIN)/python scripts/make_translations.py
+
 .PHONY: fuzz
 fuzz: set-up-test  ## the property-based tests with many more examples, and the readers guided by coverage; takes long
 	$(PYTEST) -p no:pytest_qgis --ignore=tests/qgis --hypothesis-profile=fuzz -m fuzz tests

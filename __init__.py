@@ -29,8 +29,10 @@ if f"{__name__}.processing_algorithms.interface.cli" in getattr(sys, "orig_argv"
     quit_on_signals()  # ``python -m`` loads all packages above a module before it runs
 
 if TYPE_CHECKING:
+    from .plugin.old_python import OldPythonPlugin
     from .plugin.plugin import HrsiPlugin
 
+OLDEST_PYTHON = (3, 11)
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
@@ -45,8 +47,12 @@ __getattr__, __dir__, __all__ = lazy_names(
 )
 
 
-def classFactory(iface: Any) -> HrsiPlugin:  # noqa: N802 - the name that QGIS calls
+def classFactory(iface: Any) -> HrsiPlugin | OldPythonPlugin:  # noqa: N802 - the name that QGIS calls
     """Make the QGIS plugin; qgis is imported here and not before."""
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        from .plugin.old_python import OldPythonPlugin
+
+        return OldPythonPlugin(iface)
     from .plugin.plugin import HrsiPlugin
 
     return HrsiPlugin(iface)

@@ -16,18 +16,27 @@ from scipy import ndimage
 
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
+from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
+from hrsi.hrsi_engine.block.orthoimage import Orthoimage
+from hrsi.hrsi_engine.foundation.progress import silent
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.simulated_block import write_laser_points
-from hrsi.hrsi_engine.simulation import SENSORS, SceneSpec
-from hrsi.hrsi_engine.simulation.free_dem import FreeDemSpec, simulate_free_dem
+from hrsi.hrsi_engine.measurement.reference.matching import match_reference
+from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
+from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+from hrsi.hrsi_engine.simulation.free_dem import simulate_free_dem
+from hrsi.hrsi_engine.simulation.free_ortho import draw_ortho_errors, free_orthoimage
 from hrsi.hrsi_engine.simulation.laser import simulate_laser
-from hrsi.hrsi_engine.simulation.options import LaserSpec
+from hrsi.hrsi_engine.simulation.options import FreeDemSpec, FreeOrthoSpec, LaserSpec
+from hrsi.hrsi_engine.simulation.render import block_with_pixels
+from hrsi.hrsi_engine.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.simulation.terrain import Chart, SimulatedTerrain
 from hrsi.hrsi_engine.surface.dem import GridSurface, surface_heights
 from hrsi.processing_algorithms import run
-from hrsi.tests.laser_scenes import LaserScene, laser_scene
+from hrsi.processing_algorithms.block_steps.laser_points import adjust_at_laser_points
+from hrsi.processing_algorithms.interface.declare import Context
+from hrsi.tests.laser_scenes import LaserScene, PlacedScene, placed_scene
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real" / "s2p_triplet_phr"
 DSM = DATA / "s2p_reference_dsm.tif"
@@ -65,8 +74,11 @@ def moved_images(folder: Path, by_m: float) -> list[str]:
     return paths
 
 
-def height_offset_m(layers: str) -> tuple[float, int]:
-    """Return the median of adjusted tie points over the DSM, and their number."""
+def height_offset_m(layers: str) -> tuple[float, float, float, int]:
+    """Return medians of adjusted tie points over the DSM: where it is even (and how many), all, and beyond its heights.
+
+    The last is by how much they lie above the highest or below the lowest height of the DSM within 3 m.
+    """
     dataset = gdal.OpenEx(layers, gdal.OF_VECTOR)
     rows = [feature.GetGeometryRef().GetPoint() for feature in dataset.GetLayerByName("ground_points")]
     ground = np.array(rows)
@@ -74,8 +86,11 @@ def height_offset_m(layers: str) -> tuple[float, int]:
     step = EVEN_M / metres_per_degree(ground)[:, :2]
     around = [surface_heights(dsm, ground[:, :2] + step * place) for place in AROUND]
     even = np.ptp(around, axis=0) < EVEN_M * STEEPEST_EVEN
-    over = (ground[:, 2] - around[0])[even]
-    return float(np.median(over)), len(over)
+    over = ground[:, 2] - around[0]
+    low, high = np.min(around, axis=0), np.max(around, axis=0)
+    beyond = ground[:, 2] - np.clip(ground[:, 2], low, high)
+    known = np.isfinite(beyond)
+    return float(np.median(over[even])), float(np.median(over[known])), float(np.median(beyond[known])), int(even.sum())
 
 
 def triplet(seed: int) -> list[list[str]]:
@@ -104,9 +119,11 @@ def triplet(seed: int) -> list[list[str]]:
             report = run(
                 "triangulate", images=images, output_dir=str(out), tie_points=ties, write="none", report=False, **more
             )
-            offset, count = height_offset_m(str(out / "block.gpkg"))
+            offset, every, beyond, count = height_offset_m(str(out / "block.gpkg"))
             used = report.get("laser", {}).get("used", 0)
-            rows.append([title, f"{offset:+.3f}", str(count), str(used), report["verdict"]["level"],
+            reasons = ", ".join(reason["code"] for reason in report["verdict"]["reasons"])
+            verdict = report["verdict"]["level"] + (f" ({reasons})" if reasons else "")
+            rows.append([title, f"{offset:+.3f}", str(count), f"{every:+.3f}", f"{beyond:+.3f}", str(used), verdict,
                          f"{time.process_time() - start:.1f}"])  # fmt: skip
             print(rows[-1], flush=True)
     return rows
@@ -119,24 +136,28 @@ class Case:
     title: str
     laser: LaserSpec | None = None
     dem: FreeDemSpec | None = None
+    ortho: FreeOrthoSpec | None = None
     wrong_pass_m: float = 0.0
     wrong_part_m: float = 0.0
 
 
 CLEAN, USUAL = LaserSpec(3, canopy=0.0, clouds=0.0), LaserSpec(3, canopy=0.1, clouds=0.03)
-OPEN_LAND = FreeDemSpec(30.0, trees=0.0)
+OPEN_LAND, ORTHO = FreeDemSpec(30.0, trees=0.0), FreeOrthoSpec(10.0)
 CASES = (
     Case("laser", USUAL),
     Case("laser, no canopy, no clouds", CLEAN),
     Case("laser, 30 % on canopy or clouds", LaserSpec(3, canopy=0.25, clouds=0.05)),
     Case("laser and DEM", USUAL, OPEN_LAND),
     Case("laser and DEM, 10 m of trees on half of it", USUAL, FreeDemSpec(30.0, trees=0.5)),
+    Case("laser, DEM and reference", USUAL, OPEN_LAND, ORTHO),
+    Case("the same, a corner of the reference 15 m off", USUAL, OPEN_LAND, replace(ORTHO, corner_m=15.0)),
     Case("laser and DEM, a pass 48 m off (other datum)", USUAL, OPEN_LAND, wrong_pass_m=48.0),
     Case("laser and DEM, a quarter of the DEM 8 m off", USUAL, OPEN_LAND, wrong_part_m=8.0),
 )
 BLOCKS = (("worldview-2", 2), ("worldview-2", 3), ("pleiades", 2), ("pleiades", 3))  # 0.5 and 0.7 m; by seed
 IMAGE_PX, SIGMA_DEM_M = 0.2, 3.0
 LOOKED_UP, CHECKS = 200, 50
+PLACES, MATCH_M = 150, 1.5  # of a reference of 10 m, and how well one is matched: see the part on matching
 
 
 class Outcome(NamedTuple):
@@ -164,38 +185,38 @@ def outcomes_of(seed: int) -> list[Outcome]:
     """Return what the block of a seed comes to in each case."""
     sensor, images = BLOCKS[seed % len(BLOCKS)]
     size = int(EXTENT_M / SENSORS[sensor].gsd_m)
-    made: dict[LaserSpec, LaserScene] = {}
+    made: dict[tuple[LaserSpec, FreeOrthoSpec | None], PlacedScene] = {}
     found = []
     for case in CASES:
-        spec = case.laser or USUAL
-        if spec not in made:
-            made[spec] = laser_scene(
-                seed,
-                spec,
-                sensor=sensor,
-                images=images,
-                size=size,
-                image_px=IMAGE_PX,
-                looked_up=LOOKED_UP,
-                checks=CHECKS,
-            )
-        found.append(outcome_of(case, made[spec], seed))
+        key = case.laser or USUAL, case.ortho
+        if key not in made:
+            made[key] = placed_scene(
+                seed, *key, places=PLACES if case.ortho else 0, match_m=MATCH_M, sensor=sensor, images=images,
+                size=size, image_px=IMAGE_PX, looked_up=LOOKED_UP, checks=CHECKS,
+            )  # fmt: skip
+        found.append(outcome_of(case, made[key], seed))
     return found
 
 
-def outcome_of(case: Case, scene: LaserScene, seed: int) -> Outcome:
+def outcome_of(case: Case, placed: PlacedScene, seed: int) -> Outcome:
     """Return what one block of a case comes to."""
+    scene, block = placed.laser, placed.block if case.ortho else placed.laser.block
     points, dem = scene.points, dem_of(case, scene, seed)
     if case.wrong_pass_m:
         ground = points.ground.copy()
         ground[points.track == "pass 1", 2] += case.wrong_pass_m
         points = replace(points, ground=ground)
-    result = adjust(scene.block, AdjustOptions(
+    result = adjust(block, AdjustOptions(
         laser=points if case.laser else None, dem=dem, sigma_dem_m=None if dem is None else SIGMA_DEM_M,
+        reference=placed.places if case.ortho else None,
     ))  # fmt: skip
-    checks = scene.block.points.role == Role.CHECK
+    checks = block.points.role == Role.CHECK
     wrong = [(one.source, group) for one in result.heights for group in one.groups if group.wrong]
-    if case.wrong_pass_m:
+    wrong += [("reference", group) for group in (result.plan.groups if result.plan else ()) if group.wrong]
+    if case.ortho:
+        right = [source == "reference" and _north_east(group.name, scene.simulated.spec) for source, group in wrong]
+        right = right if case.ortho.corner_m else [False] * len(wrong)
+    elif case.wrong_pass_m:
         right = [group.name == "track pass 1" for _, group in wrong]
     else:
         right = [source == "DEM" and _north_east(group.name, scene.simulated.spec) for source, group in wrong]
@@ -229,7 +250,7 @@ def simulated(seeds: range, workers: int, minutes: float) -> list[list[str]]:
         within = np.abs(height) <= 1.6449 * sigma[:, 2]
         inside = plan <= 1.5175 * np.hypot(sigma[:, 0], sigma[:, 1])
         offsets = np.array([one.error_m[:, 2].mean() for one in found])
-        faulty = case.wrong_pass_m or case.wrong_part_m
+        faulty = case.wrong_pass_m or case.wrong_part_m or (case.ortho and case.ortho.corner_m)
         rows.append([
             case.title, str(len(found)), _rms(height), _rms(offsets), _rms(plan), f"{100.0 * within.mean():.0f}",
             f"{100.0 * inside.mean():.0f}", f"{sum(one.named for one in found)}" if faulty else "",
@@ -239,12 +260,109 @@ def simulated(seeds: range, workers: int, minutes: float) -> list[list[str]]:
     return rows
 
 
+MATCHED_PX, ORTHO_SEEDS, CHANGES = 4096, 4, (0.0, 0.4, 0.8)
+BAND_SETS = {"mean of four": slice(0, 4), "blue": slice(0, 1), "near infrared": slice(3, 4)}
+
+
+def matching(first: int) -> list[list[str]]:
+    """Return how well images of 0.5 m are matched with a reference of 10 m, by season and bands."""
+    found: dict[tuple[float, str], list[tuple[np.ndarray, float]]] = {}
+    for seed in range(first, first + ORTHO_SEEDS):
+        views = along_track_views(SENSORS["worldview-2"], 2, (MATCHED_PX, MATCHED_PX))
+        simulated = simulate_block(SceneSpec(seed=seed), views, PointCounts(0, 5, 5), Noise())
+        scene = simulated.scene
+        images = [
+            replace(image, raster=ArrayRaster(image.pixels.read(0, 0, *image.known_size)[0]))
+            for image in block_with_pixels(simulated).images
+        ]
+        made = simulate_free_dem(scene.terrain, scene.half_extent_m, FreeDemSpec(30.0), [seed, 60])
+        dem = GridSurface.from_array(made.heights_m, made.first_deg, made.cell_deg)
+        for change in CHANGES:
+            spec = replace(ORTHO, change=change)
+            errors = draw_ortho_errors(0.25 * MATCHED_PX, spec, [seed, 61])
+            bands = free_orthoimage(scene, spec, errors)
+            grey = np.array([band.read(0, 0, *band.size)[0] for band in bands], dtype=np.float32)
+            for name, chosen in BAND_SETS.items():
+                raster = ArrayRaster(grey[chosen].mean(axis=0))
+                control = match_reference(images, Orthoimage.on_degrees(raster, bands[0].geotransform), dem)
+                for number, one in enumerate(control.images):
+                    stated = control.ground[one.places[one.used]]
+                    shown = locate_on_surface(simulated.truth.cameras[number], scene.terrain, one.xy[one.used])
+                    off = errors.at(*scene.chart.from_ground(stated).T[:2]).T
+                    share = float(one.used.mean()) if len(one.used) else 0.0
+                    error = ground_difference_m(stated, shown)[:, :2] - off
+                    found.setdefault((change, name), []).append((error, share))
+    rows = []
+    for (change, name), parts in found.items():
+        every = np.concatenate([error for error, _ in parts])
+        means = np.array([error.mean(axis=0) for error, _ in parts if len(error)])
+        rows.append([
+            f"{100 * change:.0f} %", name, str(len(parts)), str(len(every)),
+            f"{100.0 * np.mean([share for _, share in parts]):.0f}",
+            *(f"{np.sqrt(np.mean(values**2)) / ORTHO.pixel_m:.2f}" for values in (every, means)),
+        ])  # fmt: skip
+        print(" | ".join(rows[-1]), flush=True)
+    return rows
+
+
+LARGE_PX, LARGE_PASSES = 40_000, 4
+
+
+class CountedRaster:
+    """Pixels rendered when they are read, and the CPU time that took."""
+
+    def __init__(self, raster: Raster) -> None:
+        self.raster, self.size, self.seconds, self.pixels = raster, raster.size, 0.0, 0
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """As `Raster.read`."""
+        start = time.thread_time()
+        found = self.raster.read(sample, line, samples, lines)
+        self.seconds += time.thread_time() - start
+        self.pixels += samples * lines
+        return found
+
+
+def cost(seed: int) -> list[list[str]]:
+    """Return the CPU time of thousands of laser points on a pair of the largest images."""
+    views = along_track_views(SENSORS["worldview-2"], 2, (LARGE_PX, LARGE_PX))
+    simulated = simulate_block(SceneSpec(seed=seed), views, PointCounts(0, 50, 500), Noise(image_px=IMAGE_PX))
+    block = block_with_pixels(simulated)
+    rasters = [CountedRaster(image.pixels) for image in block.images]
+    images = tuple(replace(image, raster=raster) for image, raster in zip(block.images, rasters, strict=True))
+    half_m = 0.5 * LARGE_PX * views[0].sensor.gsd_m
+    laser = simulate_laser(simulated.scene.terrain, half_m, LaserSpec(LARGE_PASSES), [seed, 50]).points
+    laser = replace(laser, doubt=laser_reasons(laser))
+    start = time.process_time()
+    context = Context(silent, lambda text: None)
+    result, _ = adjust_at_laser_points(replace(block, images=images), AdjustOptions(laser=laser), 1, context)
+    rendered = sum(raster.seconds for raster in rasters)
+    used = int((result.laser.reason == "").sum())
+    ties = len(np.unique(result.block.measurements.point))
+    return [[
+        str(len(laser)), str(int((laser.doubt == "").sum())), str(used), str(ties),
+        f"{sum(raster.pixels for raster in rasters) / 1e6:.0f}", f"{time.process_time() - start - rendered:.0f}",
+    ]]  # fmt: skip
+
+
 HEAD = (
     "held by", "blocks", "height RMSE m", "of it the block's offset m", "plan RMSE m", "within LE90 %", "within CE90 %",
     "fault named", "other groups left out",
 )  # fmt: skip
-PARTS = {"simulated": "Simulated blocks", "triplet": "A real triplet"}
-TRIPLET_HEAD = ("held by", "median over the DSM m", "ties", "laser points used", "verdict", "CPU s")
+PARTS = {
+    "simulated": "Simulated blocks",
+    "matching": "A reference of 10 m for images of 0.5 m",
+    "cost": "Cost",
+    "triplet": "A real triplet",
+}
+MATCHING_HEAD = (
+    "changed", "bands", "images", "places", "of those looked for %", "RMSE of a coordinate px", "of an image's mean px",
+)  # fmt: skip
+COST_HEAD = ("laser points", "usable", "that hold", "points of the adjustment", "Mpx read", "CPU s")
+TRIPLET_HEAD = (
+    "held by", "median over the DSM, where even m", "ties", "all m", "beyond its heights m", "laser points used",
+    "verdict", "CPU s",
+)  # fmt: skip
 INTRODUCTION = """# Free control: laser heights and free DEMs instead of GCPs
 
 Printed by `python benchmarks/free_control.py --docs`.
@@ -255,8 +373,33 @@ SIMULATED = """
 Pairs and triplets of WorldView-2 (0.5 m) and Pleiades (0.7 m) in turn, 7 km, RPCs as wrong as the sensors' are, no GCP;
 three passes of ICESat-2 (`simulate --laser-passes 3`), errors as real segments have them; 200 laser points have three
 tie points each within 10 m, as matching finds them. Image points 0.2 px, relief 150 m; a DEM of 30 m, 1.5 m noise a
-cell and 1 m common error, with sigma 3 m. 50 independent check points a block. Default options. Where the DEM has
-trees, the other groups are its parts, which stand 10 m too high.
+cell and 1 m common error, with sigma 3 m; 150 places of a reference of 10 m, which lies 5 m off (root mean square
+distance: 64 % of the variance is one shift, 16 % differs between nine parts, 20 % from place to place), stated as 3.5 m
+a coordinate, and matched to 1.5 m. 50 independent check points a block. Default options. Where the DEM has trees, the
+other groups are its parts, which stand 10 m too high.
+
+All check points of a block share its error in plan, which is one draw: of n blocks, the share within CE90 has a
+standard error of 30 % / √n at least, 2.4 % with 160. That is what the last print of this table, 95 % in 77 blocks
+(3.4 %), was: 400 other blocks of the first case had 87.7 ± 1.6 %, errors of 2.63 and 2.70 m, east and north, for sigmas
+of 2.51 m.
+
+One block of the row with a pass in another datum kept that pass when this was printed (its two other passes differ by
+0.8 m, and which of these is right could not be decided): 47 m of height. It is left out since (that block was
+run again).
+"""
+MATCHING = """
+## A reference of 10 m for images of 0.5 m
+
+Pairs of WorldView-2 of 4096 pixels, rendered; free orthoimages in four bands (`simulate --free-ortho 10`) from another
+time of the year, in which soil, plants and parcels look different by some share; a free DEM with trees. The place that
+each image shows is compared with where the orthoimage, with its simulated errors, has it; in its pixels of 10 m, of
+20 x 20 image pixels. Asked of the plan are 0.3.
+"""
+COST = """
+## Cost
+
+Laser points on a pair of WorldView-2 of 40 000 x 40 000 pixels with 500 tie points: looked up, measured (at most 2000),
+adjusted, and again where the block moved. The images are rendered where they are read; that time is not counted.
 """
 TRIPLET = """
 ## A real triplet
@@ -264,6 +407,12 @@ TRIPLET = """
 The Pleiades triplet of s2p with RPCs that put all ground 20 m too high. Its own DSM, resampled to 30 m, is the DEM;
 laser points are drawn from it, 12 m long, with simulated errors: most of this scene (walls, trees, terraces) is too
 rough for a laser, as real ones would be. Heights of the tie points over the DSM are compared where it is even (3 m).
+
+Over all ties the median is some 0.2 m higher, and grows with the range of the DSM's heights within 2 m: +0.02 m where
+that is below 0.5 m, +0.04 to 1 m, +0.10 to 2 m, +0.46 to 5 m, +0.67 above. Corners stand on the upper edges of roofs,
+walls and crowns (at 0.68 of the range), where the DSM, in cells of 0.5 m, has something between (0.53): the block is
+not too high. Counting only what lies above the highest or below the lowest height within 3 m, the median is 0.
+The verdict's doubt with the DEM is that it covers 39 % of the images' ground, as it does, not its heights.
 """
 
 
@@ -282,6 +431,10 @@ def main() -> None:
     if words.only in (None, "simulated"):
         seeds = range(words.first, words.first + words.seeds)
         page["simulated"] = f"{SIMULATED}\n{render(HEAD, simulated(seeds, words.workers, words.minutes))}\n"
+    if words.only in (None, "matching"):
+        page["matching"] = f"{MATCHING}\n{render(MATCHING_HEAD, matching(words.first))}\n"
+    if words.only in (None, "cost"):
+        page["cost"] = f"{COST}\n{render(COST_HEAD, cost(words.first))}\n"
     if words.only in (None, "triplet"):
         page["triplet"] = f"{TRIPLET}\n{render(TRIPLET_HEAD, triplet(1))}\n"
     if words.docs:

@@ -7,8 +7,10 @@ the images under clouds or moves their RPCs by 200 px. Errors are true ones: poi
 true cameras, and each image is predicted from the point that all other adjusted images intersect.
 
 ``--every K`` takes each Kth date only: the same year with fewer views. ``--no-sift`` leaves the rival out, ``--folder``
-keeps the images, ``--docs`` adds the lines to docs/many_dates.md, in the place of those of the same name.
-Times are processor seconds of one run; memory is the most that the process had, images made in another one.
+keeps the images (a folder of each seed in it), ``--docs`` adds the lines to docs/many_dates.md, in the place of those
+of the same name, and says there how many of the years that both methods were run on each of them holds: whether all
+pairs do depends on the year. Times are processor seconds of one run; memory is the most that the process had, images
+made in another one.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from osgeo import gdal
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, open_image
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role, assemble
@@ -257,14 +260,40 @@ def enter(lines: Sequence[str]) -> None:
         rows[same[0] if same else len(rows) : same[0] + 1 if same else len(rows)] = [line]
         before = "\n".join(rows) + "\n"
     PAGE.write_text(before + END + after, encoding="utf-8")
+    put_between(PAGE, "both methods", compared(before.splitlines()))
+
+
+def compared(rows: Sequence[str]) -> str:
+    """Return what both methods make of the years that both were run on, in words."""
+    told: dict[str, dict[str, list[str]]] = {}
+    for row in rows:
+        scene, *cells = (cell.strip() for cell in row.strip("|").split("|"))
+        if len(cells) > 1 and cells[0] in METHODS:
+            told.setdefault(scene, {})[cells[0]] = cells[1:]
+    both = [of_scene for of_scene in told.values() if len(of_scene) == len(METHODS)]
+    lines = []
+    for method in METHODS:
+        held = [tuple(map(int, of_scene[method][0].split(" of "))) for of_scene in both]
+        whole = sum(good == all_ for good, all_ in held)
+        median = [float(of_scene[method][3]) for of_scene in both]
+        seconds = [of_scene[method][7] for of_scene in both]
+        lines.append(
+            f"{method}: all images below {HELD_PX} px in {whole} of {len(both)} years, "
+            f"{sum(good for good, _ in held)} of {sum(all_ for _, all_ in held)} images together; median error "
+            f"{min(median):.3f} to {max(median):.3f} px; {', '.join(seconds)} CPU s."
+        )
+    return "\n".join(f"- {line}" for line in lines)
+
+
+METHODS = {"HRSI": hrsi, "SIFT, all pairs": rival}
 
 
 def main() -> None:
-    """Print the table of a year."""
+    """Print the table of each year."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dates", type=int, default=40)
     parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--seed", default="41,42,43", help="of each year, by commas")
     parser.add_argument("--side", type=int, default=SIDE_PX)
     parser.add_argument("--hopeless", type=float, default=0.0)
     parser.add_argument("--folder")
@@ -272,19 +301,22 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(words.folder or scratch)
-        paths = simulated(folder, words.dates, words.seed, words.side)[:: words.every]
-        images, hopeless = spoil([open_image(path) for path in paths], words.hopeless, words.seed)
-        truth = true_cameras(folder)
-        print(f"{len(images)} images of {words.side} px, seed {words.seed}, hopeless: {', '.join(hopeless) or 'none'}")
-        scene = f"{len(images)} of {words.side} px, seed {words.seed}"
-        scene += f", {len(hopeless)} hopeless" if hopeless else ""
-        methods = {"HRSI": hrsi} if words.no_sift else {"HRSI": hrsi, "SIFT, all pairs": rival}
-        lines = [
-            told(scene, name, hopeless, len(images), method(images, truth, folder)) for name, method in methods.items()
-        ]
-        if words.docs:
-            enter(lines)
+        for seed in map(int, words.seed.split(",")):
+            lines = of_year(words, Path(words.folder or scratch) / f"seed_{seed}", seed)
+            if words.docs:
+                enter(lines)
+
+
+def of_year(words: argparse.Namespace, folder: Path, seed: int) -> list[str]:
+    """Print and return the lines of a year."""
+    paths = simulated(folder, words.dates, seed, words.side)[:: words.every]
+    images, hopeless = spoil([open_image(path) for path in paths], words.hopeless, seed)
+    truth = true_cameras(folder)
+    print(f"{len(images)} images of {words.side} px, seed {seed}, hopeless: {', '.join(hopeless) or 'none'}")
+    scene = f"{len(images)} of {words.side} px, seed {seed}"
+    scene += f", {len(hopeless)} hopeless" if hopeless else ""
+    methods = {"HRSI": hrsi} if words.no_sift else METHODS
+    return [told(scene, name, hopeless, len(images), method(images, truth, folder)) for name, method in methods.items()]
 
 
 if __name__ == "__main__":

@@ -17,10 +17,12 @@ from ..processing_algorithms.interface.declare import Algorithm, Context, Report
 from ..processing_algorithms.interface.naming import spell_arguments
 from ..processing_algorithms.interface.options import checked_options
 from .dependencies import missing_package_message
+from .help_page import help_url
 from .help_text import short_help
 from .icons import icon_path
 from .parameters import Reading, definition, label_of, option_value
 from .results import collect_results, output_definitions, show_layers
+from .translation import tr
 from .verdict import headline, log_verdict, show_in_message_bar
 
 
@@ -41,10 +43,10 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         return self.declaration.name.replace("-", "")
 
     def displayName(self) -> str:
-        return self.declaration.title
+        return tr(self.declaration.title)
 
     def group(self) -> str:
-        return self.declaration.group
+        return tr(self.declaration.group)
 
     def groupId(self) -> str:
         return "".join(filter(str.isalnum, self.declaration.group.lower()))
@@ -53,7 +55,10 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         return ["hrsi", "rpc", "satellite", *self.declaration.name.split("-")]
 
     def shortDescription(self) -> str:
-        return self.declaration.summary
+        return tr(self.declaration.summary)
+
+    def helpUrl(self) -> str:
+        return help_url(self.declaration)
 
     def shortHelpString(self) -> str:
         return short_help(self.declaration)
@@ -84,7 +89,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         try:
             report = self._run(feedback)
         except Cancelled:
-            feedback.pushInfo("Cancelled; nothing was written")
+            feedback.pushInfo(tr("Cancelled; nothing was written"))
             return {}
         feedback.pushInfo(self._spelt(self.declaration.summarise(report)))
         if unsolved := report.get("unsolved"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import shlex
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 #: Import name of a package -> its name for pip, where they differ.
@@ -29,17 +28,9 @@ def missing_package_message(error: ImportError) -> str | None:
     return f"The Python package {pip_name} cannot be loaded ({error}): run  {pip_command(pip_name)}  and restart QGIS"
 
 
-def absence_note(packages: Iterable[str]) -> str:
-    """Return what to tell before anything is run about packages (import names) that are not there; empty if all are.
-
-    Those of `SYSTEM_NAMES` every algorithm needs.
-    """
+def absence_note() -> str:
+    """Return what to tell before anything is run about packages that every algorithm needs; empty if all are there."""
     notes = [f"It needs {name}, missing here: {_system_advice(name)}." for name in SYSTEM_NAMES if _is_missing(name)]
-    absent = [PIP_NAMES.get(name, name) for name in packages if _is_missing(name)]
-    if absent:
-        commands = "; ".join(map(pip_command, absent))
-        needed = " and ".join(absent)
-        notes.append(f"What it does with pixels needs {needed}, missing here: run  {commands}  and restart QGIS.")
     return " ".join(notes)
 
 

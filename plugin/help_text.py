@@ -8,15 +8,20 @@ from ..processing_algorithms.interface.declare import Algorithm, Param
 from ..processing_algorithms.interface.naming import spell_arguments
 from .dependencies import absence_note
 from .parameters import label_of
+from .translation import tr
 
 
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
     told = _told(declaration.help, declaration).split("\n\n")
     paragraphs = [part for part in told if part.strip()] or [declaration.summary]
-    note = absence_note(declaration.packages)
+    note = absence_note()
     text = "".join(f"<p>{_text(part)}</p>" for part in ([note] if note else []) + paragraphs)
-    return text + "<h2>Parameters</h2>" + "".join(_parameter_help(param, declaration) for param in declaration.params)
+    return (
+        text
+        + f"<h2>{tr('Parameters')}</h2>"
+        + "".join(_parameter_help(param, declaration) for param in declaration.params)
+    )
 
 
 def _parameter_help(param: Param, declaration: Algorithm) -> str:

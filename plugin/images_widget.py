@@ -18,6 +18,7 @@ from qgis.PyQt.QtWidgets import QHBoxLayout, QLineEdit, QToolButton, QWidget
 from .dialog_fields import DialogField
 from .help_text import as_rich_text
 from .layer_sources import list_sources
+from .translation import tr
 
 
 class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
@@ -49,7 +50,7 @@ class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
 
     def _select(self, sources: list[str]) -> None:
         self._selected = sources
-        self._text.setText(f"{len(sources)} image{'' if len(sources) == 1 else 's'} chosen")
+        self._text.setText(tr("1 image chosen") if len(sources) == 1 else tr("{} images chosen").format(len(sources)))
         self._text.setToolTip(as_rich_text("\n".join(sources)))
 
     def _choose(self) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from qgis.core import QgsMapLayer, QgsProject, QgsVectorLayer
 from qgis.PyQt.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QToolButton, QWidget
 
+from .translation import tr
+
 
 class LayerOrFile:
     """An editable list of words and project layers, with a button to browse for a file, all in ``widget``.
@@ -27,7 +29,7 @@ class LayerOrFile:
             self.box.addItem(layer.name(), layer.id())
         button = QToolButton(self.widget)
         button.setText("…")
-        button.setToolTip("Choose a file")
+        button.setToolTip(tr("Choose a file"))
         button.clicked.connect(self._browse)
         layout = QHBoxLayout(self.widget)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -48,7 +50,7 @@ class LayerOrFile:
             self.box.setEditText(text)
 
     def _browse(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self.widget, "Choose a file", "", self._filter)
+        path, _ = QFileDialog.getOpenFileName(self.widget, tr("Choose a file"), "", self._filter)
         if path:
             self.set_value(path)
 

@@ -33,6 +33,7 @@ from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, t
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import point_source, raster_source, raster_sources
+from .translation import tr
 
 SHORT_DIALOG = 12  # fields that a person sees at one glance
 _ABBREVIATIONS = {
@@ -112,9 +113,14 @@ def qgis_name(param: Param) -> str:
 
 def label_of(param: Param) -> str:
     """Return what the dialog writes beside a parameter: ``Sigma image (px)``."""
-    words = " ".join(_ABBREVIATIONS.get(word, word) for word in param.name.split("-"))
     unit = f" ({param.unit})" if param.unit else ""
-    return words[0].upper() + words[1:] + unit
+    return tr(words_of(param)) + unit
+
+
+def words_of(param: Param) -> str:
+    """Return the name of a parameter in words, English: ``Sigma image``."""
+    words = " ".join(_ABBREVIATIONS.get(word, word) for word in param.name.split("-"))
+    return words[0].upper() + words[1:]
 
 
 def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParameterDefinition:

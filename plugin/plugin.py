@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from qgis.core import Qgis, QgsApplication, QgsMessageLog
-from qgis.PyQt.QtCore import Qt
+from qgis.PyQt.QtCore import QCoreApplication, Qt
 from qgis.PyQt.QtGui import QIcon
+from qgis.PyQt.QtWidgets import QAction
 
 from .dependencies import missing_package_message
 from .icons import icon_path
 from .provider import HrsiProvider
+from .translation import install_translator, tr
 
 
 class HrsiPlugin:
@@ -22,6 +24,9 @@ class HrsiPlugin:
         self.dock: Any = None
         self._action: Any = None
         self._exit_guard: Any = None
+        self._steps: Any = None
+        self._steps_action: Any = None
+        self._translator = install_translator()
 
     def initProcessing(self) -> None:
         """Register the provider; ``qgis_process`` calls only this."""
@@ -32,6 +37,7 @@ class HrsiPlugin:
         """Register the provider in the desktop, and the panel, hidden at first."""
         self.initProcessing()
         try:
+            from .first_steps import FirstSteps, is_tour_wanted
             from .points_panel.dock import PointsDock
             from .points_panel.guards import ExitGuard, offer_unsaved
         except ImportError as error:  # the provider has said what is missing
@@ -46,7 +52,13 @@ class HrsiPlugin:
         self.iface.addToolBarIcon(self._action)
         self._exit_guard = ExitGuard(self.dock)
         self.iface.registerApplicationExitBlocker(self._exit_guard)
+        self._steps = FirstSteps(self.dock, "", self.iface.mapCanvas(), self.iface.mainWindow())
+        self._steps_action = QAction(tr("First steps"), self.iface.mainWindow())
+        self._steps_action.triggered.connect(lambda _checked=False: self._steps.show())
+        self.iface.addPluginToMenu("HRSI", self._steps_action)
         offer_unsaved(self.dock, self.iface.messageBar())
+        if is_tour_wanted():
+            self._steps.show()
 
     def unload(self) -> None:
         """Remove the provider, which the registry deletes, and the panel."""
@@ -55,9 +67,14 @@ class HrsiPlugin:
             self.provider = None
         if self.dock is not None:
             self.iface.unregisterApplicationExitBlocker(self._exit_guard)
-            self.iface.removePluginMenu("HRSI", self._action)
+            for action in (self._action, self._steps_action):
+                self.iface.removePluginMenu("HRSI", action)
+            self._steps.close()
+            self._steps.deleteLater()
             self.iface.removeToolBarIcon(self._action)
             self.iface.removeDockWidget(self.dock)
             self.dock.close_for_good()
             self.dock.deleteLater()
             self.dock = None
+        if self._translator is not None:
+            QCoreApplication.removeTranslator(self._translator)

@@ -12,8 +12,14 @@ from ..processing_algorithms.interface.declare import Algorithm
 from .algorithm import DeclaredAlgorithm
 from .dependencies import missing_package_message
 from .icons import icon_path
+from .translation import tr
 
 CHAINS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
+
+
+def title_of(path: Path) -> str:
+    """Return the title of a chain, English."""
+    return path.stem.replace("_", " ").capitalize()
 
 
 class ShippedModel(QgsProcessingModelAlgorithm):
@@ -24,7 +30,7 @@ class ShippedModel(QgsProcessingModelAlgorithm):
         self._title = title
 
     def displayName(self) -> str:
-        return self._title
+        return tr(self._title)
 
     def icon(self) -> QIcon:
         return QIcon(str(icon_path()))
@@ -47,7 +53,7 @@ class HrsiProvider(QgsProcessingProvider):
         return "HRSI"
 
     def longName(self) -> str:
-        return "HRSI: block adjustment of satellite images with RPCs"
+        return tr("HRSI: block adjustment of satellite images with RPCs")
 
     def icon(self) -> QIcon:
         return QIcon(self.svgIconPath())
@@ -66,7 +72,7 @@ class HrsiProvider(QgsProcessingProvider):
             self.addAlgorithm(DeclaredAlgorithm(declaration))
         if self._declarations is None:
             for path in sorted(CHAINS.glob("*.model3")):
-                model = ShippedModel(path.stem.replace("_", " ").capitalize())
+                model = ShippedModel(title_of(path))
                 if model.fromFile(str(path)):
                     self.addAlgorithm(model)
 

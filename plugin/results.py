@@ -27,19 +27,20 @@ from qgis.PyQt import sip
 
 from ..hrsi_engine.foundation.json_values import json_text
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
+from .translation import tr
 
 REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
 
 
 def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
     """Return the outputs beside the output folder, which its parameter declares itself."""
-    outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, "Report (JSON)")]
+    outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, tr("Report (JSON)"))]
     if _writes_folder(declaration):
-        outputs.append(QgsProcessingOutputHtml(REPORT_HTML, "Report (HTML)"))
+        outputs.append(QgsProcessingOutputHtml(REPORT_HTML, tr("Report (HTML)")))
     if any(param.key == "force_write" for param in declaration.params):
-        outputs.append(QgsProcessingOutputString(VERDICT, "Verdict: ok, doubtful or unusable"))
+        outputs.append(QgsProcessingOutputString(VERDICT, tr("Verdict: ok, doubtful or unusable")))
     if declaration.images_made:
-        outputs.append(QgsProcessingOutputMultipleLayers(IMAGES_MADE, declaration.images_made))
+        outputs.append(QgsProcessingOutputMultipleLayers(IMAGES_MADE, tr(declaration.images_made)))
     outputs += [QgsProcessingOutputVectorLayer(name.upper(), name) for name in map(layer_name, declaration.layers)]
     return outputs
 
@@ -89,7 +90,7 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     """
     if context.project() is None or not options.get("output_dir"):
         return
-    group = f"HRSI {declaration.title.lower()}: {Path(options['output_dir']).name}"
+    group = f"HRSI {tr(declaration.title)}: {Path(options['output_dir']).name}"
     rasters = images_made(report) if declaration.are_maps else []
     for source in [*rasters, *_written_layers(declaration, options)]:
         name = layer_name(source)

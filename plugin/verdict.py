@@ -9,6 +9,7 @@ from qgis.core import Qgis, QgsProcessingFeedback
 from qgis.utils import iface
 
 from ..hrsi_engine.foundation.reasons import Level
+from .translation import tr
 
 LONG = {
     Level.OK.label: 8,
@@ -26,9 +27,9 @@ def headline(verdict: dict[str, Any]) -> str:
     """Return the verdict with its worst reason, on one line."""
     reasons = verdict["reasons"]
     if not reasons:
-        return f"Verdict: {verdict['level']}. {verdict['sentence']}"
-    more = f" ({len(reasons) - 1} more in the report)" if len(reasons) > 1 else ""
-    return f"Verdict: {verdict['level']}. {reasons[0]['message']}; {reasons[0]['advice']}{more}"
+        return f"{tr('Verdict')}: {tr(verdict['level'])}. {verdict['sentence']}"
+    more = " " + tr("({} more in the report)").format(len(reasons) - 1) if len(reasons) > 1 else ""
+    return f"{tr('Verdict')}: {tr(verdict['level'])}. {reasons[0]['message']}; {reasons[0]['advice']}{more}"
 
 
 def log_verdict(verdict: dict[str, Any], text: str, feedback: QgsProcessingFeedback) -> None:

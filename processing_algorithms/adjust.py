@@ -9,7 +9,7 @@ from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.adjusting_workers import adjusting_workers
 from .block_steps.earlier_block import read_earlier
-from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_laser
+from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_free_control
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.adjust import AdjustAlgorithmOptions
@@ -33,7 +33,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     laser = read_laser_points(images, options.laser, context)
-    how = with_laser(how, laser, options.dem, options.points)
+    how = with_free_control(how, options.dem, options.points, laser)
     if context.dry_run:
         return block_outputs.plan_results(options, images, block, warnings, reasons, context)
     with plausibility.explained_by(reasons):

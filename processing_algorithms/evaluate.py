@@ -42,6 +42,7 @@ from .block_steps import plausibility
 from .block_steps.inputs import read_block, require_matches_used
 from .block_steps.outputs import Clock
 from .block_steps.summary import number
+from .block_steps.tie_search import count_pairs, find
 from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.image_files import open_images
 from .files.result_folder import check_folder, plan_page, tell
@@ -141,8 +142,6 @@ def _plan(
     counts = {"images": len(images), "sets of RPCs": len(sets)}
     warnings: list[str] = []
     if options.tracks == AUTOMATIC_TRACKS:
-        from .block_steps.tie_search import count_pairs  # needs OpenCV, which a QGIS may lack
-
         counts["overlapping pairs to be matched"] = count_pairs(images, options.search, surface)
     if options.tracks != AUTOMATIC_TRACKS or options.points.gcps or options.points.image_points:
         file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
@@ -177,8 +176,6 @@ def _read_points(
     search_folders: tuple[str, ...] = ()
     warnings: list[str] = []
     if options.tracks == AUTOMATIC_TRACKS:
-        from .block_steps.tie_search import find  # needs OpenCV, which a QGIS may lack
-
         ties, finished = find(
             images, options.search, surface, options.folder.output_dir, context.stage(0.0, 0.8)
         )  # fmt: skip

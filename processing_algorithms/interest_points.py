@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..hrsi_engine.foundation.progress import stage
+from ..hrsi_engine.ground.sun import SunAngles
 from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.sun_angles import FoundSun, read_sun
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
 from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points
+from ..hrsi_engine.measurement.interest_points.shadows import find_shadows, image_direction
 from .declarations.interest_points import LAYER, LAYERS_FILE, InterestPointsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
@@ -39,16 +42,21 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
             for name, share in zip(names, _shares(number, len(images), len(names)), strict=True)
         ]
         tables.append(join_points(parts))
+    suns = [None if image.rpc is None else _sun_of(image, options.sun_azimuth) for image in images]
+    shadows = [_shadow_words(image, table, sun) for image, table, sun in zip(images, tables, suns, strict=True)]
     grounds = [ground_of(image, table.xy, surface) for image, table in zip(images, tables, strict=True)]
     warnings = [f"{image.id}: no point" for image, table in zip(images, tables, strict=True) if not len(table)]
     warnings += ground_warnings(images, grounds)
     tell(warnings, context)
     report: Report = {
         **context.record, "detector": options.detector,
-        "images": {image.id: _summary(image, points) for image, points in zip(images, tables, strict=True)},
+        "images": {
+            image.id: _summary(image, points) | _sun_entry(sun, words)
+            for image, points, sun, words in zip(images, tables, suns, shadows, strict=True)
+        },
         "warnings": warnings,
     }  # fmt: skip
-    layers = [_layer(images, tables, grounds)]
+    layers = [_layer(images, tables, grounds, shadows)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
@@ -70,7 +78,35 @@ def _summary(image: ImagePixels, points: InterestPoints) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _layer(images: list[ImagePixels], tables: list[InterestPoints], grounds: list[np.ndarray]) -> Layer:
+def _sun_of(image: ImagePixels, given_deg: float | None) -> FoundSun | None:
+    """Return where the sun stood: as its delivery tells, else as given, for then its elevation is not known."""
+    found = read_sun(image.path, image.rpc)
+    if found is not None or given_deg is None:
+        return found
+    return FoundSun(SunAngles(given_deg, float("nan")), "given")
+
+
+def _shadow_words(image: ImagePixels, points: InterestPoints, sun: FoundSun | None) -> np.ndarray:
+    """Return of each point ``yes`` or ``no``, whether it is a dark centre on the shadow side; else ``unknown``."""
+    if image.rpc is None or sun is None:
+        return np.full(len(points), "unknown")
+    direction = image_direction(image.rpc, image.raster.size, sun.angles.azimuth_deg)
+    return np.where(find_shadows(image.raster, points, direction), "yes", "no")
+
+
+def _sun_entry(sun: FoundSun | None, words: np.ndarray) -> dict[str, Any]:
+    if sun is None:
+        return {"sun": None}
+    elevation = None if np.isnan(sun.angles.elevation_deg) else sun.angles.elevation_deg
+    return {
+        "sun": {"azimuth_deg": sun.angles.azimuth_deg, "elevation_deg": elevation, "source": sun.source},
+        "shadows": int(np.sum(words == "yes")),
+    }
+
+
+def _layer(
+    images: list[ImagePixels], tables: list[InterestPoints], grounds: list[np.ndarray], shadows: list[np.ndarray]
+) -> Layer:
     """Return one layer of all points: at their ground positions where all images have an RPC, else a table."""
     points = join_points(tables)
     image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])
@@ -82,6 +118,7 @@ def _layer(images: list[ImagePixels], tables: list[InterestPoints], grounds: lis
         "sigma": points.sigma_px, "kind": points.kind, "quality": points.quality, "strength": points.strength,
         "length_px": points.size_px[:, 0], "width_px": points.size_px[:, 1],
         "azimuth_deg": np.degrees(points.azimuth_rad), "contrast": points.contrast, "rmse_px": points.rmse_px,
+        "shadow": np.concatenate(shadows).astype(str),
     }  # fmt: skip
     everywhere = all(image.rpc is not None for image in images)
     return Layer(LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)
@@ -96,4 +133,6 @@ def summarise(report: Report) -> str:
         lines.append(
             f"{name}: {image['points']} points ({kinds}; {image['strong_centres']} strong centres); {quarters}"
         )
+        if image["sun"] is not None:
+            lines[-1] += f"; {image['shadows']} dark centres are shadows"
     return "\n".join(lines)

@@ -43,7 +43,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, None, *expected)
     clock.lap("check")
     if context.dry_run:
-        return block_outputs.plan_results(options, images, block, warnings, reasons, context)
+        return block_outputs.plan_results(options, images, block, warnings, reasons, context, together=False)
     with plausibility.explained_by(reasons):
         refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
     result = separate_result(block, refinements)

@@ -12,6 +12,7 @@ from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, Vi
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.io.layers import Layer
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
+from ..hrsi_engine.io.sun_angles import read_sun
 from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_images
@@ -75,6 +76,7 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
     rpc, path = view.image.rpc, view.image.path
     found = read_rpc(path) if path else FoundRpc(rpc, "in memory")
     lon, lat, height = geometry.centre.tolist()
+    sun = read_sun(path, rpc) if path else None
     return {
         "path": view.image.path,
         "rpc_source": found.source,
@@ -84,6 +86,9 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
         "lon": lon, "lat": lat, "height_m": height,
         "gsd_sample_m": geometry.gsd_sample_m, "gsd_line_m": geometry.gsd_line_m,
         "incidence_deg": geometry.incidence_deg, "azimuth_deg": geometry.azimuth_deg,
+        "sun_azimuth_deg": None if sun is None else sun.angles.azimuth_deg,
+        "sun_elevation_deg": None if sun is None else sun.angles.elevation_deg,
+        "sun_source": "" if sun is None else sun.source,
         "rpc_height_min_m": rpc.height_range[0], "rpc_height_max_m": rpc.height_range[1],
         "err_bias_m": rpc.err_bias, "err_rand_m": rpc.err_rand,
         "footprint": geometry.footprint.tolist(),

@@ -28,7 +28,12 @@ def run(options: SimulateOptions, context: Context) -> Report:
     with stage_folder(folder, context.inputs, options.folder.overwrite) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
         names += simulation_outputs.write_laser(temporary, simulated, options)
+        names += simulation_outputs.write_free_dem(temporary, simulated, options)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))
+        if options.free_ortho.pixel_m:
+            errors = simulation_outputs.write_free_ortho(temporary, simulated, options, context.progress)
+            names.append(simulation_outputs.FREE_ORTHO)
+            report["free_ortho"] = errors
         report["outputs"] = [os.path.join(folder, name) for name in names]
         write_report_json(str(temporary / "report.json"), report)
     return report

@@ -14,8 +14,10 @@ from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_measurements
 from ..hrsi_engine.io.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
+from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 from ..hrsi_engine.io.report import write_report_json
 from ..hrsi_engine.measurement.tie_points import TiePoints
+from .block_steps.earlier_ties import read_earlier_ties, with_earlier
 from .block_steps.outputs import Clock
 from .block_steps.tie_search import count_pairs, find, held_entries
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
@@ -31,16 +33,19 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
     check_output_dir(options.folder.output_dir, options.folder.overwrite, looking=context.dry_run)
     clock = Clock()
-    images = open_images(options.images, context)
+    new = open_images(options.images, context)
+    earlier = read_earlier_ties(options.add_to, new)
+    images = [*earlier.images, *new]
     surface = open_terrain(options.terrain)
     clock.lap("read")
     if context.dry_run:
-        pairs = count_pairs(images, options.search, surface)
+        pairs = count_pairs(images, options.search, surface, earlier.ids)
         counts = {"images": len(images), "overlapping pairs to be matched": pairs}
-        files = ["report.json", LAYERS_FILE, *([TABLE_FILE] if options.csv else [])]
+        files = ["report.json", LAYERS_FILE, COLUMNS_FILE, *([TABLE_FILE] if options.csv else [])]
         return plan(context, options.folder.output_dir, files, counts)
     searching = context.stage(0.0, 0.95)
-    found, finished = find(images, options.search, surface, options.folder.output_dir, searching)
+    found, finished = find(images, options.search, surface, options.folder.output_dir, searching, earlier.ids)
+    found = earlier.with_new(found)
     clock.lap("tie_points")
     target = options.folder
     with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=finished.discarded) as folder:
@@ -64,12 +69,14 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         ]
         styles = default_styles(layers[:1])
         write_geopackage(str(folder / LAYERS_FILE), layers, styles)
-        names = {"layers": LAYERS_FILE}
+        write_columns(str(folder), rows)
+        names = {"layers": LAYERS_FILE, "columns": COLUMNS_FILE}
         if options.csv:
             names["csv"] = TABLE_FILE
             write_measurements(str(folder / TABLE_FILE), found.image_points)
         outputs = {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
-        report = _report(images, found, context.record) | {"seconds": clock.total(), "outputs": outputs}
+        report = with_earlier(_report(images, found, context.record), earlier.report)
+        report |= {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
     for warning in found.warnings:
         context.log(f"warning: {warning}")

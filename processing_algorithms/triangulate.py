@@ -5,19 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
+from ..hrsi_engine.block.reference_places import ReferencePlaces
+from ..hrsi_engine.foundation.errors import InputError
 from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps.adjusting_workers import adjusting_workers
+from .block_steps.earlier_block import EarlierBlock, read_earlier
+from .block_steps.earlier_ties import joined_to
 from .block_steps.laser_points import (
     adjust_at_laser_points,
     laser_entries,
     laser_warnings,
     read_laser_points,
-    with_laser,
+    with_free_control,
 )
 from .block_steps.model_choice import choice_entries, choice_warnings
+from .block_steps.reference_control import read_reference_block, reference_reasons
 from .block_steps.summary import summarise as summarise
+from .block_steps.tie_search import count_pairs, find, held_entries
 from .declarations.triangulate import TriangulateOptions
 from .files.image_files import open_images
 from .files.terrain import dem_surface
@@ -33,23 +39,35 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     clock = block_outputs.Clock()
     block_inputs.require_matches_used(options.search, options.tie_points == AUTOMATIC_TIES, "tie_points")
     images = open_images(options.images, context)
+    automatic = options.tie_points == AUTOMATIC_TIES
+    earlier = read_earlier(options.growth, images, None if automatic else options.tie_points)
+    if options.reference.reference and earlier.images:
+        raise InputError("`reference` takes no part where images join a block: leave out `reference` or `add_to`")
+    if automatic and earlier.joint is not None:
+        raise InputError(
+            "new images are tied to earlier points, which are not there where cameras are observed: let "
+            "`earlier_cameras` be free, or find `tie_points` first"
+        )
+    images = [*earlier.images, *images]
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")
     if context.dry_run:
-        return _plan(images, options, context)
+        return _plan(images, earlier, options, context)
     # The share of the time that each step takes: where tie points are found in the images, that is most of it
     found_at, read_at, adjusted_at = SHARES[options.tie_points == AUTOMATIC_TIES]
     searching = context.stage(0.0, found_at)
-    found, warnings, kept, held = _automatic_ties(images, options, searching)
+    found, warnings, kept, held = _automatic_ties(images, earlier, options, searching)
     clock.lap("tie_points")
-    block, more, entries = _read(images, options, found, context.stage(found_at, read_at))
-    how = options.adjustment
+    block, places, more, entries = _read(images, earlier, options, found, context.stage(found_at, read_at))
+    how = earlier.adjusted_by(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
+    reasons += reference_reasons(entries)
     clock.lap("check")
     with plausibility.explained_by(reasons):
         laser = read_laser_points(images, options.laser, context)
-        how = with_laser(how, laser, options.dem, options.points)
+        places = None if options.search.workers.scheduler else places  # workers know surveys, and these are such
+        how = with_free_control(how, options.dem, options.points, laser, places)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         with adjusting_workers(options.search.workers, options.output.folder.output_dir) as elsewhere:
             part = context.stage(read_at, adjusted_at)
@@ -62,44 +80,48 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons, kept)
 
 
-def _plan(images: Sequence[Image], options: TriangulateOptions, context: Context) -> Report:
+def _plan(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context) -> Report:
     """Return what would be done: the pairs are counted, not matched, and checks look at the points that files hold."""
     read_laser_points(images, options.laser, context)
     points, how, pairs = options.points, options.adjustment, None
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if options.tie_points == AUTOMATIC_TIES:
-        from .block_steps.tie_search import count_pairs  # needs OpenCV, which a QGIS may lack
-
-        pairs = count_pairs(images, options.search, dem_surface(options.dem, points.height_datum))
-    if pairs and not points.gcps and not points.image_points:
+        surface = dem_surface(options.dem, points.height_datum)
+        pairs = count_pairs(images, options.search, surface, earlier.image_ids)
+    if pairs and not points.gcps and not points.image_points and not earlier.ties:
         return block_outputs.plan_results(options, images, None, [], [], context, pairs)
-    block, warnings = block_inputs.read_block(images, points, options.dem, file)
+    block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)
     reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift)
     return block_outputs.plan_results(options, images, block, warnings, reasons, context, pairs)
 
 
 def _automatic_ties(
-    images: Sequence[Image], options: TriangulateOptions, context: Context
+    images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context
 ) -> tuple[list[ImagePoints], list[str], tuple[str, ...], Report]:
     """Return tie points, warnings, the folders to discard when the results are written, and the report's entries."""
     if options.tie_points != AUTOMATIC_TIES:
         return [], [], (), {}
-    from .block_steps.tie_search import find, held_entries  # needs OpenCV, which a QGIS may lack
-
     surface = dem_surface(options.dem, options.points.height_datum)
-    found, finished = find(images, options.search, surface, options.output.folder.output_dir, context)
-    return [found.image_points], list(found.warnings), finished.discarded, held_entries(found)
+    folder = options.output.folder.output_dir
+    found, finished = find(images, options.search, surface, folder, context, earlier.image_ids)
+    points = found.image_points
+    for table in earlier.ties:
+        points, _ = joined_to(points, table)
+    return [points], list(found.warnings), finished.discarded, held_entries(found)
 
 
 def _read(
-    images: Sequence[Image], options: TriangulateOptions, ties: Sequence[ImagePoints], context: Context
-) -> tuple[Block, list[str], Report]:
-    """Return the block, warnings and entries of the report; with GCPs of a reference where one is named."""
-    points, dem = options.points, options.dem
+    images: Sequence[Image],
+    earlier: EarlierBlock,
+    options: TriangulateOptions,
+    found: Sequence[ImagePoints],
+    context: Context,
+) -> tuple[Block, ReferencePlaces | None, list[str], Report]:
+    """Return the block, places of a reference where one is named, warnings and entries of the report."""
+    points, dem, ties = options.points, options.dem, [*earlier.ties, *found]
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if not options.reference.reference:
-        return *block_inputs.read_block(images, points, dem, file, ties), {}
-    from .block_steps.reference_control import read_reference_block  # needs OpenCV, too
-
+        block, warnings = block_inputs.read_block(images, points, dem, file, ties, earlier.known)
+        return block, None, warnings, {}
     sigma_dem_m = options.adjustment.sigma_dem_m
     return read_reference_block(images, points, dem, file, ties, options.reference, sigma_dem_m, context)

@@ -1,7 +1,8 @@
-"""Build the zip of the QGIS plugin: ``python scripts/make_plugin.py [--email … --repository … --tracker …] [FILE]``.
+"""Build the zip of the QGIS plugin: ``python scripts/make_plugin.py [--email … --homepage … …] [FILE]``.
 
 The zip holds the folder ``hrsi`` as QGIS installs it ("Install from ZIP"). The plugin repository wants an address, the
-source repository and its tracker in metadata.txt as well: they belong to who publishes, so they are given here.
+homepage, the source repository and its tracker (`PUBLISHER_FIELDS`) in metadata.txt as well: they belong to who
+publishes, so they are given here.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ FILES = (
 )  # fmt: skip
 PARTS = ("plugin", "processing_algorithms", "hrsi_engine")
 #: What else the plugin repository wants beside what metadata.txt holds.
-PUBLISHER_FIELDS = ("email", "repository", "tracker")
+PUBLISHER_FIELDS = ("email", "homepage", "repository", "tracker")
 REQUIRED = ("name", "description", "about", "version", "qgisMinimumVersion", "author", "icon")
 #: Kinds of files that the plugin consists of; what a build, an editor or a system leaves beside them is none of it.
-KINDS = {".py", ".pyi", ".html", ".css", ".js", ".j2", ".qml", ".svg", ".png", ".model3"}
+KINDS = {".py", ".pyi", ".html", ".css", ".js", ".j2", ".qml", ".svg", ".png", ".model3", ".qm", ".ts"}
 LEFT_BEHIND = {".pyc", ".pyo", ".nbi", ".nbc"}
 LARGEST_BYTES = 20 * 1024**2  # the plugin repository's limit
 OLDEST = (1980, 1, 1, 0, 0, 0)  # one time for all files: the same sources give the same zip

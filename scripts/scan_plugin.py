@@ -24,6 +24,7 @@ FLAKE8_CODES = (
 )
 BARRED_KINDS = {".exe", ".dll", ".so", ".dylib", ".bat", ".sh", ".ps1", ".cmd", ".pyc", ".pyd"}
 PICTURES = {".png"}
+TRANSLATION = ".qm"  # compiled texts, which Qt reads and nothing runs; their source lies beside
 MOST_NOSEC = 3  # each has its reason beside it; more need a better idea first
 
 
@@ -74,7 +75,7 @@ def file_findings(archive: zipfile.ZipFile) -> list[str]:
             found.append(f"{path}: is of a kind that does not belong into a plugin")
         if path.is_absolute() or ".." in path.parts or path.parts[0] != make_plugin.FOLDER:
             found.append(f"{path}: is outside the plugin's folder")
-        if path.suffix not in PICTURES and b"\0" in archive.read(entry):
+        if path.suffix not in (*PICTURES, TRANSLATION) and b"\0" in archive.read(entry):
             found.append(f"{path}: is binary")
     return found
 

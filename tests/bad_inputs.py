@@ -467,6 +467,10 @@ KEPT: dict[str, Callable[[str], bool]] = {
     "orthorectify": lambda name: name.endswith("_ortho.tif"),
     "match": lambda name: True,
 }
+READ_PIXELS = {
+    "adjust", "evaluate", "gcps-from-reference", "interest-points", "match", "measure-targets", "ortho-check",
+    "orthorectify", "refine-rpc", "tie-points", "triangulate",
+}  # fmt: skip
 PIXEL_FAULTS = ("truncated", "nodata everywhere")
 
 
@@ -480,7 +484,7 @@ def is_harmless(case: Case) -> bool:
 
 def reads_pixels(algorithm: Algorithm) -> bool:
     """Return whether an algorithm looks at the grey values of its images."""
-    return bool(algorithm.packages) or algorithm.name == "orthorectify"
+    return algorithm.name in READ_PIXELS
 
 
 def sound_telling(algorithm: Algorithm, key: str, scene: Path, folder: Path) -> set[str]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from hrsi.hrsi_engine.adjustment.result import Adjustment
-from hrsi.hrsi_engine.block.block import Block, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.block.laser import LaserPoints
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.block.reference_places import ReferencePlaces
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
 from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
 from hrsi.hrsi_engine.simulation.control import measure, observe
+from hrsi.hrsi_engine.simulation.free_ortho import CORNER_FROM, draw_ortho_errors
 from hrsi.hrsi_engine.simulation.laser import SimulatedLaser, simulate_laser
-from hrsi.hrsi_engine.simulation.options import LaserSpec
+from hrsi.hrsi_engine.simulation.options import FreeOrthoSpec, LaserSpec
 from hrsi.hrsi_engine.simulation.synthesis import SimulatedBlock
 
 LOOKED_UP, TIES_EACH, AROUND_M = 400, 3, 10.0
@@ -31,8 +34,8 @@ class LaserScene:
 
     def height_errors_m(self, result: Adjustment) -> np.ndarray:
         """Return computed - true of the check points, east, north, height ``(k, 3)``."""
-        checks = self.block.points.role == Role.CHECK
-        return ground_difference_m(result.ground[checks], self.block.points.ground[checks])
+        checks = result.block.points.role == Role.CHECK
+        return ground_difference_m(result.ground[checks], result.block.points.ground[checks])
 
 
 def laser_scene(
@@ -61,3 +64,55 @@ def laser_scene(
     given = ImagePoints.create(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
     known = block.points.select(block.points.role == Role.CHECK)
     return LaserScene(simulated, laser, points, assemble(list(block.images), [known], [given, more]))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedScene:
+    """A block with laser points and places of a free orthoimage, as GCPs with the errors of the orthoimage."""
+
+    laser: LaserScene
+    block: Block
+    places: ReferencePlaces
+    chart_m: np.ndarray
+
+    def with_corner(self, off_m: float) -> PlacedScene:
+        """Return the scene with the north-eastern corner of the orthoimage so far off in the east."""
+        half_m = np.abs(self.chart_m).max()
+        corner = (self.chart_m > CORNER_FROM * half_m).all(axis=1)
+        ground = self.places.ground.copy()
+        ground[corner, 0] += off_m / metres_per_degree(ground[corner])[:, 0]
+        return replace(self, places=replace(self.places, ground=ground))
+
+
+def placed_scene(
+    seed: int, spec: LaserSpec | None = None, ortho: FreeOrthoSpec | None = None, *, places: int = 300,
+    match_m: float = 1.0, images_agree_px: float = 0.3, **more: Any,
+) -> PlacedScene:  # fmt: skip
+    """Return a `laser_scene` with places of an orthoimage of 10 m, matched to a tenth of a pixel."""
+    made = laser_scene(seed, spec, **more)
+    ortho = ortho or FreeOrthoSpec(10.0)
+    truth, rng = made.simulated.truth, np.random.default_rng([seed, 52])
+    terrain, views = made.simulated.scene.terrain, made.simulated.views
+    half_m = 0.5 * min(view.size[0] * view.sensor.gsd_m for view in views)
+    chart = rng.uniform(-half_m, half_m, (places, 2))
+    errors = draw_ortho_errors(half_m, ortho, [seed, 61])
+    stated = chart + errors.at(*chart.T).T + rng.normal(0.0, match_m, chart.shape)
+    true = terrain.chart.to_ground(chart, terrain.height(*chart.T))
+    ground = terrain.chart.to_ground(stated, true[:, 2])
+    ids = np.array([f"REF{number:03d}" for number in range(places)])
+    image_ids = np.array([view.id for view in views])
+    measured, _ = measure(
+        ids, np.full(places, int(Role.GCP)), image_ids, observe(truth.cameras, terrain, true),
+        Noise(image_px=images_agree_px), rng,
+    )  # fmt: skip
+    sigma_m = ortho.error_m / np.sqrt(2.0)
+    seen = np.isin(ids, measured.ids)
+    known = GroundPoints.create(
+        ids[seen], ground[seen], Role.GCP, np.tile([sigma_m, 50.0], (int(seen.sum()), 1)), "reference"
+    )
+    block = made.block
+    rows = block.measurements
+    given = ImagePoints.create(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
+    checks = block.points.select(block.points.role == Role.CHECK)
+    whole = assemble(list(block.images), [checks, known], [given, measured])
+    return PlacedScene(made, whole, ReferencePlaces(ids[seen], ground[seen], sigma_m), chart[seen])

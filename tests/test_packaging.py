@@ -63,6 +63,23 @@ def test_plugin_metadata(repository: Path, metadata: configparser.SectionProxy):
     assert metadata["hasProcessingProvider"] == "yes"
     assert (metadata["qgisMinimumVersion"], metadata["qgisMaximumVersion"]) == ("3.22", "4.99")
     assert (repository / metadata["icon"]).is_file()
+    assert metadata["experimental"] == "False"
+    assert "supportsQt6" not in metadata  # qgisMaximumVersion says it since QGIS 4
+
+
+LOADED_BY_AN_OLD_PYTHON = (
+    "__init__.py", "plugin/__init__.py", "plugin/old_python.py", "hrsi_engine/__init__.py",
+    "hrsi_engine/foundation/__init__.py", "hrsi_engine/foundation/lazy_names.py",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LOADED_BY_AN_OLD_PYTHON)
+def test_what_a_python_that_is_too_old_loads_has_nothing_new(repository: Path, name: str):
+    """QGIS for Windows had Python 3.9 up to 3.34.5: there the plugin says so, and fails with no syntax error."""
+    tree = ast.parse((repository / name).read_text(encoding="utf-8"), feature_version=(3, 9))
+    imports = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level == 0}
+    assert imports <= {"__future__", "collections.abc", "importlib", "typing", "qgis.core"}
+    assert not [call for call in ast.walk(tree) if isinstance(call, ast.keyword) and call.arg == "strict"]
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +92,10 @@ def make_plugin(repository: Path) -> ModuleType:
 
 def test_plugin_zip_holds_what_the_plugin_repository_wants(repository: Path, make_plugin: ModuleType, tmp_path: Path):
     """One folder named like the plugin, a licence, complete metadata, nothing compiled, nothing of tests, and small."""
-    publisher = {"email": "a@b.org", "repository": "https://b.org/hrsi", "tracker": "https://b.org/hrsi/issues"}
+    publisher = {
+        "email": "a@b.org", "homepage": "https://b.org", "repository": "https://b.org/hrsi",
+        "tracker": "https://b.org/hrsi/issues",
+    }  # fmt: skip
     make_plugin.build(tmp_path / "hrsi.zip", publisher)
     make_plugin.build(tmp_path / "again.zip", publisher)
     assert (tmp_path / "hrsi.zip").read_bytes() == (tmp_path / "again.zip").read_bytes()
@@ -203,8 +223,7 @@ def test_advice_on_a_missing_package(package: str, advice: str):
 
 
 def test_note_on_a_missing_package(monkeypatch: pytest.MonkeyPatch):
-    """Said before anything is run: what every algorithm needs, and what this one needs."""
-    assert absence_note(("json",)) == ""
-    monkeypatch.setattr(dependencies, "_is_missing", lambda package: package in ("shapely", "cv2"))
-    assert "install python3-shapely where" in absence_note(())
-    assert "pip" in absence_note(("cv2",)).partition("What it does with pixels needs opencv-python-headless")[2]
+    """Said before anything is run: what every algorithm needs."""
+    assert absence_note() == ""
+    monkeypatch.setattr(dependencies, "_is_missing", lambda package: package == "shapely")
+    assert "install python3-shapely where" in absence_note()

@@ -23,27 +23,58 @@ from .problem import Problem
 
 
 class Delivered(NamedTuple):
-    """Values (cameras, p) of the model, positions (m, 3) and residuals (n, 2) by these cameras."""
+    """Values (cameras, p) of the model, positions (m, 3) and residuals (n, 2) by these cameras; and the squares N."""
 
     values: np.ndarray
     ground: np.ndarray
     residual: np.ndarray
+    squares: np.ndarray
 
 
 def deliver(problem: Problem, loop: GaussNewton, solution: Solution) -> Delivered:
     """Return the cameras of the model, and the points by them."""
-    camera, p = problem.camera, len(problem.model.parameters)
-    if camera is problem.model or not isinstance(camera, ImagePolynomial):
-        return Delivered(solution.state.values, solution.state.ground, solution.normals.residual)
-    squares = _squares(problem, camera, solution)
+    squares = drift_squares(problem, solution)
+    gain = _gain(problem, loop, squares)
+    if gain is None:
+        return Delivered(solution.state.values, solution.state.ground, solution.normals.residual, squares)
+    values = delivered_values(solution.state.values, gain)
+    equations = fixed_cameras(problem.observations, problem.model, problem.options.threads)
+    ground = equations.intersect(State(values, solution.state.ground), solution.weight, solution.weighting.points)
+    return Delivered(values, ground, equations.residuals(State(values, ground)), squares)
+
+
+def drift_gain(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
+    """Return what the delivered values take over of the drift, ``(cameras, p, q - p)``; None without a drift."""
+    return _gain(problem, loop, drift_squares(problem, solution))
+
+
+def _gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
+    p = len(problem.model.parameters)
+    if p == squares.shape[1]:
+        return None
     prior = loop.prior_weight[:, :p]
     held = np.isinf(prior)
     own = squares[:, :p, :p] + np.where(held, 1.0, prior)[:, :, None] * np.eye(p)
-    right = np.einsum("cij,cj->ci", squares[:, :p, p:], solution.state.values[:, p:])
-    values = solution.state.values[:, :p] + np.where(held, 0.0, np.linalg.solve(own, right[:, :, None])[:, :, 0])
-    equations = fixed_cameras(problem.observations, problem.model, problem.options.threads)
-    ground = equations.intersect(State(values, solution.state.ground), solution.weight, solution.weighting.points)
-    return Delivered(values, ground, equations.residuals(State(values, ground)))
+    return np.where(held[:, :, None], 0.0, np.linalg.solve(own, squares[:, :p, p:]))
+
+
+def drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
+    """Return N ``(cameras, q, q)``, with that of an earlier adjustment; zeros where there is no drift to take over."""
+    camera = problem.camera
+    if camera is problem.model or not isinstance(camera, ImagePolynomial):
+        return np.zeros((len(solution.state.values), len(camera.parameters), len(camera.parameters)))
+    squares = _squares(problem, camera, solution)
+    if problem.earlier is not None:
+        np.add.at(squares, problem.earlier.camera, problem.earlier.known.squares)
+    return squares
+
+
+def delivered_values(estimated: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
+    """Return the values ``(cameras, p)`` that are delivered of those estimated ``(cameras, q)``."""
+    if gain is None:
+        return estimated
+    p = gain.shape[1]
+    return estimated[:, :p] + np.einsum("cij,cj->ci", gain, estimated[:, p:])
 
 
 def _squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> np.ndarray:

@@ -47,8 +47,9 @@ class DriftPrior:
     sums: tuple[float, float, int] = (0.0, 0.0, 0)
 
     def __post_init__(self) -> None:
-        self.free = self.model.drifts & np.isfinite(self.given) & np.isfinite(self.believed)
-        self.factor = np.where(self.free, 1.0 / (np.sqrt(self.given) * self.believed), 1.0)
+        # A drift without a prior of its own is one that an earlier adjustment tells of
+        self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.believed)
+        self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.believed, 1.0))
 
     def start(self, loop: GaussNewton) -> None:
         """Hold the loop's drifts as the sensors are believed to drift.

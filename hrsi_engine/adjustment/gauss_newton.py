@@ -7,8 +7,9 @@ count and how they are damped is `foundation.levenberg_marquardt`'s, as for sing
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..ground.geodesy import moved_ground
 from .equations import CameraSystem, Cofactors, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
-from .held_heights import HeldHeights
+from .joint_prior import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 
@@ -36,6 +37,13 @@ class Weighting:
     image: np.ndarray
     points: PointPriors
     contributes: np.ndarray
+
+
+class Held(Protocol):
+    """What holds points beside their surveys, and is weighted by how well it fits."""
+
+    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+        """Return the priors with it at positions ``(m, 3)``, whose ``cofactors (m, 3, 3)`` are under the ``priors``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +70,8 @@ class GaussNewton:
 
     prior_weight : (cameras, p), infinite for a parameter that stays at its start
     rows_per_point : (m,) numbers of image points
-    heights : those of a DEM or of laser points that hold points
+    held : what holds points, judged in every pass: heights of a DEM or of laser points, places of a reference
+    earlier : what an earlier adjustment says of cameras
     """
 
     equations: NormalEquations
@@ -70,7 +79,8 @@ class GaussNewton:
     prior_weight: np.ndarray
     rows_per_point: np.ndarray
     max_iterations: int = 30
-    heights: HeldHeights | None = None
+    held: Sequence[Held] = ()
+    earlier: JointPrior | None = None
     history: list[Iteration] = field(default_factory=list)
     solves: int = 0
 
@@ -113,7 +123,7 @@ class GaussNewton:
             return self._step(at, damping)
 
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
-        reweighting = robustly is not least_squares or self.heights is not None
+        reweighting = robustly is not least_squares or bool(self.held)
         ended = descend(
             begin,
             step,
@@ -125,22 +135,26 @@ class GaussNewton:
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweighted(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
-        """Return the same state with robust factors from its residuals and the heights that hold points."""
+        """Return the same state with robust factors from its residuals and from what holds points."""
         weighting = at.weighting
-        if self.heights is not None:
-            points = self.heights.apply(weighting.points, at.state.ground, at.normals.inverse)
+        for held in self.held:
+            # a coordinate is held by one of them only, so that of another still has the weight of the cofactors
+            points = held.apply(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
         return self._at(at.state, weighting, robustly(t))
 
     def _at(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
         normals = self.equations.normals(state, weighting.image * factor, weighting.points, weighting.contributes)
+        if self.earlier is not None:
+            self.earlier.add_to(normals, state.values, self.pattern)
         at = Solution(state, weighting, normals, factor, 0.0)
         return replace(at, cost=self.cost(at))
 
     def cost(self, at: Solution) -> float:
         """Half the weighted sum of squares of image points, surveys and priors."""
-        return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2)))
+        earlier = 0.0 if self.earlier is None else self.earlier.cost(at.state.values)
+        return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2))) + earlier
 
     def sum_of_squares(self, at: Solution) -> float:
         """Return the weighted sum of squares of image points and surveys that have a say in the cameras."""

@@ -24,8 +24,9 @@ from scipy.spatial import cKDTree
 
 from ..block.laser import DEFAULT_SIGMA_M, LaserPoints
 from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
-from .held_heights import HeightRows, Judged
+from .held_heights import HeightRows
 from .result import LaserOutcome
+from .shared_errors import Judged
 
 NAME = "laser"
 TIES_OF_A_LASER_POINT = 12  # ties of a laser point
@@ -118,7 +119,7 @@ class LaserHeights:
         height = self.laser.ground[plan.laser[plan.of], 2] + np.einsum("rc,rc->r", plan.slope[plan.of], metres)
         return HeightRows(plan.point, plan.of, plan.share, height, plan.sigma_m, self._track[plan.laser])
 
-    def outcome(self, judged: Judged, ground: np.ndarray) -> LaserOutcome:
+    def outcome(self, judged: Judged[HeightRows], ground: np.ndarray) -> LaserOutcome:
         """Return what became of each laser point, as its observation was ``judged`` for points at ``ground (m, 3)``."""
         count, rows = len(self.laser), judged.rows
         reason = self.laser.doubt.astype("U64")

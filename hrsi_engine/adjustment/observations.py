@@ -7,12 +7,13 @@ with full precision, but by default they have no say in the cameras, so that the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..block.block import Block, Image, Role
+from ..block.reference_places import ReferencePlaces
 from ..refinement.model import Linearise, RefinementModel
 
 COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height
@@ -29,6 +30,7 @@ class Observations:
     survey, survey_weight : (m, 3) surveyed positions of GCPs and their weights 1/m²; weight 0 where a coordinate is
         not surveyed (an infinite sigma makes a point horizontal or height control only)
     survey_correlation : (m, 3) of east-north, east-height, north-height of each survey; None: all zero
+    referenced : (m,) places of a reference, which hold in plan as they are judged (`held_plan`); None: there are none
     contributes : (n,) whether the measurement has a say in the cameras
     camera_of_image : (images,) which set of parameters an image has; images of one strip may share one
     """
@@ -46,6 +48,7 @@ class Observations:
     contributes: np.ndarray
     camera_of_image: np.ndarray
     survey_correlation: np.ndarray | None = None
+    referenced: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -66,6 +69,11 @@ class Observations:
     def surveyed(self) -> np.ndarray:
         """Mask of the points with a survey of any coordinate."""
         return (self.survey_weight > 0.0).any(axis=1)
+
+    @property
+    def located(self) -> np.ndarray:
+        """Mask of the points that one ray is enough for: those with a survey, and places of a reference."""
+        return self.surveyed if self.referenced is None else self.surveyed | self.referenced
 
     @property
     def correlated(self) -> np.ndarray:
@@ -109,6 +117,7 @@ class Observations:
             self.sigma_px[keep], np.searchsorted(point, np.arange((~lost).sum() + 1)), self.survey[~lost],
             self.survey_weight[~lost], self.contributes[keep], self.camera_of_image,
             None if self.survey_correlation is None else self.survey_correlation[~lost],
+            None if self.referenced is None else self.referenced[~lost],
         )  # fmt: skip
 
     def linearisers(self, model: RefinementModel) -> list[Linearise]:
@@ -116,15 +125,20 @@ class Observations:
         return [model.equations(image, self.xy[rows]) for image, rows in zip(self.images, self.by_image, strict=True)]
 
 
-def select(block: Block, check_as_ties: bool = False) -> Observations:
+def select(block: Block, check_as_ties: bool = False, reference: ReferencePlaces | None = None) -> Observations:
     """Return the measurements of every point whose position can be computed.
 
     ``check_as_ties`` lets the image points of check points (not their survey) take part in the cameras' estimation.
+    GCPs that are places of a ``reference`` carry no survey.
     """
-    surveyed = block.points.role == Role.GCP
-    usable = surveyed | (block.rays_per_point() >= 2)
+    control = block.points.role == Role.GCP
+    usable = control | (block.rays_per_point() >= 2)
     contributing = np.ones(len(block.points), dtype=bool) if check_as_ties else block.points.role != Role.CHECK
-    return subset(block, usable, surveyed, contributing)
+    if reference is None:
+        return subset(block, usable, control, contributing)
+    places = control & np.isin(block.points.ids, reference.ids)
+    observations = subset(block, usable, control & ~places, contributing)
+    return replace(observations, referenced=places[observations.points])
 
 
 def subset(

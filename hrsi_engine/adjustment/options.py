@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from ..foundation.options import option, options, threads_option
@@ -10,7 +9,9 @@ from ..refinement.options import BLOCK_MODEL_NAMES, RULE_NAMES
 
 if TYPE_CHECKING:
     from ..block.laser import LaserPoints
+    from ..block.reference_places import ReferencePlaces
     from ..surface.dem import HeightSurface
+    from .joint_prior import JointCameras
 
 #: Models and rules that choose one.
 MODEL_NAMES = (*RULE_NAMES, *BLOCK_MODEL_NAMES)
@@ -30,8 +31,10 @@ class AdjustOptions:
         A surface that holds the heights of tie points, where ``sigma_dem_m`` says how well.
     laser : LaserPoints, optional
         Laser points that hold the heights of the tie points around them; those with a ``doubt`` hold none.
-    camera_sigmas : mapping of str to tuple of float, optional
-        Standard deviations of the parameters of images that are known already, by id: their priors.
+    reference : ReferencePlaces, optional
+        GCPs of the block that are places of an orthoimage: they hold it in plan with errors that they share.
+    earlier : JointCameras, optional
+        What an earlier adjustment says of some of the images: their prior.
     max_iterations : int
         Of the Gauss-Newton loop.
     tolerance : float
@@ -119,6 +122,7 @@ class AdjustOptions:
         advanced=True,
         metavar="M",
     )
+    reference: ReferencePlaces | None = None
     sigma_shift_px: float | None = option(
         None,
         "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS, what is "
@@ -138,7 +142,7 @@ class AdjustOptions:
         advanced=True,
         metavar="X",
     )
-    camera_sigmas: Mapping[str, tuple[float, ...]] | None = None
+    earlier: JointCameras | None = None
     max_iterations: int = 30
     tolerance: float = 1e-9
     threads: int = threads_option()

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..block.block import Block
+from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
 from ..foundation.errors import list_ids
 from ..ground.geodesy import ground_difference_m
 from .delivery import Delivered, deliver
 from .gauss_newton import GaussNewton, Solution
+from .joint_prior import JointCameras
 from .precision import Precision, deletion_tests
 from .problem import Problem
 from .result import (
@@ -24,11 +26,13 @@ from .result import (
     HeightAgreement,
     LaserOutcome,
     ModelTest,
+    PlanAgreement,
     VarianceComponent,
 )
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 MANY_HEIGHTS_LEFT_OUT = 0.02  # share of a source's heights
+MANY_PLACES_LEFT_OUT = 0.1  # share of a reference's places
 WHAT_STANDS_OUT = {
     "DEM": "trees, buildings, or errors of the DEM", "laser": "canopy, clouds, or ground that has changed",
 }  # fmt: skip
@@ -74,7 +78,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     cameras = deliver(problem, loop, solution)
     rows, points, camera = observations.rows, observations.points, observations.camera_of_image
     # check points ride along; a point that lost its measurements has no position
-    placed = solution.weighting.contributes | observations.surveyed | ~observations.contributing_points
+    placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     kept = (solution.weight > 0.0) & placed[observations.point]
     part_of_image = _part_of_image(problem)
     # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
@@ -85,7 +89,8 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     covariance = _spread(len(block.points), points, covariance)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-    heights, laser = _held_heights(problem, solution)
+    heights, laser = _held_heights(problem, solution, precise)
+    plan = _held_plan(problem, solution, precise)
     redundancy_numbers, statistic = _reliability(problem, solution, precise, found.tie_variance)
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
@@ -124,15 +129,33 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
             *found.warnings,
             *_find_undetermined(problem, loop, prior_share),
             *_height_warnings(heights),
+            *_plan_warnings(plan),
         ),
         heights=heights,
+        plan=plan,
+        rpcs_alone_m=_rpcs_alone_m(problem, solution),
         laser=laser,
         estimate_residual_px=_estimate_residuals(problem, solution, kept),
         tests=found.tests,
         estimated_sigma_px=_measurement_sigmas(block, rows, found),
         survey_factors=found.survey_factors,
         choice=problem.choice,
+        joint=_joint_cameras(problem, loop, solution, cameras.squares),
     )
+
+
+def _joint_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray) -> JointCameras:
+    """Return what the adjustment says of its cameras together."""
+    pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
+    blocks = solution.normals.blocks.copy()
+    own = np.arange(pattern.parameters)
+    blocks[pattern.diagonal[:, None], own, own] += np.where(fixed, 0.0, loop.prior_weight)
+    gcps = np.array([part.gcps for part in problem.parts])[_part_of_image(problem)]
+    return JointCameras(
+        tuple(image.id for image in observations.images), observations.camera_of_image,
+        tuple(problem.camera.parameters), solution.state.values, pattern.rows, pattern.columns, blocks, fixed, squares,
+        gcps,
+    )  # fmt: skip
 
 
 def _measurement_sigmas(block: Block, rows: np.ndarray, found: Found) -> np.ndarray | None:
@@ -185,20 +208,25 @@ def _observed(problem: Problem, solution: Solution) -> tuple[int, int]:
     return 2 * rows + int(weighting.points.observed[contributes].sum()), 3 * int(contributes.sum())
 
 
-def redundancy_of(problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray) -> float:
+def redundancy_of(
+    problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray, cofactors: np.ndarray | None
+) -> float:
     """Return the redundancy of a solution; priors count as far as the parameters follow from them.
 
-    ``variances (cameras, p)`` are the parameters' cofactors.
+    ``variances (cameras, p)`` are the parameters' cofactors, ``cofactors`` those on the pattern, where they are known.
     """
     observed, positions = _observed(problem, solution)
-    return observed - positions - float(np.sum(1.0 - np.nan_to_num(_prior_share(loop, variances))))
+    unknown = float(np.sum(1.0 - np.nan_to_num(_prior_share(loop, variances))))
+    if problem.earlier is not None and cofactors is not None:
+        unknown -= problem.earlier.share(cofactors, loop.pattern)
+    return observed - positions - unknown
 
 
 def _sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> _Sums:
     """Count what was not left out."""
     observed, positions = _observed(problem, solution)
     unknowns = positions + len(precise.parameters) * len(problem.model.parameters)
-    redundancy = redundancy_of(problem, loop, solution, precise.parameters)
+    redundancy = redundancy_of(problem, loop, solution, precise.parameters, precise.cameras)
     sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
     return _Sums(observed, unknowns, redundancy, sigma0)
 
@@ -277,13 +305,15 @@ def _find_undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndar
     ]
 
 
-def _held_heights(problem: Problem, solution: Solution) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
+def _held_heights(
+    problem: Problem, solution: Solution, precise: Precision
+) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
     """Return how the heights that hold points agree with them, and what became of each laser point."""
     held = problem.held_heights
     if held is None:
         return (), None
     agreements, judged = held.agreement(
-        solution.weighting.points, solution.state.ground, solution.normals.inverse
+        solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
     )  # fmt: skip
     laser = problem.laser
     if laser is None:
@@ -292,11 +322,70 @@ def _held_heights(problem: Problem, solution: Solution) -> tuple[tuple[HeightAgr
     return agreements, laser.outcome(one, solution.state.ground)
 
 
+def _held_plan(problem: Problem, solution: Solution, precise: Precision) -> PlanAgreement | None:
+    """Return how the places of a reference agree with the adjusted points; None without them."""
+    held = problem.held_plan
+    if held is None:
+        return None
+    # How well the block lies in plan by its RPCs: with a part of its own for each image
+    pointing = [
+        believed_pointing(image).sigma_m or UNKNOWN_PX * middle_gsd_m(image) for image in problem.observations.images
+    ]
+    over = held.places.over_rpcs or problem.observations.surveyed.any()
+    rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
+    return held.agreement(
+        solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points, rpcs_m
+    )
+
+
+def _rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, float, float] | None:
+    """Return by how much the tie points move from where they are to where the RPCs as given see them."""
+    observations = problem.observations
+    if not problem.held:
+        return None
+    ties = solution.weighting.contributes & ~observations.located & (np.diff(observations.first) > 1)
+    if not ties.any():
+        return None
+    away = ground_difference_m(problem.start.ground[ties], solution.state.ground[ties])
+    east, north, up = np.median(away, axis=0)
+    return float(east), float(north), float(up)
+
+
+def _plan_warnings(plan: PlanAgreement | None) -> list[str]:
+    """Name parts of a reference that contradict the others, and a reference many of whose places do not fit."""
+    if plan is None:
+        return []
+    warnings = []
+    for group in plan.groups:
+        if group.wrong:
+            done = "left out" if group.left_out else "kept, as it cannot be told which of them are wrong"
+            warnings.append(
+                f"{plan.source}, {group.name}: its {group.observations} places lie {group.east_m:+.1f} m east and "
+                f"{group.north_m:+.1f} m north off the others (sigma {group.sigma_m:.1f} m): {done}"
+            )
+    lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
+    if lone > MANY_PLACES_LEFT_OUT * plan.observations:
+        warnings.append(
+            f"{lone} of {plan.observations} places of the {plan.source} do not fit the others and are left out: "
+            "changed ground, wrong matches, or heights of the DEM"
+        )
+    return warnings
+
+
 def _height_warnings(heights: Sequence[HeightAgreement]) -> list[str]:
     """Name sources many of whose heights do not fit the block, and groups of heights that contradict the others."""
     warnings = []
     for one in heights:
-        for group in one.groups:
+        whole = len(one.groups) > 1 and one.contradicts
+        if whole:
+            middle = float(np.median([group.offset_m for group in one.groups]))
+            done = "left out" if one.groups[0].left_out else "kept, as it cannot be told which is wrong"
+            warnings.append(
+                f"{one.source}: all {len(one.groups)} groups of its heights lie off what holds the block otherwise, "
+                f"{middle:+.1f} m in the median: {done}; check what both refer to (`laser_datum`, `dem_datum`: heights "
+                "above a geoid and above the ellipsoid differ by tens of metres)"
+            )
+        for group in () if whole else one.groups:
             if group.wrong:
                 done = "left out" if group.left_out else "kept, as it cannot be told which of them are wrong"
                 warnings.append(

@@ -16,16 +16,19 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ..block.block import Block, Image, tiles_of_scenes
-from ..block.pointing import believed_pointing
+from ..block.imaging_geometry import rays_up
+from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..refinement.image_space import ImagePolynomial, with_drift
 from ..refinement.model import Priors, RefinementModel, believed_priors, priors_of
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, Choice, choose_model
-from .equations import NormalEquations, Pattern, PointPriors, State, find_pattern
+from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
-from .held_heights import DemHeights, HeightSource, HeldHeights
+from .held_heights import DemHeights, HeightByRpcs, HeightSource, HeldHeights
+from .held_plan import HeldPlan
 from .intersection import fixed_cameras, start_positions
+from .joint_prior import JointPrior
 from .laser_heights import LaserHeights
 from .observations import Observations, select
 from .options import AdjustOptions
@@ -40,11 +43,12 @@ SENSORS_NAMED = 3  # in a warning
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Cameras connected by common points: their images, and numbers of GCPs and tie points."""
+    """Cameras connected by common points: their images, and numbers of GCPs, tie points and places of a reference."""
 
     images: np.ndarray
     gcps: int
     ties: int
+    places: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,7 @@ class Problem:
     guessed : (p,) parameters that are drifts of which nothing tells how large they are but what is usual
     believed_drift : (cameras, p) standard deviations of the drifts that the sensors are believed to have
     choice : why the model is what it is, where a rule chose it
+    earlier : what an earlier adjustment says of cameras
     elsewhere : workers that solve it
     """
 
@@ -74,12 +79,14 @@ class Problem:
     weighting: Weighting
     warnings: tuple[str, ...]
     choice: Choice | None = None
+    earlier: JointPrior | None = None
     elsewhere: Elsewhere | None = None
 
     def loop(self) -> GaussNewton:
         """Return a Gauss-Newton loop over the problem."""
         rows = np.diff(self.observations.first)
-        given = (self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.held_heights)
+        given = (self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.held,
+                 self.earlier)  # fmt: skip
         if self.shares is None:
             return GaussNewton(*given)
         return WorkersLoop(*given, shares=self.shares)
@@ -89,11 +96,33 @@ class Problem:
         """The block as it lies on workers; None where this process solves it."""
         if self.elsewhere is None:
             return None
-        if self.held_heights is not None:
+        if self.held:
             raise InputError(
-                "workers do not know heights that hold points: leave out `sigma_dem_m` and `laser`, or `scheduler`"
+                "workers do not know heights and references that hold points: leave out `sigma_dem_m`, `laser` and "
+                "`reference`, or `scheduler`"
+            )
+        if self.earlier is not None:
+            raise InputError(
+                "workers do not know cameras as observations: let `earlier_cameras` be free, or leave out `scheduler`"
             )
         return Shares.of(self.observations, self.camera, self.pattern, self.elsewhere)
+
+    @property
+    def held(self) -> tuple[HeldHeights | HeldPlan, ...]:
+        """What holds points beside surveys, and is judged anew in every round."""
+        return tuple(held for held in (self.held_heights, self.held_plan) if held is not None)
+
+    @cached_property
+    def held_plan(self) -> HeldPlan | None:
+        """The places of a reference, None without them."""
+        options, observations = self.options, self.observations
+        if options.reference is None or observations.referenced is None or not observations.referenced.any():
+            return None
+        points = np.flatnonzero(observations.referenced)
+        return HeldPlan(
+            options.reference.select(self.block.points.ids[observations.points[points]]), points,
+            options.test_sigmas or options.variance_components,
+        )  # fmt: skip
 
     @cached_property
     def held_heights(self) -> HeldHeights | None:
@@ -108,7 +137,31 @@ class Problem:
             sources.append(self.laser)
         if not sources:
             return None
-        return HeldHeights(tuple(sources), free, options.test_sigmas or options.variance_components)
+        estimate = options.test_sigmas or options.variance_components
+        return HeldHeights(tuple(sources), free, estimate, self._height_by_rpcs())
+
+    def _height_by_rpcs(self) -> HeightByRpcs | None:
+        """Return what the RPCs say of the heights of tie points; None where others hold the block, or nothing does.
+
+        Each image is off in plan by itself: rays that lean by t (east and north over up) tell the heights with the
+        cofactor of the normals of ``(1, 0, -t_east)`` and ``(0, 1, -t_north)``.
+        """
+        observations = self.observations
+        rays = np.diff(observations.first)
+        ties = np.flatnonzero(observations.contributing_points & ~observations.located & (rays > 1))
+        if observations.surveyed.any() or not len(ties) or self.options.fixed_images or self.earlier is not None:
+            return None
+        normal = np.zeros((3, 3))
+        for image in observations.images:
+            rpc = image.rpc
+            up = rays_up(rpc, np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0]
+            lean = np.array([[1.0, 0.0, -up[0] / up[2]], [0.0, 1.0, -up[1] / up[2]]])
+            sigma_m = believed_pointing(image).sigma_m or UNKNOWN_PX * middle_gsd_m(image)
+            normal += lean.T @ lean / sigma_m**2
+        # of the images of the block, a point is on some
+        normal *= float(np.median(rays[ties])) / len(observations.images)
+        variance = float(np.linalg.inv(normal + np.eye(3) * FREE_POINT_SIGMA_M**-2)[2, 2])
+        return HeightByRpcs(ties, self.start.ground[ties, 2], float(np.sqrt(variance)))
 
     @cached_property
     def laser(self) -> LaserHeights | None:
@@ -143,7 +196,10 @@ class Problem:
 def find_determined(observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray) -> np.ndarray:
     """Return which points have a survey or at least two measurements of any weight, ``(m,)``."""
     rays = np.add.reduceat(image_weight > 0.0, observations.first[:-1], dtype=np.int64)
-    return (rays >= 2) | ((survey_weight > 0.0).any(axis=1) & (rays >= 1))
+    located = (survey_weight > 0.0).any(axis=1)
+    if observations.referenced is not None:
+        located |= observations.referenced
+    return (rays >= 2) | (located & (rays >= 1))
 
 
 def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
@@ -158,17 +214,23 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     choose_entry(GROUPINGS, options.variance_groups, "grouping of image points")
     for group in options.sensor_images:
         _image_indices(block, group, "a group of images of one sensor")
-    observations = select(block, options.check_as_ties)
+    observations = select(block, options.check_as_ties, options.reference)
     camera_of_image = _cameras(block, options.shared_images)
     observations = replace(observations, camera_of_image=camera_of_image)
     if not observations.count:
         raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
-    parts = _parts(observations)
-    start = _start_values(observations, model, values)
+    earlier = None if options.earlier is None else JointPrior.of(options.earlier, observations)
+    parts = _parts(observations, earlier)
+    start = _start_values(observations, model, values, earlier)
     fixed = fixed_cameras(observations, model, options.threads)
     observations, ground, lost = _starting_points(block, observations, fixed, start)
+    if options.reference is not None and observations.referenced is not None:
+        places = np.flatnonzero(observations.referenced)
+        ground[places] = options.reference.select(block.points.ids[observations.points[places]]).ground
     camera = _camera(model, options)
-    pattern = find_pattern(observations, len(camera.parameters))
+    if earlier is not None:
+        earlier.require_parameters(tuple(camera.parameters))
+    pattern = find_pattern(observations, len(camera.parameters), None if earlier is None else earlier.pairs)
     equations = NormalEquations(
         observations, camera, pattern, options.threads, fixed.cameras if camera is model and not lost else None
     )
@@ -176,19 +238,28 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     if choice is not None and choice.drift_unknown:
         guessed |= camera.drifts
     prior_weight = _prior_weight(observations, model, guessed, parts, options)
-    _require_solvable(observations, model, prior_weight)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
+    known = np.zeros(observations.cameras, dtype=bool)
+    if earlier is not None:
+        known[earlier.camera] = True
+        start[earlier.camera] = earlier.known.values
+        fixed_again = np.isinf(prior_weight[earlier.camera]) | earlier.known.fixed
+        prior_weight[earlier.camera] = np.where(fixed_again, np.inf, 0.0)
+    _require_solvable(observations, model, prior_weight, known)
     priors, weak = point_priors(observations, ground, options.dem, options.sigma_dem_m)
     image_weight = 1.0 / observations.sigma_px**2
     contributes = observations.contributing_points & find_determined(
         observations, image_weight, observations.survey_weight
     )
-    return Problem(
+    problem = Problem(
         block, observations, model, camera, options, pattern, equations, prior_weight, guessed,
         _believed_drift(observations, model, camera), parts, State(start, ground),
         Weighting(image_weight, priors, contributes),
-        (*lost, *weak, *_part_warnings(observations, parts, options)), choice,
+        (*lost, *weak, *_part_warnings(observations, parts, options)), choice, earlier,
     )  # fmt: skip
+    if problem.held_plan is not None:
+        problem.held_plan.begin(priors)
+    return problem
 
 
 def choose_entry(table: Mapping[str, Entry], name: str, what: str) -> Entry:
@@ -215,23 +286,33 @@ def _cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
     return np.unique(representative, return_inverse=True)[1].astype(np.int32)
 
 
-def _parts(observations: Observations) -> tuple[Part, ...]:
+def _parts(observations: Observations, earlier: JointPrior | None) -> tuple[Part, ...]:
     """Return the connected parts, those with most images first; every image belongs to one."""
     rows = np.flatnonzero(observations.contributes)
     shape = (len(observations.points), observations.cameras)
     incidence = sparse.csr_matrix(
         (np.ones(len(rows), dtype=np.float32), (observations.point[rows], observations.camera[rows])), shape=shape
     )
-    count, label = csgraph.connected_components(incidence.T @ incidence, directed=False)
+    together = incidence.T @ incidence
+    if earlier is not None:
+        pairs = earlier.pairs
+        together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
+    count, label = csgraph.connected_components(together, directed=False)
     heads = np.flatnonzero(observations.contributing_points)
     of_point = label[observations.camera[observations.first[heads]]]
-    surveyed = observations.surveyed[heads]
+    surveyed, located = observations.surveyed[heads], observations.located[heads]
     gcps = np.bincount(of_point[surveyed], minlength=count)
-    ties = np.bincount(of_point[~surveyed], minlength=count)
+    ties = np.bincount(of_point[~located], minlength=count)
+    places = np.bincount(of_point[located & ~surveyed], minlength=count)
+    if earlier is not None:  # each of its images tells of all GCPs of its part
+        held = np.zeros(count, dtype=np.int64)
+        np.maximum.at(held, label[earlier.camera[earlier.known.camera]], earlier.known.gcps)
+        gcps = gcps + held
     of_image = label[observations.camera_of_image]
     order = np.argsort(of_image, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(of_image, minlength=count))[:-1])
-    parts = [Part(images, int(g), int(t)) for images, g, t in zip(groups, gcps, ties, strict=True)]
+    numbers = zip(groups, gcps.tolist(), ties.tolist(), places.tolist(), strict=True)
+    parts = [Part(images, *counts) for images, *counts in numbers]
     return tuple(sorted(parts, key=lambda part: -len(part.images)))
 
 
@@ -239,14 +320,17 @@ def _part_warnings(observations: Observations, parts: Sequence[Part], options: A
     """Name the images that hang together with no others, and those that nothing holds but their RPC."""
     names = [image.id for image in observations.images]
     warnings = []
-    alone = [names[part.images[0]] for part in parts if len(part.images) == 1 and not part.gcps and not part.ties]
+    located = [part.gcps or part.ties or part.places for part in parts]
+    alone = [
+        names[part.images[0]] for part, any_ in zip(parts, located, strict=True) if len(part.images) == 1 and not any_
+    ]
     if alone:
         warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
-    rest = [part for part in parts if part.gcps or part.ties]
+    rest = [part for part, any_ in zip(parts, located, strict=True) if any_]
     if len(rest) > 1:
         listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:IDS_NAMED])
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
-    free = [part for part in rest if not part.gcps]
+    free = [part for part in rest if not part.gcps and not part.places]
     if free:
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
         reasons = dict.fromkeys(believed_pointing(observations.images[i]).reason for part in free for i in part.images)
@@ -259,11 +343,14 @@ def _part_warnings(observations: Observations, parts: Sequence[Part], options: A
     return warnings
 
 
-def _start_values(observations: Observations, model: RefinementModel, values: np.ndarray | None) -> np.ndarray:
-    if values is None:
-        return np.zeros((observations.cameras, len(model.parameters)))
+def _start_values(
+    observations: Observations, model: RefinementModel, values: np.ndarray | None, earlier: JointPrior | None
+) -> np.ndarray:
     start = np.zeros((observations.cameras, len(model.parameters)))
-    start[observations.camera_of_image] = values
+    if values is not None:
+        start[observations.camera_of_image] = values
+    if earlier is not None:
+        start[earlier.camera] = earlier.known.values[:, : start.shape[1]]
     return start
 
 
@@ -316,16 +403,15 @@ def _prior_weight(
 ) -> np.ndarray:
     """Return the weights ``(cameras, p)`` of the parameters' priors, infinite for fixed images."""
     p = len(model.parameters)
+    over_rpcs = options.reference is not None and options.reference.over_rpcs
     sigma = np.empty((observations.cameras, len(guessed)))
     for part in parts:
         for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
             image = observations.images[index]
-            priors = _image_priors(options, image, part.gcps > 0)
+            priors = _image_priors(options, image, part.gcps > 0 or (part.places > 0 and over_rpcs))
             number = observations.camera_of_image[index]
             sigma[number, :p] = model.prior_sigmas(image, priors)
             sigma[number, guessed] = _guessed_drift(options, image, priors)
-            if options.camera_sigmas is not None and image.id in options.camera_sigmas:
-                sigma[number, :p] = options.camera_sigmas[image.id]
     with np.errstate(divide="ignore"):
         weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}
@@ -347,13 +433,18 @@ def _believed_drift(observations: Observations, model: RefinementModel, camera: 
     return sigma
 
 
-def _require_solvable(observations: Observations, model: RefinementModel, prior_weight: np.ndarray) -> None:
-    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values."""
+def _require_solvable(
+    observations: Observations, model: RefinementModel, prior_weight: np.ndarray, known: np.ndarray
+) -> None:
+    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values.
+
+    ``known (cameras,)`` are those that an earlier adjustment tells of.
+    """
     p = min(len(model.parameters), 2 * model.least_points)  # what the priors of a model are not made to give
     per_camera = np.bincount(observations.camera[observations.contributes], minlength=observations.cameras)
-    free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0)
+    free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0) & ~known
     observed, unknowns = count(observations, observations.contributing_points, p * int(free.sum()))
-    if not observations.surveyed.any() or not free.all():
+    if not observations.located.any() or not free.all():
         observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
     if observed >= unknowns:
         return
@@ -373,5 +464,7 @@ def count(observations: Observations, contributes: np.ndarray, parameters: int) 
     """Return the numbers of observations and of unknowns of the points that have a say in the cameras."""
     rows = np.diff(observations.first)
     surveyed = (observations.survey_weight > 0.0).sum(axis=1)
+    if observations.referenced is not None:
+        surveyed += 3 * observations.referenced  # with a height, by a DEM if not by rays
     observed = 2 * int(rows @ contributes) + int(surveyed @ contributes)
     return observed, 3 * int(contributes.sum()) + parameters

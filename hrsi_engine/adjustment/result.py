@@ -12,6 +12,7 @@ from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..refinement.model import RefinementModel
 from ..refinement.selection import Choice
+from .joint_prior import JointCameras
 
 STATED_ALIKE = 0.01  # variances that differ by less were stated as the same
 
@@ -100,10 +101,10 @@ class DatumPart:
 
 
 @dataclass(frozen=True)
-class HeightGroup:
-    """Heights that share errors, a laser track or a part of a DEM, against all groups of all sources.
+class SourceGroup:
+    """Observations that share errors, a laser track or a part of a DEM, against all groups of all sources.
 
-    offset_m : its heights less what the groups together say, with the standard deviation sigma_m
+    offset_m : what they say less what the groups together say, with the standard deviation sigma_m
     wrong : whether it contradicts the others; left_out : and was left out, as it is clear which are wrong
     """
 
@@ -119,6 +120,7 @@ class HeightGroup:
 class HeightAgreement:
     """A source of heights that hold tie points: how many they are, how many do not fit and are left out.
 
+    determines : how many unknowns of the block follow from it: the observations in use less their partial redundancy
     rmse_m : of point - source, of those that fit; left_out_median_m : median of point - source of the others
     sigma_m : median standard deviation as estimated, sigma_factor times the given one
     share : of what the sources together say of the block's height; alone_m : what the block would rise by if this
@@ -128,13 +130,58 @@ class HeightAgreement:
     source: str
     observations: int
     left_out: int
+    determines: float
     rmse_m: float
     left_out_median_m: float
     sigma_m: float
     sigma_factor: float
     share: float
     alone_m: float
-    groups: tuple[HeightGroup, ...] = ()
+    groups: tuple[SourceGroup, ...] = ()
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether all of its groups contradict what holds the block otherwise: most likely they have one cause."""
+        return bool(self.groups) and all(group.wrong for group in self.groups)
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """Names of the groups that contradict others and are kept, as it cannot be told which are wrong."""
+        return tuple(group.name for group in self.groups if group.wrong and not group.left_out)
+
+
+@dataclass(frozen=True)
+class PlanGroup:
+    """Places in one part of an orthoimage, against the other parts; as `SourceGroup`, in east and north."""
+
+    name: str
+    observations: int
+    east_m: float
+    north_m: float
+    sigma_m: float
+    wrong: bool
+    left_out: bool
+
+
+@dataclass(frozen=True)
+class PlanAgreement:
+    """An orthoimage whose places hold the block in plan; as `HeightAgreement`, each place being two observations.
+
+    rmse_m : of a coordinate, point - source, of the places that fit
+    share : of what tells the block's place: it against the RPCs, by their standard deviations in the mean
+    alone_m : what the block would move by, east and north, if it alone held it
+    """
+
+    source: str
+    observations: int
+    left_out: int
+    determines: float
+    rmse_m: float
+    sigma_m: float
+    sigma_factor: float
+    share: float
+    alone_m: tuple[float, float]
+    groups: tuple[PlanGroup, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +281,11 @@ class Adjustment:
         What a user should know.
     heights : tuple of HeightAgreement
         How tie points agree with the DEM and the laser points that held their heights.
+    plan : PlanAgreement or None
+        How the places of a reference agree, where one holds the block in plan.
+    rpcs_alone_m : tuple of float or None
+        What the block would move by, east, north and up, if its RPCs alone held it: the median of its tie points; None
+        without any.
     laser : LaserOutcome or None
         What became of each laser point.
     estimate_residual_px : (measurements, 2) ndarray or None
@@ -248,6 +300,8 @@ class Adjustment:
         estimated ones with the uncertainty of their estimate.
     choice : Choice or None
         Why the model is what it is, where a rule chose it.
+    joint : JointCameras or None
+        What is known of the cameras together, for a block that others join.
     """
 
     block: Block
@@ -278,12 +332,15 @@ class Adjustment:
     cross_validation: CrossValidation | None
     warnings: tuple[str, ...]
     heights: tuple[HeightAgreement, ...] = ()
+    plan: PlanAgreement | None = None
+    rpcs_alone_m: tuple[float, float, float] | None = None
     laser: LaserOutcome | None = None
     estimate_residual_px: np.ndarray | None = None
     tests: tuple[ModelTest, ...] = ()
     estimated_sigma_px: np.ndarray | None = None
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     choice: Choice | None = None
+    joint: JointCameras | None = None
 
     def __repr__(self) -> str:
         return (

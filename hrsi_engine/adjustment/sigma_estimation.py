@@ -144,8 +144,8 @@ class SigmaEstimation:
             self._settle_surveys(loop, solution, before)
             change = float(np.abs(self.sigmas.factor / before - 1.0).max())
         else:
-            variances, _ = camera_cofactors(loop, solution)
-            freedom = max(redundancy_of(self.problem, loop, solution, variances), 0.0)
+            variances, cofactors = camera_cofactors(loop, solution)
+            freedom = max(redundancy_of(self.problem, loop, solution, variances, cofactors), 0.0)
             unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
         return max(change, self.drift.update(loop, solution, variances, unit_variance)) if self.drifts else change
 

@@ -58,9 +58,20 @@ def adjust(
     Cancelled
         When ``progress`` asks to stop.
     """
+    return run_adjuster(block, options, progress, start, elsewhere)[0]
+
+
+def run_adjuster(
+    block: Block,
+    options: AdjustOptions | None = None,
+    progress: Progress = silent,
+    start: np.ndarray | None = None,
+    elsewhere: Elsewhere | None = None,
+) -> tuple[Adjustment, Adjuster]:
+    """Do what `adjust` does; return the result, and what it was made with for those who go on from there."""
     try:
-        problem = prepare(block, options or AdjustOptions(), start)
-        return Adjuster(replace(problem, elsewhere=elsewhere)).run(progress)
+        adjuster = Adjuster(replace(prepare(block, options or AdjustOptions(), start), elsewhere=elsewhere))
+        return adjuster.run(progress), adjuster
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(
             f"the equations are singular ({error}): points and images do not belong together, or the points are so far "
@@ -69,11 +80,15 @@ def adjust(
 
 
 class Adjuster(Snooping):
-    """The rounds of one adjustment: those that find blunders (`Snooping`), and those that find sigmas."""
+    """The rounds of one adjustment: those that find blunders (`Snooping`), and those that find sigmas.
+
+    ``solution`` is the last one; there is none before `run`.
+    """
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
         self.sigmas = SigmaEstimation(problem)
+        self.solution: Solution
 
     def run(self, progress: Progress) -> Adjustment:
         """Return the result of all rounds."""
@@ -98,6 +113,7 @@ class Adjuster(Snooping):
             loop.hold(self.loop.prior_weight)
             self.found.cross_validation = cross_validate(self.problem, loop, solution, self.survey_weight, progress)
         self.sigmas.report(self.found)
+        self.solution = solution
         return outcome(self.problem, self.loop, self.found, solution, precise)
 
     # ---- sigmas ----------------------------------------------------------------------------------------------------

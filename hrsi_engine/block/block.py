@@ -6,6 +6,7 @@ Everything is columns of NumPy arrays; text ids are resolved to integer indices 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -15,7 +16,8 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
 from .default_sigmas import Defaults
-from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, lie_apart, unique_ids
+from .names import isin, join_names, unique_ids
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, lie_apart
 from .similar_ids import resembling
 
 
@@ -271,8 +273,7 @@ class Block:
             With new points and measurements.
         """
         ids, point = unique_ids(ties.ids)
-        place = {image.id: index for index, image in enumerate(self.images)}
-        image = np.array([place[name] for name in ties.image_ids.tolist()], dtype=self.measurements.image.dtype)
+        image = _image_indices(ties, self.images).astype(self.measurements.image.dtype)
         order = np.lexsort((image, point))
         added = GroundPoints.create(ids, np.full((len(ids), 3), np.nan), Role.TIE)
         columns = {
@@ -361,7 +362,7 @@ def assemble(
     """
     defaults = defaults or Defaults()
     image_ids = [image.id for image in images]
-    twice = sorted({name for name in image_ids if image_ids.count(name) > 1})
+    twice = sorted(name for name, count in Counter(image_ids).items() if count > 1)
     if twice:
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
@@ -453,8 +454,11 @@ def _concatenate(tables: list[ImagePoints]) -> ImagePoints:
         return ImagePoints.create([], [], np.empty((0, 2)))
     if len(tables) == 1:
         return tables[0]
-    names = ("ids", "image_ids", "xy", "sigma_px", "kind", "quality")
-    columns = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
+    columns = {
+        name: join([getattr(table, name) for table in tables])
+        for join, names in ((join_names, ("ids", "image_ids")), (np.concatenate, ("xy", "sigma_px", "kind", "quality")))
+        for name in names
+    }
     return ImagePoints(**columns, source=tables[0].source)
 
 
@@ -477,13 +481,13 @@ def _without_points_off(
 ) -> tuple[GroundPoints, ImagePoints]:
     """Return the points without those that are off, unless they are named; these take no part, as ties neither."""
     off = (known.role == Role.OFF) & ~np.isin(known.ids, named)
-    return (known.select(~off), rows.select(~np.isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
+    return (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
 
 
 def _only_chosen(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
     """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
     other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & np.isfinite(known.ground).all(axis=1)
-    return known.select(~other), rows.select(~np.isin(rows.ids, known.ids[other]))
+    return known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
 
 
 def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..foundation.errors import InputError
+from .names import RepeatedNames
 
 
 class Columns:
@@ -16,7 +17,9 @@ class Columns:
     def select(self, keep: np.ndarray) -> Self:
         """Return the chosen rows (mask or indices)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        chosen = {name: column[keep] for name, column in columns.items() if isinstance(column, np.ndarray)}
+        chosen = {
+            name: column[keep] for name, column in columns.items() if isinstance(column, (np.ndarray, RepeatedNames))
+        }
         return replace(self, **chosen)  # type: ignore[type-var]
 
     def __repr__(self) -> str:
@@ -31,7 +34,7 @@ class Columns:
         rows = None
         for name, (kind, shape) in columns.items():
             value: Any = getattr(self, name)
-            if kind is not str or not isinstance(value, np.ndarray) or value.dtype.kind not in "UO":
+            if kind is not str or not isinstance(value, (np.ndarray, RepeatedNames)) or value.dtype.kind not in "UO":
                 value = np.asarray(value, dtype=kind)
             rows = len(value) if rows is None else rows
             if value.shape != (rows, *shape):

@@ -94,6 +94,7 @@ PUBLISHED = tuple(
         ),
     )
 )  # fmt: skip
+_TOLD_BY_ANY = re.compile("|".join(entry.told_by for entry in PUBLISHED))
 
 
 @dataclass(frozen=True)
@@ -113,9 +114,8 @@ class Pointing:
 def find_published(*names: str) -> PublishedAccuracy | None:
     """Return what is published of the sensor that one of some names tells, the first one first; None: unknown."""
     for name in names:
-        for entry in PUBLISHED:
-            if name and re.search(entry.told_by, name.lower()):
-                return entry
+        if name and _TOLD_BY_ANY.search(name.lower()):
+            return next(entry for entry in PUBLISHED if re.search(entry.told_by, name.lower()))
     return None
 
 

@@ -159,7 +159,7 @@ class ImagePoints(Columns):
     Parameters
     ----------
     ids, image_ids : (n,) ndarray of str
-        The point's and the image's name.
+        The point's and the image's name; from files `names.RepeatedNames`, which stand for such an array.
     xy : (n, 2) ndarray
         Sample, line in pixels.
     sigma_px : (n,) ndarray
@@ -260,12 +260,3 @@ def lie_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
     first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
     return distances_m(first, second) > SAME_POSITION_M
-
-
-def unique_ids(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct ids, sorted, and the index of each row's id; quick where equal ids stand together."""
-    if not len(ids):
-        return ids, np.zeros(0, dtype=np.int64)
-    head = np.r_[True, ids[1:] != ids[:-1]]
-    distinct, inverse = np.unique(ids[head], return_inverse=True)
-    return distinct, inverse.astype(np.int64)[np.cumsum(head) - 1]

@@ -20,7 +20,7 @@ ACCEPTED_PX = 1e-8  # and has converged where rounding leaves it within this
 INVERSE_MAX_ITERATIONS = 25
 CHORD_EVALUATIONS = 4
 FEW_OPEN = 0.05  # a share of open points so small is cheaper to finish apart from the others
-INVERSE_NODES = 9  # per axis, of the grid on which the inverse polynomial is fitted
+INVERSE_NODES = 7  # per axis, of the grid on which the inverse polynomial is fitted
 DOMAIN_MARGIN = 1.5  # of the half extents: beyond, the cubic is worse than the affine start
 
 
@@ -56,9 +56,21 @@ def fit_inverse(polynomials: np.ndarray) -> Inverse:
         nothing = np.full((2, 1), np.nan)
         return Inverse(nothing, nothing, np.full((2, 20), np.nan), np.full((4, QUADRATIC_TERMS), np.nan))
     terms = monomials(np.vstack([(ratios - off) / scale, ground[2:]])[:, usable])
-    lonlat = np.linalg.lstsq(terms.T, ground[:2, usable].T, rcond=None)[0].T
+    lonlat = np.asarray(_fitted(terms, ground[:2, usable]))
     slopes = np.concatenate([lonlat @ DERIVATIVES[axis] / scale[axis] for axis in (0, 1)])
     return Inverse(off, scale, lonlat, slopes)
+
+
+def _fitted(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the coefficients ``(2, 20)`` with which the terms ``(20, n)`` come nearest to the values ``(2, n)``.
+
+    By normal equations, a tenth of the time of a decomposition: on these nodes they are well conditioned, and what is
+    fitted is a start.
+    """
+    try:
+        return np.linalg.solve(terms @ terms.T, terms @ values.T).T
+    except np.linalg.LinAlgError:  # too few of the nodes can be used
+        return np.linalg.lstsq(terms.T, values.T, rcond=None)[0].T
 
 
 class Solver:

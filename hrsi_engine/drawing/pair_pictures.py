@@ -5,9 +5,9 @@ from __future__ import annotations
 import colorsys
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from ..foundation.pixel_filters import reduce_by_area, reduce_mask
 from .target_chips import stretched_png
 
 LONGEST_PX = 900  # pixels of a picture along its longer side
@@ -77,8 +77,8 @@ def pair_svg(first: PictureSide, second: PictureSide) -> str:
 def _image(side: PictureSide, scale: float, left: float, size: np.ndarray) -> str:
     grey, valid = np.where(side.valid, side.grey, 0).astype(np.float32), side.valid
     if scale < 1.0:
-        grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        valid = cv2.resize(valid.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        smaller = round(grey.shape[1] * scale), round(grey.shape[0] * scale)
+        grey, valid = reduce_by_area(grey, smaller), reduce_mask(valid, smaller)
     return (
         f'<image x="{left:.1f}" width="{size[0]:.1f}" height="{size[1]:.1f}" preserveAspectRatio="none" '
         f'href="data:image/png;base64,{stretched_png(grey, valid)}"/>'

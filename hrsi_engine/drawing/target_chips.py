@@ -112,10 +112,7 @@ def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarra
 
 
 def png_bytes(grey: np.ndarray) -> bytes:
-    """Return an 8-bit grey image ``(lines, samples)`` as a PNG file (ISO/IEC 15948), rows unfiltered.
-
-    Reports are written without OpenCV, which a QGIS may lack.
-    """
+    """Return an 8-bit grey image ``(lines, samples)`` as a PNG file (ISO/IEC 15948), rows unfiltered."""
     lines, samples = grey.shape
     rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), grey])  # each begins with the number of its filter
     parts = [

@@ -1,4 +1,4 @@
-"""Independent parts of a computation, run by Dask: threads of this machine, or workers of a `distributed` scheduler.
+"""Independent parts of a computation, run by threads of this machine, or by workers of a Dask scheduler.
 
 A part is a function and one object with all that it needs (plus the results of other parts), so that the same parts
 run anywhere: they travel as they are. What a part returns is a dict of arrays, which can be kept on disk: a part
@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, fields, is_dataclass
+from heapq import heappop, heappush
 from typing import Any, Protocol
 
 import numpy as np
@@ -181,26 +182,65 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
 
 
 def _threads(count: int) -> Scheduler:
-    """Return a scheduler of threads; a run that is given up waits for the parts in work only."""
+    """Return a scheduler of threads; a run that is given up waits for the parts in work only.
+
+    Parts start in the order in which a depth-first walk from the wanted ones meets them, so that few results wait for
+    others; those that nothing needs any more are let go.
+    """
 
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        from dask.callbacks import Callback
-        from dask.threaded import get
-
-        asked = set(wanted)
-
-        def after(key: str, result: PartResult, *_state: Any) -> None:
-            if key in asked:
-                done(key, result)
-
+        order = _in_order(graph, wanted)
+        place = {key: number for number, key in enumerate(order)}
+        users: dict[str, list[str]] = {key: [] for key in order}
+        for key in order:
+            for need in set(graph[key][1:]):
+                users[need].append(key)
+        missing = {key: len(set(graph[key][1:])) for key in order}
+        ready = [place[key] for key in order if not missing[key]]  # a heap, for it is in order
+        asked, results = set(wanted), dict[str, PartResult]()
+        working: dict[Future[PartResult], str] = {}
         pool = ThreadPoolExecutor(count)
         try:
-            with Callback(posttask=after):
-                get(graph, list(wanted), pool=pool)
+            while ready or working:
+                while ready and len(working) < count:
+                    key = order[heappop(ready)]
+                    call, *needs = graph[key]
+                    working[pool.submit(call, *(results[need] for need in needs))] = key
+                for future in wait(working, return_when=FIRST_COMPLETED).done:
+                    key = working.pop(future)
+                    result = future.result()
+                    if key in asked:
+                        done(key, result)
+                    if users[key]:
+                        results[key] = result
+                    for user in users[key]:
+                        missing[user] -= 1
+                        if not missing[user]:
+                            heappush(ready, place[user])
+                    for need in set(graph[key][1:]):
+                        users[need].remove(key)
+                        if not users[need]:
+                            del results[need]
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
     return run
+
+
+def _in_order(graph: Graph, wanted: Sequence[str]) -> list[str]:
+    """Return the tasks of the wanted ones, each after those it needs."""
+    order: dict[str, None] = {}
+    waiting = list(reversed(wanted))
+    while waiting:
+        key = waiting.pop()
+        missing = [need for need in graph[key][1:] if need not in order]
+        if key in order:
+            continue
+        if missing:
+            waiting += [key, *reversed(missing)]
+        else:
+            order[key] = None
+    return list(order)
 
 
 def _run_distributed(address: str, certificates: Certificates) -> Scheduler:

@@ -339,7 +339,7 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
     names = GEOID_GRIDS.get(datum.lower())
     if names is None and not os.path.isfile(datum):
         raise InputError(
-            f"height datum {datum!r} is neither egm96 nor egm2008 nor the file of a geoid grid: check its name"
+            f"height datum {datum!r} is neither ellipsoidal, egm96 or egm2008 nor a geoid grid: check its name"
         )
     transformers = [found for name in names or (os.path.abspath(datum),) if (found := _grid_shift(name)) is not None]
     if not transformers:

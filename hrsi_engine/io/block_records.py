@@ -1,4 +1,8 @@
-"""The record of an adjusted block, ``block.json``, as `results.block_record` makes it, read from a result folder."""
+"""The record of an adjusted block, as `results.block_record` makes it, read from a result folder.
+
+``block.json`` is for people and programs; what is known of the cameras together, a sparse matrix, lies beside it in
+``block_cameras.npz``, which `numpy.load` reads.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,10 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError
+from .array_files import DAMAGED, read_arrays
 from .json_files import read_json
 
-RECORD_FILE = "block.json"
+RECORD_FILE, CAMERAS_FILE = "block.json", "block_cameras.npz"
 #: Where a block's points are, in its folder.
 POINT_LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points", "image_points")}
 
@@ -60,3 +65,17 @@ def read_record(folder: str) -> BlockRecord:
         return BlockRecord(folder, str(found["model"]), images)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: is no record of a block ({error!r}): adjust that block again") from None
+
+
+def read_cameras(folder: str) -> dict[str, np.ndarray]:
+    """Return what is known of a block's cameras together; raise `InputError` where that is not there, or damaged."""
+    path = os.path.join(folder, CAMERAS_FILE)
+    if not os.path.exists(path):
+        raise InputError(
+            f"{folder}: holds no {CAMERAS_FILE}, so nothing is known of its cameras together: adjust that block again, "
+            "or let `earlier_cameras` be free"
+        )
+    try:
+        return read_arrays(path)
+    except DAMAGED as error:
+        raise InputError(f"{path}: is damaged ({error}): adjust that block again") from None

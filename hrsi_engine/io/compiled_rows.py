@@ -55,6 +55,20 @@ bind_null: Any = intrinsic(_bind_null)
 act: Any = intrinsic(_act)
 
 
+@numba.njit(nogil=True, cache=True)
+def _varying(words: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Return the columns whose cells are not all the same."""
+    found = np.empty(len(words), dtype=np.int64)
+    count = 0
+    for column in range(len(words)):
+        for row in range(1, words.shape[1]):
+            if words[column, row] != words[column, 0] or lengths[column, row] != lengths[column, 0]:
+                found[count] = column
+                count += 1
+                break
+    return found[:count]
+
+
 @numba.njit(nogil=True, cache=True)  # no fast mathematics: NaN is to be told
 def insert(
     statement: int, functions: np.ndarray, kinds: np.ndarray, words: np.ndarray, reals: np.ndarray, lengths: np.ndarray
@@ -69,8 +83,10 @@ def insert(
     words, reals, lengths : (c, n) the cells: as integers or addresses, the same as numbers, and lengths of bytes
     """
     double, integer, text, blob, null, step, reset = functions
+    varying = _varying(words, lengths)
     for row in range(words.shape[1]):
-        for column in range(len(kinds)):
+        for number in range(len(varying) if row else len(kinds)):  # what is bound stays bound
+            column = varying[number] if row else number
             place, kind, word = np.int32(column + 1), kinds[column], words[column, row]
             if kind == NUMBER_CELL and np.isnan(reals[column, row]):
                 code = bind_null(null, statement, place)

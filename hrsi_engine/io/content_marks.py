@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from typing import BinaryIO
 
 from osgeo import gdal
 
@@ -21,6 +22,7 @@ WHOLE_BYTES = 64 * 2**20
 EDGE_BYTES = 2**20  # at both ends, of all files together
 SAMPLES, SAMPLE_BYTES = 512, 16 * 2**10
 _LEAST_EDGE = 4096
+_READ_BYTES = 2**20
 _REMOTE_BYTES = 2**14  # what GDAL reads of a remote file in any case
 
 
@@ -47,8 +49,12 @@ def content_mark(path: str) -> str:
     return files_mark(listed)
 
 
-def files_mark(paths: Iterable[str]) -> str:
-    """Return what tells the states of files from one another, by their contents; `content_mark` says how."""
+def files_mark(paths: Iterable[str], times: bool = True) -> str:
+    """Return what tells the states of files from one another, by their contents; `content_mark` says how.
+
+    Without ``times`` copies of large files have the same mark, but a change between the blocks that count is not seen,
+    unless the format itself counts changes at its beginning, as SQLite's does.
+    """
     sizes = {name: os.path.getsize(name) for name in sorted({*map(os.path.abspath, paths)}) if os.path.isfile(name)}
     if not sizes:
         return "0" * 32
@@ -56,14 +62,11 @@ def files_mark(paths: Iterable[str]) -> str:
     for name, size in sizes.items():
         state.update(f"{os.path.basename(name)}\0{size}\0".encode("utf-8", "surrogateescape"))
         with open(name, "rb", buffering=0) as file:
-            if total <= WHOLE_BYTES:
-                while block := file.read(2**20):
-                    state.update(block)
-                continue
-            state.update(_times(file.fileno()))
-            for start, length in places_of(size, size / total):
-                file.seek(start)
-                state.update(file.read(length))
+            whole = total <= WHOLE_BYTES
+            if times and not whole:
+                state.update(_times(file.fileno()))
+            for block in read_places(file, [(0, size)] if whole else places_of(size, size / total)):
+                state.update(block)
     return state.hexdigest()
 
 
@@ -75,6 +78,15 @@ def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
     jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))
     within = [int((k + more) / count * size) for k, more in enumerate(jitter)]
     return [(0, edge), *((start, SAMPLE_BYTES) for start in within), (max(size - edge, 0), edge)]
+
+
+def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:
+    """Yield what an unbuffered file holds from each start on, as far as its length and the file go, block by block."""
+    for start, length in places:
+        file.seek(start)
+        while length > 0 and (block := file.read(min(length, _READ_BYTES))):
+            yield block
+            length -= len(block)
 
 
 def _times(descriptor: int) -> bytes:

@@ -1,4 +1,4 @@
-"""What a person names as images: files, patterns, lists of files, and folders or archives as they were delivered."""
+"""What a person names: images as files, patterns, lists, folders or archives as delivered; points as result folders."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from .rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
 LIST = "@"  #: begins the name of a text file with an image a line
 #: GDAL's way into an archive, by the ending of its name.
 ARCHIVES = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
+RESULT_LAYERS = "block.gpkg"  #: in the folder of a result
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
 
 
@@ -38,6 +39,12 @@ def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str,
         else:
             found.append(name)
     return tuple(found)
+
+
+def named_points(name: str) -> str:
+    """Return the file of points that a name stands for: of a result's folder its layers."""
+    layers = os.path.join(name, RESULT_LAYERS)
+    return layers if os.path.isdir(name) and os.path.isfile(layers) else name
 
 
 def _is_pattern(name: str) -> bool:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from html import escape
 from typing import Any
 
 import jinja2
@@ -35,6 +36,8 @@ REASON_COLORS = (
     "90,90,90,255",
 )
 
+#: Ends of the names of fields that are units.
+UNITS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
 LayerColumns = Mapping[str, Column]
 
 
@@ -50,7 +53,26 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
     """Return the style of a layer with these fields, on ground so wide; None where HRSI has none for it."""
     if name not in STYLES or not NEEDED.get(name, frozenset()) <= fields.keys():
         return None
-    return STYLES[name](fields, width_m)
+    style = STYLES[name](fields, width_m)
+    return replace(style, qml=_with_aliases(style.qml, fields))
+
+
+def _with_aliases(qml: str, fields: LayerColumns) -> str:
+    """Return a style that names the fields in forms and tables with words and units."""
+    entries = "".join(
+        f'<alias index="{number}" field="{escape(name)}" name="{escape(alias_of(name))}"/>'
+        for number, name in enumerate(("fid", *fields))
+    )
+    head = qml.replace('styleCategories="', 'styleCategories="Fields|', 1)
+    return head.replace("</qgis>", f"<aliases>{entries}</aliases>\n</qgis>")
+
+
+def alias_of(field: str) -> str:
+    """Return what a form writes beside a field: ``Residual east (m)`` for ``residual_east_m``."""
+    words = field.split("_")
+    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
+    text = " ".join(words[:-1] if unit else words)
+    return f"{text[:1].upper()}{text[1:]}{f' ({unit})' if unit else ''}"
 
 
 @dataclass(frozen=True)

@@ -70,16 +70,15 @@ class Layer:
 
     @property
     def width_m(self) -> float:
-        """The longer side of the points' box on the ground, metres; 0 without any."""
-        if self.geometry not in ("Point", "PointZ") or not len(self):
+        """The longer side of the box around all geometries, metres on the ground; 0 without any."""
+        low, high = _corners(self)
+        there = _are_placed(low, high)
+        if not there.any():
             return 0.0
-        places = np.asarray(self.coordinates)[:, :2]
-        places = places[np.isfinite(places).all(axis=1)]
-        if not len(places):
-            return 0.0
-        sides = np.ptp(places, axis=0)
+        (west, south), (east, north) = low[there].min(axis=0), high[there].max(axis=0)
+        sides = np.array([east - west, north - south])
         if self.crs in (WGS84, WGS84_3D):
-            sides = sides * metres_per_degree(np.append(places.mean(axis=0), 0.0)[None])[0, :2]
+            sides = sides * metres_per_degree(np.array([[(west + east) / 2.0, (south + north) / 2.0, 0.0]]))[0, :2]
         return float(sides.max())
 
 
@@ -162,7 +161,7 @@ def _require_consistent(path: str, layers: Sequence[Layer]) -> None:
 def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
     """Return layers whose longitudes do not jump at 180 degrees, so that what lies across it has its own extent."""
     places = {
-        number: _bounds(layer)[:, 0]
+        number: _corners(layer)[0][:, 0]
         for number, layer in enumerate(layers)
         if layer.crs in (WGS84, WGS84_3D) and layer.geometry != "None"
     }
@@ -244,8 +243,11 @@ def insert_rows(
     statement = insert_text(
         layer.name, ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     )
-    rtree, bounds = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _bounds(layer)
-    here = np.flatnonzero(np.isfinite(bounds).all(axis=1))
+    rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
+    there = _are_placed(low, high)
+    here = np.flatnonzero(there)
+    if not there.all():
+        low, high = low[here], high[here]
     with _without_triggers(database, layer.name):
         if empty_first:
             database.execute(sql_text("DELETE FROM {table}", table=layer.name))
@@ -255,14 +257,14 @@ def insert_rows(
             part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
             rows.insert(statement, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
             yield
-        fill_rtree(rows, rtree, here + 1, bounds[here])
+        fill_rtree(rows, rtree, here + 1, low, high)
         rows.commit()
     database.execute("UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = ?", (len(layer), layer.name))
     if len(here):
-        low, high = bounds[here].min(axis=0).tolist(), bounds[here].max(axis=0).tolist()
+        (west, south), (east, north) = low.min(axis=0).tolist(), high.max(axis=0).tolist()
         database.execute(
             "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
-            (low[0], high[1], low[2], high[3], layer.name),
+            (west, east, south, north, layer.name),
         )
 
 
@@ -285,15 +287,22 @@ def _without_triggers(database: sqlite3.Connection, table: str) -> Iterator[None
         database.execute(sql)
 
 
-def _bounds(layer: Layer) -> np.ndarray:
-    """Return min x, max x, min y, max y of each geometry, ``(n, 4)``; NaN where there is none."""
+def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and largest x, y of each geometry, ``(n, 2)`` each; NaN where there is none."""
     if layer.geometry == "None":
-        return np.empty((0, 4))
+        return np.empty((0, 2)), np.empty((0, 2))
     if layer.geometry != "Polygon":
-        xy = np.asarray(layer.coordinates, dtype=np.float64)
-        return xy[:, [0, 0, 1, 1]]
+        xy = np.asarray(layer.coordinates, dtype=np.float64)[:, :2]
+        return xy, xy
     extremes = [(np.nan,) * 4 if polygon.is_empty else polygon.bounds for polygon in layer.coordinates]
-    return np.array(extremes).reshape(-1, 4)[:, [0, 2, 1, 3]]
+    corners = np.array(extremes).reshape(-1, 4)
+    return corners[:, :2], corners[:, 2:]
+
+
+def _are_placed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return which geometries have finite corners, ``(n,)``."""
+    there = np.isfinite(low).all(axis=1)
+    return there if low is high else there & np.isfinite(high).all(axis=1)
 
 
 def _geometries(layer: Layer, rows: slice) -> np.ndarray:

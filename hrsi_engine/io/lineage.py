@@ -19,13 +19,14 @@ from osgeo import gdal, osr
 
 from ..foundation.dates import run_date
 from ..foundation.version import VERSION
-from .content_marks import WHOLE_BYTES, places_of
+from .content_marks import WHOLE_BYTES, places_of, read_places
 from .datasets import metadata_of, open_dataset, quiet, virtual_status
 from .versions import versions
 
 ALL_BYTES = 2**30
 MOST_LISTED = 10_000  # files of a folder among the inputs
-_READ_BYTES = 2**20
+#: Endings of texts that GDAL knows nothing of: to find that out it asks all its drivers, for a millisecond a file.
+_TEXTS = ("_rpc.txt", ".csv")
 #: Vector formats whose CRS is known from opening them, which reads no rows.
 _LAYERED = ("GPKG", "ESRI Shapefile", "FlatGeobuf")
 HIDDEN = "***"  #: what stands for a password
@@ -118,13 +119,9 @@ def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
     status = os.stat(path)
     whole = whole and status.st_size <= WHOLE_BYTES
     with open(path, "rb", buffering=0) as file:
-        parts = [(0, status.st_size)] if whole else places_of(status.st_size)
         state = hashlib.sha256()
-        for start, length in parts:
-            file.seek(start)
-            while length > 0 and (block := file.read(min(length, _READ_BYTES))):
-                state.update(block)
-                length -= len(block)
+        for block in read_places(file, [(0, status.st_size)] if whole else places_of(status.st_size)):
+            state.update(block)
     digest = state.hexdigest()
     return {
         "path": path, "size": status.st_size, "modified": _iso(status.st_mtime),
@@ -160,6 +157,8 @@ def _is_readable(path: str) -> bool:
 
 def _opened(path: str) -> tuple[str | None, list[str]]:
     """Return the CRS of a dataset and the files that belong to it."""
+    if path.lower().endswith(_TEXTS):
+        return None, []
     dataset, _ = open_dataset(path)
     if dataset is not None:
         with quiet():

@@ -43,7 +43,7 @@ def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
     rows = np.arange(len(table))
     ids = table.columns.get("id", (rows + 1).astype(str))
     height = table.columns.get("height", np.full(len(table), np.nan))
-    return ImagePositions(ids, image_names(table, rows, image_ids), image, height)
+    return ImagePositions(ids, np.asarray(image_names(table, rows, image_ids)), image, height)
 
 
 def read_correspondences(spec: str, *, ground_crs: str | None = None, height_datum: str = "layer") -> Correspondences:

@@ -18,48 +18,86 @@ _MOST_CELLS = 51  # SQLite's limit
 _CELL = np.dtype([("id", ">i8"), ("bounds", ">f4", (4,))])
 _NODE = np.dtype([("depth", ">u2"), ("cells", ">u2"), ("cell", _CELL, (_MOST_CELLS,))])
 _ROOT = 1
+_NODES_AT_ONCE, _ROWS_AT_ONCE = 1000, 50_000
 _REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"
 
 
-def fill_rtree(rows: Inserter, rtree: str, rowids: np.ndarray, bounds: np.ndarray) -> None:
+def fill_rtree(rows: Inserter, rtree: str, rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
     """Fill an empty R-tree of two dimensions.
 
     Parameters
     ----------
     rows : what its nodes are inserted through
     rtree : name of the virtual table
-    rowids : (n,) int
-    bounds : (n, 4) min x, max x, min y, max y
+    rowids : (n,) int, ascending
+    low, high : (n, 2) least and largest x, y; the same for points
     """
     if not len(rowids):
         return
-    # The order that puts neighbours together: vertical slices, each from bottom to top
-    x, y = bounds[:, :2].sum(axis=1), bounds[:, 2:].sum(axis=1)
-    slices = int(np.ceil(np.sqrt(len(x) / _MOST_CELLS)))
-    by_x = np.argsort(x, kind="stable")
-    strip = np.empty(len(x), dtype=np.int64)
-    strip[by_x] = np.arange(len(x)) * slices // len(x)
-    order = np.lexsort((y, strip))
-    levels = [(rowids[order], _rounded_outwards(bounds[order]))]
-    while len(levels[-1][0]) > _MOST_CELLS:
-        levels.append(_parents(levels[-1][1]))
-    first = _first_numbers([_node_of(len(ids)).max() + 1 for ids, _ in levels])
-    for depth, (ids, boxes) in enumerate(levels):
-        node = first[depth] + _node_of(len(ids))
-        child = ids if depth == 0 else first[depth - 1] + ids
-        top = depth if depth == len(levels) - 1 else 0
-        # Number and content of a level's nodes
-        starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
-        content = np.zeros(len(starts), dtype=_NODE)
-        content["depth"], content["cells"] = top, np.diff(np.r_[starts, len(node)])
-        row, place = node - node[0], np.arange(len(node)) - starts[node - node[0]]
-        content["cell"]["id"][row, place] = child
-        content["cell"]["bounds"][row, place] = boxes
-        nodes = [node[starts], content.view(f"V{_NODE.itemsize}")]
-        rows.insert(insert_text(f"{rtree}_node", ("nodeno", "data"), _REPLACE), nodes)
-        ascending = np.argsort(child)  # SQLite appends to the table's end
-        table, key, value = ("rowid", "rowid", "nodeno") if depth == 0 else ("parent", "nodeno", "parentnode")
-        rows.insert(insert_text(f"{rtree}_{table}", (key, value)), [child[ascending], node[ascending]])
+    counts = [len(rowids)]  # cells of each level
+    while counts[-1] > _MOST_CELLS:
+        counts.append(-(-counts[-1] // _MOST_CELLS))
+    first = [_ROOT + 1 + sum(counts[1 : level + 1]) for level in range(len(counts) - 1)] + [_ROOT]
+    order = _tile(low, high)
+    boxes = _rounded_outwards(low, high)[order]
+    for level, count in enumerate(counts):
+        nodes = -(-count // _MOST_CELLS)
+        bounds = -(-np.arange(nodes + 1) * count // nodes)  # all nodes are about equally full
+        child = rowids[order] if level == 0 else first[level - 1] + np.arange(count)
+        depth = level if level == len(counts) - 1 else 0  # the root tells it
+        for begin in range(0, nodes, _NODES_AT_ONCE):
+            some = bounds[begin : begin + _NODES_AT_ONCE + 1]
+            content = _content(depth, child[some[0] : some[-1]], boxes[some[0] : some[-1]], some - some[0])
+            numbers = np.arange(first[level] + begin, first[level] + begin + len(some) - 1)
+            rows.insert(insert_text(f"{rtree}_node", ("nodeno", "data"), _REPLACE), [numbers, content])
+        # Which node each cell is in, by ascending numbers: SQLite appends to the table's end
+        node = np.empty(count, dtype=np.int64)
+        node[order if level == 0 else slice(None)] = np.repeat(first[level] + np.arange(nodes), np.diff(bounds))
+        children = rowids if level == 0 else child
+        table, key, value = ("rowid", "rowid", "nodeno") if level == 0 else ("parent", "nodeno", "parentnode")
+        for begin in range(0, count, _ROWS_AT_ONCE):
+            part = slice(begin, begin + _ROWS_AT_ONCE)
+            rows.insert(insert_text(f"{rtree}_{table}", (key, value)), [children[part], node[part]])
+        least, largest = (f.reduceat(boxes, bounds[:-1]) for f in (np.minimum, np.maximum))
+        boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
+
+
+def _content(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Return nodes as bytes (dtype ``V``): node i has the cells from ``bounds[i]`` to ``bounds[i + 1]``."""
+    cells = np.diff(bounds)
+    content = np.zeros(len(cells), dtype=_NODE)
+    content["depth"], content["cells"] = depth, cells
+    row, place = np.repeat(np.arange(len(cells)), cells), np.arange(len(child)) - np.repeat(bounds[:-1], cells)
+    content["cell"]["id"][row, place] = child
+    content["cell"]["bounds"][row, place] = boxes
+    return content.view(f"V{_NODE.itemsize}")
+
+
+def _tile(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the order that puts neighbours together: vertical slices, each from bottom to top."""
+    count = len(low)
+    slices = int(np.ceil(np.sqrt(count / _MOST_CELLS)))
+    strip = np.empty(count, dtype=np.uint64)
+    nothing = np.zeros(count, dtype=np.uint64)
+    strip[_order(nothing, low[:, 0] + high[:, 0])] = np.arange(count, dtype=np.uint64) * slices // count
+    return _order(strip, low[:, 1] + high[:, 1])
+
+
+def _order(major: np.ndarray, minor: np.ndarray) -> np.ndarray:
+    """Return the order of rows by small numbers, then by others to as many bits as there are left in 64.
+
+    One sort of keys that end with the number of the row: a fifth of the time of a stable sort of two columns.
+    """
+    row_bits = len(major).bit_length()
+    bits = 64 - row_bits - int(major.max()).bit_length()
+    least, most = float(minor.min()), (1 << min(bits, 52)) - 1  # a float has no more
+    spread = float(minor.max()) - least
+    place = np.minimum((minor - least) * (most / spread if spread > 0.0 else 0.0), most).astype(np.uint64)
+    key = (major << np.uint64(64 - int(major.max()).bit_length())) if major.any() else np.zeros_like(major)
+    key |= place << np.uint64(row_bits)
+    key |= np.arange(len(major), dtype=np.uint64)
+    key.sort()
+    return (key & np.uint64((1 << row_bits) - 1)).astype(np.int64)
 
 
 def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
@@ -74,30 +112,13 @@ def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
     database.execute(insert_text(nodes, ("nodeno", "data")), (_ROOT, root))
 
 
-def _rounded_outwards(bounds: np.ndarray) -> np.ndarray:
-    """Return the bounds as float32 that hold the float64 ones."""
-    single = bounds.astype(np.float32)
-    for columns, wrong, towards in (((0, 2), np.greater, -np.inf), ((1, 3), np.less, np.inf)):
-        for column in columns:
-            inside = wrong(single[:, column], bounds[:, column])
-            single[inside, column] = np.nextafter(single[inside, column], np.float32(towards))
+def _rounded_outwards(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return min x, max x, min y, max y as float32 that hold the float64 ones, ``(n, 4)``."""
+    single = np.empty((len(low), 4), dtype=np.float32)
+    for corner, exact, wrong, towards in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
+        for axis in (0, 1):
+            column = single[:, 2 * axis + corner]
+            column[:] = exact[:, axis]
+            inside = wrong(column, exact[:, axis])
+            column[inside] = np.nextafter(column[inside], np.float32(towards))
     return single
-
-
-def _node_of(count: int) -> np.ndarray:
-    """Return which node each cell of a level belongs to, 0, 1, …; all nodes are about equally full."""
-    nodes = -(-count // _MOST_CELLS)
-    return np.arange(count) * nodes // count
-
-
-def _parents(boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cells of the next level: index and bounds of each node of this one."""
-    node = _node_of(len(boxes))
-    starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
-    low, high = np.minimum.reduceat(boxes, starts), np.maximum.reduceat(boxes, starts)
-    return np.arange(len(starts)), np.column_stack([low[:, 0], high[:, 1], low[:, 2], high[:, 3]])
-
-
-def _first_numbers(counts: list[int]) -> list[int]:
-    """Return the number of each level's first node; the root, alone on the last level, is node 1."""
-    return [_ROOT + 1 + sum(counts[:depth]) for depth in range(len(counts) - 1)] + [_ROOT]

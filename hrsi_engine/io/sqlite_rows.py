@@ -24,7 +24,7 @@ from .row_cells import Cells
 WORTH_COMPILED_CODE = 20_000  # rows; fewer are written before the compiled loop is loaded
 _LIBRARY = {"win32": "sqlite3.dll", "darwin": "libsqlite3.dylib"}.get(sys.platform, "libsqlite3.so.0")
 _LOOP_FUNCTIONS = ("bind_double", "bind_int64", "bind_text", "bind_blob", "bind_null", "step", "reset")
-_OPEN_FOR_WRITING = 0x2  # SQLITE_OPEN_READWRITE
+_OPEN_FOR_WRITING = 0x2 | 0x8000  # SQLITE_OPEN_READWRITE, and NOMUTEX: one thread at a time has the connection
 
 
 class Inserter(Protocol):

@@ -9,7 +9,7 @@ out goes through the tests of windows (`tile_matching`), pairs, links and tracks
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -164,27 +164,38 @@ def measure_given(job: GivenJob) -> PartResult:
     rows = []
     tile = read_tile(job.reference, job.window.grown(TILE_BORDER_PX))
     for pair in () if tile is None else job.pairs:
-        geometry = _geometry(job.reference, pair)
-        low, high = (np.floor(limit(pair.second_xy, axis=0)) for limit in (np.min, np.max))
+        agreed = _agreeing(job.reference, pair)
+        if not len(agreed.first_xy):
+            continue
+        # Looked for where those lie that agree: one wrong match would have all of a large image read
         border = TILE_BORDER_PX * resolution_step(job.reference, pair.image)
-        place = ImageWindow(int(low[0]), int(low[1]), *(int(side) + 1 for side in high - low)).grown(border)
-        other = read_tile(pair.image, place, resolution_step(job.reference, pair.image)) if geometry else None
-        if tile is None or geometry is None or other is None:
+        low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
+        place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grown(border)
+        inside = place.contains(pair.second_xy)
+        other = read_tile(pair.image, place, resolution_step(job.reference, pair.image))
+        if tile is None or other is None:
             continue
         options = TileMatchOptions(reach_px=GIVEN_REACH_PX, across_px=GIVEN_ACROSS_PX)
-        rows.append(Rows(pair.number, refine_points(tile, other, geometry, pair.first_xy, pair.second_xy, options)))
+        found = refine_points(
+            tile, other, _geometry(job.reference, agreed), pair.first_xy[inside], pair.second_xy[inside], options
+        )
+        rows.append(Rows(pair.number, found))
     return columns_of(rows)
 
 
-def _geometry(reference: Image, pair: GivenPair) -> TilePairGeometry | None:
-    """Return where the matches that agree with one another say that the pair lies; None where too few agree."""
-    first, second = reference.rpc, pair.image.rpc
-    start = float(np.mean(first.height_range))
-    agreed = rpc_consistency(first, second, pair.first_xy, pair.second_xy, start, floor_px=GIVEN_ACROSS_PX).good
-    if not agreed.any():
-        return None
-    xy, other = pair.first_xy[agreed], pair.second_xy[agreed]
-    heights = epipolar_miss(first, second, xy, other, start).height_m
+def _agreeing(reference: Image, pair: GivenPair) -> GivenPair:
+    """Return the matches of a pair that agree with one another as its two cameras allow."""
+    start = float(np.mean(reference.rpc.height_range))
+    found = rpc_consistency(
+        reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=GIVEN_ACROSS_PX
+    )
+    return replace(pair, first_xy=pair.first_xy[found.good], second_xy=pair.second_xy[found.good])
+
+
+def _geometry(reference: Image, pair: GivenPair) -> TilePairGeometry:
+    """Return where the matches say that the pair lies."""
+    first, second, xy, other = reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy
+    heights = epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
     low, high = float(heights.min()) - GIVEN_ROOM_M, float(heights.max()) + GIVEN_ROOM_M
     away = other - transfer(first, second, xy, heights)
     bias = np.median(away, axis=0)

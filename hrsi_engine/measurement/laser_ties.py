@@ -9,7 +9,6 @@ finds that out again, with the ties where they really are (`adjustment.laser_hei
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..block.imaging_geometry import rays_up
 from ..block.laser import LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
+from ..foundation.streams import open_calls
 from ..foundation.threads import thread_count
 from .block_matching.windows import ImageWindow, predicted_window, read_tile
 from .tile_matching.options import TileMatchOptions
@@ -70,9 +70,9 @@ def measure_laser_ties(
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     rows = evenly_taken(laser, MOST_LOOKED_UP)
     windows = _windows(images, usable, laser.ground[rows])
-    with ThreadPoolExecutor(thread_count(threads)) as pool:
+    with open_calls(threads=thread_count(threads)) as calls:
         found = []
-        for number, part in enumerate(pool.map(lambda window: _measured_in(images, usable, window), windows)):
+        for number, part in enumerate(calls.answers(lambda window: _measured_in(images, usable, window), windows)):
             advance(progress, (number + 1) / len(windows), "measuring at laser points")
             found.append(part)
     return _image_points(images, found)

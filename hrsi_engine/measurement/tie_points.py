@@ -9,7 +9,7 @@ Memory holds a few windows a thread and the matches found, whatever the size of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +76,7 @@ def find_tie_points(
     surface: HeightSurface | None = None,
     scheduler: Scheduler | None = None,
     keeper: Keeper | None = None,
+    earlier: Collection[str] = (),
 ) -> TiePoints:
     """Find tie points between all overlapping images with pixels.
 
@@ -93,6 +94,8 @@ def find_tie_points(
         Who does the work; threads without.
     keeper : Keeper, optional
         Keeps the results of finished parts, so that a run that was stopped continues.
+    earlier : collection of str
+        Ids of images that were matched with one another before: their pairs are left alone.
 
     Returns
     -------
@@ -106,7 +109,8 @@ def find_tie_points(
     Cancelled
         When ``progress`` asks to stop.
     """
-    search = TieSearch(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper)
+    search = TieSearch(images, options or TieOptions(), surface, scheduler or open_scheduler(), keeper,
+                       earlier=earlier)  # fmt: skip
     search.choose_pairs(stage(progress, 0.0, 0.3))
     search.match_pairs(stage(progress, 0.3, 0.85))
     good, links = search.judge()
@@ -130,7 +134,7 @@ def find_tie_points(
     holds = hold_images(images, search.usable, links, search.tried_of_image(), search.reasons)
     # Name the images without any tie point, and the pairs that overlap and gave nothing
     tied = set(points.image_ids.tolist())
-    lonely = [hold.image for hold in holds if hold.image not in tied]
+    lonely = [hold.image for hold in holds if hold.image not in tied | search.earlier]
     reasons = {images[number].id: reason for number, reason in search.reasons.items()}
     warnings = [
         f"{name}: no tie points: "
@@ -142,6 +146,7 @@ def find_tie_points(
             f"{list_ids(images[number].id for number in held)}: held by the single link {images[link.first].id} - "
             f"{images[link.second].id} of {link.matches} matches, which no loop checks: may be wrong together"
             for link, held in find_single_holds(links)
+            if not {images[number].id for number in held} <= search.earlier
         ]
     else:
         for pair in summaries:
@@ -151,7 +156,10 @@ def find_tie_points(
 
 
 def overlapping_pairs(
-    images: Sequence[Image], options: TieOptions | None = None, surface: HeightSurface | None = None
+    images: Sequence[Image],
+    options: TieOptions | None = None,
+    surface: HeightSurface | None = None,
+    earlier: Collection[str] = (),
 ) -> list[tuple[str, str]]:
     """Return the ids of the images that may show common ground, pair by pair, before any pixel is looked at.
 
@@ -163,6 +171,8 @@ def overlapping_pairs(
         How tie points would be found.
     surface : HeightSurface, optional
         The ground, where it is known.
+    earlier : collection of str
+        As of `find_tie_points`.
 
     Returns
     -------
@@ -174,7 +184,7 @@ def overlapping_pairs(
     InputError
         Fewer than two images have pixels, or no two of them overlap.
     """
-    search = TieSearch(images, options or TieOptions(), surface, open_scheduler(), None, marked=False)
+    search = TieSearch(images, options or TieOptions(), surface, open_scheduler(), None, marked=False, earlier=earlier)
     found = search.find_overlapping()
     own = [images[index].id for index in search.usable]
     return [(own[pair.first], own[pair.second]) for pair in found]

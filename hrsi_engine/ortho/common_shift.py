@@ -7,9 +7,9 @@ of single probes (rows of houses, fields, water) does not.
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
+from ..foundation.pixel_filters import reduce_by_area
 from ..measurement.window_matching.orientation_correlation import correlation_sums, orientation_field, peak_of
 from .misregistration import Read
 
@@ -44,6 +44,6 @@ def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarr
 def _field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the directions of gradients of means of pixels; 0 where not all of a mean is valid."""
     size = (grey.shape[1] // REDUCTION, grey.shape[0] // REDUCTION)
-    mean = cv2.resize(np.where(valid, grey, 0).astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    known = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.999
+    mean = reduce_by_area(np.where(valid, grey, 0).astype(np.float32), size)
+    known = reduce_by_area(valid.astype(np.float32), size) > 0.999
     return orientation_field(mean, known)

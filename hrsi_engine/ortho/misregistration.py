@@ -15,15 +15,16 @@ The shift is the position in the second minus that in the first, in pixels to th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from enum import IntEnum
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy import ndimage
 
+from ..foundation.pixel_filters import blur
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.streams import open_calls
+from ..measurement.window_matching.cross_correlation import correlation_surface
 from .options import MisregistrationOptions
 
 MOST_ITERATIONS = 20
@@ -139,18 +140,15 @@ def measure_shifts(
         A shift for each window.
     """
     found = []
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            for number, shift in enumerate(pool.map(lambda at: _match(first, second, at, options), centres.tolist())):
-                if tell is not None and number % 32 == 0:
-                    tell(number / len(centres))
-                found.append(shift)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    shifts = np.array([f.xy for f in found]).reshape(-1, 2)
+    with open_calls(threads=threads) as calls:
+        shifts = calls.answers(lambda at: _match(first, second, at, options), centres.tolist())
+        for number, shift in enumerate(shifts):
+            if tell is not None and number % 32 == 0:
+                tell(number / len(centres))
+            found.append(shift)
+    xy = np.array([f.xy for f in found]).reshape(-1, 2)
     figures = np.array([(f.correlation, f.sigma_px, f.outcome) for f in found]).reshape(-1, 3)
-    return WindowShifts(centres, shifts, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
+    return WindowShifts(centres, xy, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
 
 
 def _match(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
@@ -175,10 +173,7 @@ def shift_between(
     core = grey[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
         return _fail(WindowOutcome.FLAT)
-    score = cv2.matchTemplate(
-        place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER], core, cv2.TM_CCOEFF_NORMED
-    )
-    score[~np.isfinite(score)] = -1.0
+    score = correlation_surface(core, place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER])
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, column])
     if best < options.min_correlation:
@@ -192,7 +187,7 @@ def shift_between(
 
 
 def _smooth(grey: np.ndarray) -> np.ndarray:
-    return cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SHIFT_SMOOTH_PX)
+    return blur(np.asarray(grey, dtype=np.float32), SHIFT_SMOOTH_PX)
 
 
 def _refine(
@@ -223,9 +218,7 @@ def _refine(
     # their own.
     weighted = A * weight
     side = round(np.sqrt(weighted.shape[1]))
-    spread = np.stack(
-        [cv2.GaussianBlur(row.reshape(side, side), (0, 0), np.sqrt(2.0) * SHIFT_SMOOTH_PX) for row in weighted]
-    )
+    spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * SHIFT_SMOOTH_PX) for row in weighted])
     inverse = np.linalg.inv(N)
     covariance = np.asarray(inverse @ (4.0 * np.pi * SHIFT_SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
     Q = covariance * variance

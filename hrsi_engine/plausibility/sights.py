@@ -49,8 +49,10 @@ class Sights:
 def sights(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sights:
     """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, through the heights of each RPC."""
     ground, slope = np.full((len(xy), 3), np.nan), np.full((len(xy), 2), np.nan)
-    for index in np.unique(image):
-        rpc, rows = images[index].rpc, np.flatnonzero(image == index)
+    order = np.argsort(image, kind="stable")
+    heads = np.flatnonzero(np.diff(image[order], prepend=-1))
+    for rows in np.split(order, heads[1:]) if len(order) else ():
+        rpc = images[image[rows[0]]].rpc
         high = rpc.height_range[1]
         points = np.concatenate([xy[rows], xy[rows]])
         heights = np.repeat([rpc.height_off, high], len(rows))

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special  # not scipy.stats, which takes a quarter of a second to load
 
 from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
@@ -247,7 +247,7 @@ def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
     for name, squared in judged.items():
         excess = squared - judged[best]
         standard_error = float(np.std(excess, ddof=1) / np.sqrt(len(excess))) if len(excess) > 1 else 0.0
-        allowed = standard_error * float(stats.t.isf(PARSIMONY, max(len(excess) - 1, 1)))
+        allowed = standard_error * float(-special.stdtrit(max(len(excess) - 1, 1), PARSIMONY))
         if float(np.mean(excess)) <= allowed:
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
             said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
@@ -320,7 +320,7 @@ def _worst(found: Estimate, tests: int) -> tuple[int, float]:
     predicted = np.einsum("nij,nj->ni", found.roots, found.left_out_px)
     q = np.sum(whitened * predicted, axis=1)
     rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / (found.redundancy - 2.0)
-    critical = stats.f.isf(SIGNIFICANCE / tests, 2, found.redundancy - 2.0)
+    critical = 1.0 / special.fdtri(found.redundancy - 2.0, 2, SIGNIFICANCE / tests)  # of F(2, redundancy - 2)
     worst = int(np.argmax(q / rest))
     return worst, float(q[worst] / 2.0 / rest[worst] / critical)
 

@@ -9,18 +9,24 @@ adjustment, the estimated parameters with their covariance, and which images sha
      "parameters": ["sample_shift", …],
      "pairs": [["A", "B", 120]],
      "layers": {"ground_points": "block.gpkg|layername=ground_points", "image_points": …}}
+
+What is known of all cameras together, their reduced normal matrix, is too much for text and lies beside it
+(`joint_arrays`).
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from ..adjustment.joint_prior import JointCameras
 from ..adjustment.result import Adjustment
+from ..foundation.errors import InputError
 from ..io.block_records import POINT_LAYERS
 
 
@@ -41,6 +47,31 @@ def record_of(result: Adjustment) -> dict[str, Any]:
         ],
         "pairs": _pairs(result), "layers": POINT_LAYERS,
     }  # fmt: skip
+
+
+def joint_arrays(joint: JointCameras) -> dict[str, np.ndarray]:
+    """Return what is known of cameras together as arrays, by the names of their fields."""
+    return {"schema": np.array(1), **{part.name: np.asarray(getattr(joint, part.name)) for part in fields(joint)}}
+
+
+def joint_of_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCameras:
+    """Return what `joint_arrays` wrote; raise `InputError` where the arrays do not belong together."""
+    try:
+        given = {part.name: arrays[part.name] for part in fields(JointCameras)}
+        k, (c, p), b = len(given["images"]), given["values"].shape, len(given["blocks"])
+        numbers = {"camera": (k,), "rows": (b,), "columns": (b,), "gcps": (k,)}
+        floats = {"values": (c, p), "blocks": (b, p, p), "squares": (c, p, p)}
+        whole = all(given[name].shape == shape and given[name].dtype.kind in "iu" for name, shape in numbers.items())
+        whole &= all(given[name].shape == shape and np.isfinite(given[name]).all() for name, shape in floats.items())
+        whole &= given["fixed"].shape == (c, p) and given["fixed"].dtype == bool and len(given["parameters"]) == p
+        whole &= all(((given[name] >= 0) & (given[name] < c)).all() for name in ("camera", "rows", "columns"))
+        whole = whole and bool((np.diff(given["rows"]) >= 0).all() and (given["rows"] <= given["columns"]).all())
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{source}: holds no record of cameras ({error!r}): adjust that block again") from None
+    if not whole:
+        raise InputError(f"{source}: its arrays do not belong together: adjust that block again")
+    names: dict[str, Any] = {name: tuple(map(str, given[name].tolist())) for name in ("images", "parameters")}
+    return JointCameras(**{**given, **names})
 
 
 def _plain(value: Any) -> Any:

@@ -63,6 +63,8 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
         "parts": [_part_entry(part) for part in result.parts],
         "cross_validation": _cross_validation(result),
         "heights": [asdict(source) for source in result.heights],
+        "plan": None if result.plan is None else asdict(result.plan),
+        "rpcs_alone_m": None if result.rpcs_alone_m is None else list(result.rpcs_alone_m),
     }
 
 

@@ -23,6 +23,7 @@ from ..adjustment.observations import subset
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
 from ..ground.geodesy import ground_difference_m, moved_ground
+from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
 
 
@@ -71,7 +72,7 @@ def residuals(result: Adjustment) -> Residuals:
         Of measurements in pixels, of ground points in metres.
     """
     block, rows = result.block, result.block.measurements
-    at_known = _known_residuals(result, result.values)
+    at_known = surveyed_residuals_px(block, result.model, result.values)
     # Points whose survey has all coordinates are judged where they are known to be, others where they came out.
     known = np.flatnonzero(block.known)
     surveyed = np.zeros(len(block.points), dtype=bool)
@@ -88,12 +89,12 @@ def residuals(result: Adjustment) -> Residuals:
         on_ground = outwards @ covariance[alone] @ outwards.swapaxes(1, 2)
         sigma_m[rows.point[here[alone]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
     return Residuals(
-        ground_m=_ground_residuals(result),
+        ground_m=ground_residuals_m(block, result.model, result.values, result.ground),
         ground_sigma_m=sigma_m,
         measured_px=np.where(there[:, None], at_known, result.residual_px),
         measured_sigma_px=sigma_px,
         at_known_px=at_known,
-        before_px=_known_residuals(result, np.zeros_like(result.values)),
+        before_px=surveyed_residuals_px(block, result.model, np.zeros_like(result.values)),
         tie_before_px=_tie_residuals_before(result),
     )
 
@@ -119,22 +120,61 @@ def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray
             yield index, rows[order[bounds[index] : bounds[index + 1]]]
 
 
-def _known_residuals(result: Adjustment, values: np.ndarray) -> np.ndarray:
-    """Return observed - projected of the known points' surveyed positions, NaN for all others."""
-    block, rows = result.block, result.block.measurements
+def surveyed_residuals_px(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
+    """Return observed - projected ``(measurements, 2)`` of the known points' surveyed positions, NaN for all others."""
+    return residuals_at_px(block, model, values, np.where(block.known[:, None], block.points.ground, np.nan))
+
+
+def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """Return observed - projected of points at some positions.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    model : RefinementModel
+        Of the cameras.
+    values : (images, p) ndarray
+        Its parameters.
+    ground : (points, 3) ndarray
+        Positions; NaN for those without.
+
+    Returns
+    -------
+    (measurements, 2) ndarray
+        In pixels; NaN where there is no position.
+    """
+    rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
-    usable = block.known & np.isfinite(block.points.ground).all(axis=1)
+    usable = np.isfinite(ground).all(axis=1)
     for index, here in by_image(block, usable[rows.point]):
-        ground = block.points.ground[rows.point[here]]
-        residual[here] = rows.xy[here] - result.model.project(block.images[index], values[index], ground)
+        there = ground[rows.point[here]]
+        residual[here] = rows.xy[here] - model.project(block.images[index], values[index], there)
     return residual
 
 
-def _ground_residuals(result: Adjustment) -> np.ndarray:
-    block = result.block
-    computed = np.where(block.known[:, None], result.ground, np.nan)
+def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """Return survey - computed of the known points, NaN for all others.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    model : RefinementModel
+        Of the cameras.
+    values : (images, p) ndarray
+        Its parameters.
+    ground : (points, 3) ndarray
+        Adjusted positions.
+
+    Returns
+    -------
+    (points, 3) ndarray
+        East, north, up in metres.
+    """
+    computed = np.where(block.known[:, None], ground, np.nan)
     single = block.known & (block.rays_per_point() == 1)
-    computed[single] = _on_single_rays(result, single)[single]
+    computed[single] = _on_single_rays(block, model, values, single)[single]
     residual = np.full_like(computed, np.nan)
     usable = np.isfinite(computed).all(axis=1)
     residual[usable] = ground_difference_m(block.points.ground[usable], computed[usable])
@@ -185,16 +225,16 @@ def _ground_sigmas(result: Adjustment) -> np.ndarray:
     return sigma
 
 
-def _on_single_rays(result: Adjustment, single: np.ndarray) -> np.ndarray:
+def _on_single_rays(block: Block, model: RefinementModel, values: np.ndarray, single: np.ndarray) -> np.ndarray:
     """Return where the rays of singly measured points meet their known height (one Newton step from the survey).
 
     The corrected camera is linear over the few pixels of a residual, so one step is exact to far below a millimetre.
     """
-    block, rows = result.block, result.block.measurements
+    rows = block.measurements
     computed = np.full((len(block.points), 3), np.nan)
     for index, here in by_image(block, single[rows.point]):
         ground = block.points.ground[rows.point[here]]
-        at = result.model.equations(block.images[index], rows.xy[here])(result.values[index], ground)
+        at = model.equations(block.images[index], rows.xy[here])(values[index], ground)
         step = np.zeros_like(ground)
         miss = rows.xy[here] - at.computed
         step[:, :2] = np.linalg.solve(at.by_ground[:, :, :2], miss[:, :, None])[:, :, 0]

@@ -16,6 +16,7 @@ Layers, each importing only those above it::
     control     points and measurements with errors
     synthesis   the block and its truth, no pixels
     tiles, lighting, render   pixels of any window
+    laser, free_dem, free_ortho   control that everybody can have, with its errors
     truth_tables    the truth as tables
 """
 

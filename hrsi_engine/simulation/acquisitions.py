@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..ground.sun import SunAngles, sun_at_hour_angle
 from .sensors import Radiometry
 
 YEAR_DAYS = 365.0
@@ -52,9 +53,7 @@ class Acquisition:
     @property
     def sun(self) -> np.ndarray:
         """Unit vector ``(3,)`` east, north, up towards the sun."""
-        azimuth, elevation = np.radians([self.sun_azimuth_deg, self.sun_elevation_deg])
-        plan = np.cos(elevation)
-        return np.array([plan * np.sin(azimuth), plan * np.cos(azimuth), np.sin(elevation)])
+        return SunAngles(self.sun_azimuth_deg, self.sun_elevation_deg).direction
 
     def radiometry(self, usual: Radiometry) -> Radiometry:
         """Return how grey values become digital numbers under this sun and air.
@@ -78,7 +77,7 @@ class Acquisition:
         )
 
 
-def sun_position(day: float, solar_hour: float, lat_deg: float) -> tuple[float, float]:
+def sun_position(day: float, solar_hour: float, lat_deg: float) -> SunAngles:
     """Return azimuth (clockwise from north) and elevation of the sun in degrees.
 
     Parameters
@@ -92,15 +91,11 @@ def sun_position(day: float, solar_hour: float, lat_deg: float) -> tuple[float, 
 
     Returns
     -------
-    tuple of float
+    SunAngles
         Azimuth and elevation.
     """
     declination = np.radians(AXIS_DEG) * np.sin(2.0 * np.pi * (285.0 + day) / YEAR_DAYS)
-    hour, lat = np.radians(15.0 * (solar_hour - 12.0)), np.radians(lat_deg)
-    up = np.sin(lat) * np.sin(declination) + np.cos(lat) * np.cos(declination) * np.cos(hour)
-    east = -np.cos(declination) * np.sin(hour)
-    north = np.cos(lat) * np.sin(declination) - np.sin(lat) * np.cos(declination) * np.cos(hour)
-    return float(np.degrees(np.arctan2(east, north)) % 360.0), float(np.degrees(np.arcsin(up)))
+    return sun_at_hour_angle(float(declination), float(np.radians(15.0 * (solar_hour - 12.0))), lat_deg)
 
 
 def draw_acquisitions(count: int, lat_deg: float, seed: int) -> tuple[Acquisition, ...]:

@@ -11,36 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from ..foundation.options import option, options
+from .options import FreeDemSpec
 from .terrain import SimulatedTerrain, fractal_relief
 
 TREE_ROUGHNESS = 0.2  # Hurst's exponent of what decides where trees stand: patches of all sizes
 EDGE_CELLS = 0.7  # by which the edges of woods are smoothed
-
-
-@options
-class FreeDemSpec:
-    """What a free DEM of a scene is like."""
-
-    cell_m: float = option(
-        0.0, "Cell size of a DEM as free ones are; 0 writes none", name="free-dem", minimum=0.0, unit="m", metavar="M"
-    )
-    trees: float = option(
-        0.2, "Share of the free DEM's cells with trees", name="free-dem-trees", minimum=0.0, maximum=1.0, advanced=True,
-        metavar="SHARE",
-    )  # fmt: skip
-    tree_m: float = option(
-        10.0, "Height of the trees in the free DEM", name="free-dem-tree-height", minimum=0.0, unit="m", advanced=True,
-        metavar="M",
-    )  # fmt: skip
-    noise_m: float = option(
-        1.5, "Standard deviation of the free DEM's cells", name="free-dem-noise", minimum=0.0, unit="m", advanced=True,
-        metavar="M",
-    )  # fmt: skip
-    common_m: float = option(
-        1.0, "Standard deviation of what all cells of the free DEM are off by", name="free-dem-common", minimum=0.0,
-        unit="m", advanced=True, metavar="M",
-    )  # fmt: skip
 
 
 class FreeDem(NamedTuple):

@@ -141,3 +141,50 @@ class LaserSpec:
         advanced=True,
         metavar="SHARE",
     )
+
+
+@options
+class FreeDemSpec:
+    """What a free DEM of a scene is like."""
+
+    cell_m: float = option(
+        0.0, "Cell size of a DEM as free ones are; 0 writes none", name="free-dem", minimum=0.0, unit="m", metavar="M"
+    )
+    trees: float = option(
+        0.2, "Share of the free DEM's cells with trees", name="free-dem-trees", minimum=0.0, maximum=1.0, advanced=True,
+        metavar="SHARE",
+    )  # fmt: skip
+    tree_m: float = option(
+        10.0, "Height of the trees in the free DEM", name="free-dem-tree-height", minimum=0.0, unit="m", advanced=True,
+        metavar="M",
+    )  # fmt: skip
+    noise_m: float = option(
+        1.5, "Standard deviation of the free DEM's cells", name="free-dem-noise", minimum=0.0, unit="m", advanced=True,
+        metavar="M",
+    )  # fmt: skip
+    common_m: float = option(
+        1.0, "Standard deviation of what all cells of the free DEM are off by", name="free-dem-common", minimum=0.0,
+        unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+
+
+@options
+class FreeOrthoSpec:
+    """What a free orthoimage of a scene is like."""
+
+    pixel_m: float = option(
+        0.0, "Pixel size of an orthoimage as free ones are; 0 writes none", name="free-ortho", minimum=0.0, unit="m",
+        metavar="M",
+    )  # fmt: skip
+    error_m: float = option(
+        5.0, "Root mean square distance by which the free orthoimage lies beside the truth", name="free-ortho-error",
+        minimum=0.0, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+    corner_m: float = option(
+        0.0, "How far the north-eastern corner of the free orthoimage lies beside the rest of it",
+        name="free-ortho-corner", minimum=0.0, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+    change: float = option(
+        0.4, "How much of the ground looks different in the free orthoimage, as in another season",
+        name="free-ortho-change", minimum=0.0, maximum=1.0, advanced=True, metavar="SHARE",
+    )  # fmt: skip

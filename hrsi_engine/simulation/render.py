@@ -315,7 +315,23 @@ class OrthoRenderer:
         lines, samples = tile_shape(self.size, row, column)
         east = self.west_m + self.gsd_m * (column * RENDER_TILE + np.arange(samples))
         north = self.north_m - self.gsd_m * (row * RENDER_TILE + np.arange(lines))
-        return _quantise(self.painter.grey(row, column, *np.meshgrid(east, north)), Radiometry())
+        shown = self.ground_of(*np.meshgrid(east, north))
+        return _quantise(self.painter.grey(row, column, *shown), Radiometry())
+
+    def ground_of(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the chart positions that pixels at stated ones show: the same.
+
+        Parameters
+        ----------
+        east, north : ndarray
+            Chart metres, as the orthophoto states them.
+
+        Returns
+        -------
+        tuple of ndarray
+            East and north.
+        """
+        return east, north
 
 
 def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, band: str = "pan") -> OrthoRenderer:

@@ -10,6 +10,7 @@ from ...hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession, Snapshot
 from ..dependencies import missing_package_message
+from ..translation import tr
 
 
 class AdjustTask(QgsTask):
@@ -19,15 +20,15 @@ class AdjustTask(QgsTask):
     """
 
     def __init__(self, session: PointSession, model: str, save: bool) -> None:
-        super().__init__("HRSI: adjusting the block", QgsTask.Flag.CanCancel)
+        super().__init__(tr("HRSI: adjusting the block"), QgsTask.Flag.CanCancel)
         self.seen, self.is_to_be_saved = Snapshot(session), save
-        self._block, self._model = point_session.block_of(session), model
+        self._block, self._model, self._listed = point_session.block_of(session), model, frozenset(session.points)
         self.adjusted: Any = None
         self.failure = ""
 
     def run(self) -> bool:
         try:
-            self.adjusted = point_session.adjust_block(self._block, self._model, self._progress)
+            self.adjusted = point_session.adjust_block(self._block, self._model, self._progress, self._listed)
         except Cancelled:
             return False
         except HrsiError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import time
 from collections.abc import Callable
 from functools import wraps
 from typing import Any
@@ -17,8 +18,10 @@ from ...hrsi_engine.foundation.errors import HrsiError
 from ...hrsi_engine.foundation.reasons import Level
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
+from ...processing_algorithms.point_session.rows import TIE
 from ..dependencies import missing_package_message
 from ..layer_or_file import LayerOrFile
+from ..translation import tr
 from .adjust_task import AdjustTask
 from .image_view import ImageView
 from .layout import PanelLayout
@@ -30,6 +33,7 @@ from .project_state import PanelState, restore_state, store
 from .table_models import MeasurementsModel, PointsModel
 
 LIVE_DELAY_MS = 300
+QUICK_S = 2.0  # an adjustment with all its tests that takes longer is left to the user; residuals follow all the same
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
 
 
@@ -59,9 +63,10 @@ class PointsDock(QDockWidget):
     """
 
     adjusted = pyqtSignal(bool)  #: an adjustment has ended, well or not
+    edited = pyqtSignal()  #: points or measurements are others than before
 
     def __init__(self, parent: Any = None, canvas: Any = None, unsaved_root: str = "") -> None:
-        super().__init__("HRSI Points", parent)
+        super().__init__(tr("HRSI Points"), parent)
         self.setObjectName("HrsiPoints")
         self.ui = PanelLayout(self)
         self.setWidget(self.ui)
@@ -71,7 +76,9 @@ class PointsDock(QDockWidget):
         self.unsaved_root = unsaved_root or os.path.join(QgsApplication.qgisSettingsDirPath(), "hrsi", "unsaved")
         self.keeper: Any = None  # made with the first session: it needs the engine
         self._task: AdjustTask | None = None
+        self._began_s = self._adjusted_in_s = 0.0  # when the last adjustment began, and how long it took
         self._active: ImageView | None = None
+        self.proposals: dict[str, Any] = {}  # by image: where matching has found the chosen point
         self._again = QTimer(self)  # a live adjustment waits until the user is done with a series of edits
         self._again.setSingleShot(True)
         self._again.setInterval(LIVE_DELAY_MS)
@@ -88,7 +95,8 @@ class PointsDock(QDockWidget):
             ui.save: self.save, ui.save_as: self.save_as, ui.adjust: self.adjust, ui.cancel: self.cancel,
             ui.undo: self.undo, ui.redo: self.redo, ui.next: self.next_point, ui.previous: self.previous_point,
             ui.take: self.take_prediction, ui.forget: self.forget_measurement, ui.pick: self.pick_point,
-            ui.go_to: self.go_to_place, ui.live: self._adjust_live,
+            ui.go_to: self.go_to_place, ui.live: self._adjust_live, ui.tie: self.begin_tie, ui.transfer: self.transfer,
+            ui.accept: self.accept_transfer, ui.accept_all: self.accept_transfers, ui.reject: self.reject_transfer,
         }  # fmt: skip
         for action, slot in actions.items():
             action.triggered.connect(lambda _checked=False, slot=slot: slot())
@@ -138,6 +146,7 @@ class PointsDock(QDockWidget):
         self._choose_images("")
         self.choose(point or next(iter(session.points), ""))
         self.refresh()
+        self.ui.fit_columns()
 
     def _keep(self, session: PointSession) -> None:
         """Let what is edited in a session outlive the program."""
@@ -163,6 +172,15 @@ class PointsDock(QDockWidget):
         for other in self.ui.views:
             other.mark_active(other is view)
 
+    def frame_image(self, image: str) -> None:
+        """Let the keyboard act on the view of an image, which is shown if it was not."""
+        views = self.ui.shown_views()
+        view = next((view for view in views if view.image() == image), views[-1])
+        if view.image() != image:
+            view.show_choice(list(self.session.images), image)
+            self._show_image(view)
+        self.activate(view)
+
     def choose(self, name: str) -> None:
         """Choose a point: its images are shown where it should be."""
         row = self.points_model.row_of(name)
@@ -180,15 +198,17 @@ class PointsDock(QDockWidget):
         self.measurements_model.refresh()
         for view in self.ui.shown_views():
             view.markers.show_markers(self._markers(view.image()))
-        self.setWindowTitle(f"HRSI Points{' *' if self.session.changed else ''}")
+        self.setWindowTitle(f"{tr('HRSI Points')}{' *' if self.session.changed else ''}")
         has_point = self.point() in self.session.points
-        self.ui.enable(self.session, has_point, self._task is not None, self.map.canvas is not None)
+        has_map = self.map.canvas is not None
+        self.ui.enable(self.session, has_point, self._task is not None, has_map, bool(self.proposals))
 
     def tell(self, text: str, is_error: bool = False) -> None:
         self.ui.tell(text, is_error)
 
     def _on_point(self, index: QModelIndex, _before: QModelIndex | None = None) -> None:
         name = self.points_model.rows[index.row()].point.id if index.isValid() else ""
+        self.proposals = {}
         self.measurements_model.show_point(name)
         self._choose_images(name)
         self._show_images()
@@ -243,7 +263,11 @@ class PointsDock(QDockWidget):
             residual = None if math.isnan(row.residual_px[0]) else row.residual_px
             is_off = self.session.points[name].role == "off"
             is_chosen = name == self.point()
-            markers.append(Marker(name, row.predicted, measured, residual, bool(row.suspicion), is_off, is_chosen))
+            found = self.proposals.get(image) if is_chosen else None
+            proposed = found.xy if found is not None else None
+            markers.append(
+                Marker(name, row.predicted, measured, residual, bool(row.suspicion), is_off, is_chosen, proposed)
+            )
         return markers
 
     # ---- what the user does ------------------------------------------------------------------------------------
@@ -253,23 +277,121 @@ class PointsDock(QDockWidget):
         """Measure the chosen point near a click on an image."""
         view = next(view for view in self.ui.shown_views() if view.image() == image)
         self.activate(view)
+        if self.ui.tie.isChecked():
+            self._begin_tie_at(image, (sample, line))
+            return
         if self.point() not in self.session.points:
-            self.tell("Choose a ground point in the list first")
+            self.tell(tr("Choose a ground point in the list first"))
             return
         fit = self.session.measure(self.point(), image, (sample, line), self.ui.kind.currentText())
-        quality = "as clicked" if math.isnan(fit.measured.sigma) else f"sigma {fit.measured.sigma:.2f} px"
+        self.proposals.pop(image, None)
+        self._place_tie()
+        quality = (
+            tr("as clicked") if math.isnan(fit.measured.sigma) else tr("sigma {:.2f} px").format(fit.measured.sigma)
+        )
         text = fit.refusal or f"{fit.measured.sample:.2f} {fit.measured.line:.2f}, {quality}"
         view.chip.show_chip(fit.chip_svg)
-        self.tell(f"{self.point()} on {image}: {text}", is_error=bool(fit.refusal))
+        self.tell(tr("{} on {}: {}").format(self.point(), image, text), is_error=bool(fit.refusal))
         self._on_edit()
 
     def _on_edit(self) -> None:
-        """Show what was edited; where residuals are live, adjust again."""
+        """Show what was edited; where residuals are live, with its residuals, and adjust again where that is quick."""
+        if self.ui.live.isChecked():
+            self._follow()
         self.refresh()
         if self.keeper is not None and self.keeper.failure:
             self.tell(self.keeper.failure, is_error=True)
-        if self.ui.live.isChecked():
+        if self.ui.live.isChecked() and self._adjusted_in_s < QUICK_S:
             self._again.start()
+        self.edited.emit()
+
+    @told
+    def _follow(self) -> None:
+        """Let residuals and cameras follow the last adjustment to what is measured now, at once."""
+        if self.session.adjusted is not None:
+            self.session.follow(point_session.follow(self.session))
+
+    def begin_tie(self) -> None:
+        """Let the next click in an image begin a tie point."""
+        if self.ui.tie.isChecked():
+            self.tell(tr("Click in an image on what the other images show too: a new tie point"))
+
+    def _begin_tie_at(self, image: str, click: tuple[float, float]) -> None:
+        self.ui.tie.setChecked(False)
+        fit = self.session.fit(image, click, self.ui.kind.currentText())
+        if fit.refusal:
+            self.tell(tr("tie point on {}: {}").format(image, fit.refusal), is_error=True)
+            return
+        name = self._new_name("T")
+        tie = point_session.new_tie(self.session, name, image, (fit.measured.sample, fit.measured.line))
+        self.session.add_tie(tie, image, fit.measured)
+        self._on_edit()
+        self.choose(name)
+        self._propose([view.image() for view in self.ui.shown_views()])
+
+    def _new_name(self, letter: str) -> str:
+        """Return a name that neither the list nor the tie points in the background have."""
+        ties = self.session.ties
+        taken = set(self.session.points) | set([] if ties is None else ties.ids.tolist())
+        return next(name for name in (f"{letter}{number}" for number in itertools.count(1)) if name not in taken)
+
+    def _place_tie(self) -> None:
+        """Put the chosen point, if it is a tie point, where its rays meet now."""
+        point = self.session.points.get(self.point())
+        if point is not None and point.role == TIE:
+            self.session.move_point(point_session.place_tie(self.session, point.id))
+
+    @told
+    def transfer(self) -> None:
+        """Look for the chosen point in all images that should show it."""
+        self._propose([])
+
+    def _propose(self, images: list[str]) -> None:
+        """Look for the chosen point by matching; the views go where it was found, and wait for an answer."""
+        found = point_session.find_transfers(self.session, self.point(), images)
+        self.proposals = {image: one for image, one in found.items() if not one.refusal}
+        for view in self.ui.shown_views():
+            if view.image() in self.proposals:
+                view.show_place(self.proposals[view.image()].xy)
+        self._activate_proposal()
+        self.refresh()
+        good = tr("found, correlation {:.2f}")
+        said = ";  ".join(f"{image}: {one.refusal or good.format(one.correlation)}" for image, one in found.items())
+        keys = tr("Y takes what was found in the framed view, Shift+Y all, X refuses it.") if self.proposals else ""
+        self.tell(f"{self.point()}  {keys}  {said or tr('no other image should show it')}")
+
+    def _activate_proposal(self) -> None:
+        """Let the keyboard act on a view that waits for an answer."""
+        waiting = [view for view in self.ui.shown_views() if view.image() in self.proposals]
+        if waiting and self._active not in waiting:
+            self.activate(waiting[0])
+
+    def accept_transfer(self) -> None:
+        """Take what was found in the active view."""
+        image = self._active.image() if self._active is not None else ""
+        if image in self.proposals:
+            self._accept({image: self.proposals[image]})
+
+    def accept_transfers(self) -> None:
+        """Take what was found in all images."""
+        self._accept(dict(self.proposals))
+
+    @told
+    def _accept(self, found: dict[str, Any]) -> None:
+        self.session.accept_transfers(self.point(), found)
+        self.proposals = {image: one for image, one in self.proposals.items() if image not in found}
+        self._place_tie()
+        self._on_edit()
+        self._activate_proposal()
+        self.tell(tr("{} measured on {}").format(self.point(), ", ".join(found)))
+
+    def reject_transfer(self) -> None:
+        """Refuse what was found in the active view."""
+        image = self._active.image() if self._active is not None else ""
+        if self.proposals.pop(image, None) is not None:
+            self.tell(tr("{} on {}: refused; click where it is, or leave it").format(self.point(), image))
+            self.refresh()
+            self._activate_proposal()
 
     @told
     def take_prediction(self) -> None:
@@ -282,15 +404,16 @@ class PointsDock(QDockWidget):
         """Take the chosen point's measurement in the active view away."""
         if self._active is not None:
             self.session.remove_measurement(self.point(), self._active.image())
+            self._place_tie()
             self._on_edit()
 
     def undo(self) -> None:
         """Take the last edit back."""
-        self._after_history(self.session.undo(), "taken back")
+        self._after_history(self.session.undo(), tr("taken back"))
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        self._after_history(self.session.redo(), "done again")
+        self._after_history(self.session.redo(), tr("done again"))
 
     def _after_history(self, title: str, what: str) -> None:
         if not title:
@@ -312,16 +435,14 @@ class PointsDock(QDockWidget):
         """Ask for a place in the map, and make a ground point of it."""
         self.ui.go_to.setChecked(False)
         if self.ui.pick.isChecked():
-            self.tell("Click in the map where the new point is")
+            self.tell(tr("Click in the map where the new point is"))
             self.map.ask(self._add_point_at)
         else:
             self.map.stop()
 
     @told
     def _add_point_at(self, lonlat: tuple[float, float]) -> None:
-        names = self.session.points
-        name = next(name for name in (f"P{number}" for number in itertools.count(1)) if name not in names)
-        dialog = NewPointDialog(lonlat, name, self.session.middle_height_m(), self)
+        dialog = NewPointDialog(lonlat, self._new_name("P"), self.session.middle_height_m(), self)
         if dialog.exec() and dialog.point().id:
             self.session.add_points([dialog.point()])
             self._on_edit()
@@ -331,7 +452,7 @@ class PointsDock(QDockWidget):
         """Ask for places in the map, and show them in all images."""
         self.ui.pick.setChecked(False)
         if self.ui.go_to.isChecked():
-            self.tell("Click in the map: the images show that place, at the points' middle height")
+            self.tell(tr("Click in the map: the images show that place, at the points' middle height"))
             self.map.ask(self._show_ground)
         else:
             self.map.stop()
@@ -353,7 +474,7 @@ class PointsDock(QDockWidget):
     @told
     def open(self, path: str = "") -> None:
         """Open a block's GeoPackage."""
-        path = path or QFileDialog.getOpenFileName(self, "Open block", "", BLOCK_FILTER)[0]
+        path = path or QFileDialog.getOpenFileName(self, tr("Open block"), "", BLOCK_FILTER)[0]
         if path and self.may_leave():
             self._open(path)
 
@@ -362,7 +483,7 @@ class PointsDock(QDockWidget):
         """Add the ground points of a layer of the project."""
         layers = [one for one in QgsProject.instance().mapLayers().values() if isinstance(one, QgsVectorLayer)]
         names = [layer.name() for layer in layers]
-        name, chosen = QInputDialog.getItem(self, "Add ground points", "Layer or file", names, 0, True)
+        name, chosen = QInputDialog.getItem(self, tr("Add ground points"), tr("Layer or file"), names, 0, True)
         if chosen and name:
             field = LayerOrFile()
             field.box.setEditText(name)
@@ -391,7 +512,7 @@ class PointsDock(QDockWidget):
     @told
     def save_as(self, path: str = "") -> bool:
         """Save the block under a name."""
-        path = path or QFileDialog.getSaveFileName(self, "Save block", "block.gpkg", BLOCK_FILTER)[0]
+        path = path or QFileDialog.getSaveFileName(self, tr("Save block"), "block.gpkg", BLOCK_FILTER)[0]
         if not path:
             return False
         point_session.save(self.session, path)
@@ -399,7 +520,7 @@ class PointsDock(QDockWidget):
         return True
 
     def _after_save(self) -> None:
-        self.tell(f"saved: {self.session.path}")
+        self.tell(tr("saved: {}").format(self.session.path))
         self.refresh()
         self._store()
         for layer in QgsProject.instance().mapLayers().values():  # the map shows the new rows
@@ -417,9 +538,9 @@ class PointsDock(QDockWidget):
         task.progressChanged.connect(self.ui.show_progress)
         task.taskCompleted.connect(lambda: self._on_adjusted(task))
         task.taskTerminated.connect(lambda: self._on_adjusted(task))
-        self._task = task
+        self._task, self._began_s = task, time.monotonic()
         self.refresh()
-        self.tell("adjusting …")
+        self.tell(tr("adjusting …"))
         QgsApplication.taskManager().addTask(task)
 
     def _adjust_live(self) -> None:
@@ -447,16 +568,18 @@ class PointsDock(QDockWidget):
         self._task = None
         self.ui.show_progress(0.0)
         if task.adjusted is None:
-            self.tell(task.failure or "cancelled", is_error=bool(task.failure))
+            self.tell(task.failure or tr("cancelled"), is_error=bool(task.failure))
         else:
+            self._adjusted_in_s = time.monotonic() - self._began_s
             self.session.accept(task.adjusted, task.seen)
             if task.is_to_be_saved and self.session.path and self.session.is_adjusted:
                 point_session.save(self.session)
                 self._after_save()
             self.tell(task.adjusted.told, is_error=task.adjusted.verdict.level is Level.UNUSABLE)
             if self.ui.live.isChecked() and not self.session.is_adjusted:
-                self._again.start()
+                self._on_edit()
         self.refresh()
+        self.ui.fit_columns()
         self.adjusted.emit(task.adjusted is not None)
 
     # ---- project -----------------------------------------------------------------------------------------------
@@ -480,7 +603,8 @@ class PointsDock(QDockWidget):
         self.show_session(point_session.open_block(path), point)
         if self.ui.model.findText(self.session.model) >= 0:
             self.ui.model.setCurrentText(self.session.model)
-        self.tell(f"{len(self.session.points)} points, {len(self.session.images)} images: {path}")
+        numbers = len(self.session.points), len(self.session.images)
+        self.tell(tr("{} points, {} images: {}").format(*numbers, path))
         self._store()
         self._show_measured()
 
@@ -489,7 +613,7 @@ class PointsDock(QDockWidget):
         state = restore_state(QgsProject.instance())  # now: saving writes the old block's path into the project
         if self.session.changed:
             if not state.path or state.path == self.session.path or not self.may_leave():
-                self.tell("the measurements of the block before are still here; they are not saved yet")
+                self.tell(tr("the measurements of the block before are still here; they are not saved yet"))
                 return
         elif not state.path:
             self.show_session(PointSession())
@@ -507,7 +631,7 @@ class PointsDock(QDockWidget):
         if self.may_leave():
             self.show_session(point_session.recover(unsaved))  # from here on a journal of its own keeps it
             point_session.forget(unsaved)
-            self.tell(f"{len(self.session.measured)} measurements are back; save them")
+            self.tell(tr("{} measurements are back; save them").format(len(self.session.measured)))
             self._show_measured()
 
     def _store(self) -> None:
@@ -522,8 +646,8 @@ class PointsDock(QDockWidget):
         buttons = QMessageBox.StandardButton
         answer = QMessageBox.question(
             self,
-            "HRSI Points",
-            "Save the measurements of this block first?",
+            tr("HRSI Points"),
+            tr("Save the measurements of this block first?"),
             buttons.Save | buttons.Discard | buttons.Cancel,
         )
         return answer == buttons.Discard or (answer == buttons.Save and bool(self.save()))

@@ -10,6 +10,7 @@ from qgis.gui import QgsApplicationExitBlockerInterface, QgsMessageBar
 from qgis.PyQt.QtWidgets import QPushButton
 
 from ...processing_algorithms import point_session
+from ..translation import tr
 from .dock import PointsDock
 
 
@@ -30,11 +31,11 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
 def offer_unsaved(dock: PointsDock, bar: QgsMessageBar) -> None:
     """Offer, above the map, what was measured in sessions that ended without saving."""
     for unsaved in dock.find_unsaved():
-        day = datetime.fromtimestamp(unsaved.time_s).strftime("%d %B, %H:%M")
-        block = unsaved.path or "a block that was never saved"
-        text = f"{len(unsaved.measured)} measurements of {day} were not saved: {block}"
-        item = bar.createMessage("HRSI Points", text)
-        for label, action in (("Recover", _recover), ("Discard", _discard)):
+        day = datetime.fromtimestamp(unsaved.time_s).strftime("%Y-%m-%d %H:%M")
+        block = unsaved.path or tr("a block that was never saved")
+        text = tr("{} measurements of {} were not saved: {}").format(len(unsaved.measured), day, block)
+        item = bar.createMessage(tr("HRSI Points"), text)
+        for label, action in ((tr("Recover"), _recover), (tr("Discard"), _discard)):
             button = QPushButton(label, item)
             button.clicked.connect(
                 lambda _checked=False, do=action, of=unsaved, item=item: (do(dock, of), item.dismiss())

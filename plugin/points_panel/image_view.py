@@ -17,6 +17,7 @@ from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint
 from qgis.PyQt.QtCore import Qt, pyqtSignal
 from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QToolButton, QVBoxLayout, QWidget
 
+from ..translation import tr
 from .chip_label import ChipLabel
 from .markers import Marker, PointMarkers
 
@@ -60,10 +61,10 @@ class ImageView(QWidget):
 
     def _arrange(self) -> None:
         self.band.setMinimum(1)
-        self.band.setPrefix("band ")
-        self.band.setToolTip("The band that is shown; targets are measured on the first")
-        self.whole.setText("Whole image")
-        self.whole.setToolTip("Show the whole image; choosing the point again comes back")
+        self.band.setPrefix(f"{tr('band')} ")
+        self.band.setToolTip(tr("The band that is shown; targets are measured on the first"))
+        self.whole.setText(tr("Whole image"))
+        self.whole.setToolTip(tr("Show the whole image; choosing the point again comes back"))
         top = QHBoxLayout()
         top.addWidget(self.chooser, 1)
         for widget in (self.note, self.band, self.whole):
@@ -95,7 +96,7 @@ class ImageView(QWidget):
         self.markers.show_markers(markers)
         if view is None:
             return
-        self.note.setText("" if view.source else "no pixels")
+        self.note.setText("" if view.source else tr("no pixels"))
         self.show_place(view.middle)
 
     def show_place(self, middle: tuple[float, float], half: tuple[float, float] = (HALF_VIEW_PX, HALF_VIEW_PX)) -> None:

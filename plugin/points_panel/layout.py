@@ -27,6 +27,7 @@ from qgis.PyQt.QtWidgets import (
 
 from ...processing_algorithms.point_session import MODEL, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
+from ..translation import tr
 from .image_view import ImageView
 
 VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
@@ -64,7 +65,7 @@ class PanelLayout(QWidget):
         self.model.addItems(MODEL.choices)
         self.model.setCurrentText(MODEL.default)
         self.kind.addItems(CLICK_KINDS)
-        self.kind.setToolTip(KIND_TIP)
+        self.kind.setToolTip(tr(KIND_TIP))
         self.number.addItems([str(number) for number in VIEW_NUMBERS])
         self.number.setCurrentText(str(FIRST_VIEWS))
         self.message, self.progress = QLabel(), QProgressBar()
@@ -73,7 +74,7 @@ class PanelLayout(QWidget):
         self.message.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.points, self.measurements = QTableView(), QTableView()
         self.views: list[ImageView] = []
-        self.empty, self.grid = QLabel(EMPTY), QWidget()
+        self.empty, self.grid = QLabel(tr(EMPTY)), QWidget()
         self.bar, self.second_bar = self._tool_bar(), self._second_bar()
         self._arrange()
         self.show_progress(0.0)
@@ -88,7 +89,7 @@ class PanelLayout(QWidget):
         self.undo = _action(bar, "Undo", "", "Ctrl+Z")
         self.redo = _action(bar, "Redo", "", "Ctrl+Shift+Z")
         bar.addSeparator()
-        bar.addWidget(QLabel(" Model: "))
+        bar.addWidget(QLabel(f" {tr('Model')}: "))
         bar.addWidget(self.model)
         self.adjust = _action(bar, "Adjust", "Adjust the block with what is measured so far", "F5")
         self.live = _action(bar, "Live", "Adjust again after every change: the residuals follow at once")
@@ -105,16 +106,24 @@ class PanelLayout(QWidget):
         self.pick.setCheckable(True)
         self.go_to = _action(bar, "Go to map place", "Click in the map: the images show that place")
         self.go_to.setCheckable(True)
+        self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, looked for in the others", "T")
+        self.tie.setCheckable(True)
         self.remove = _action(bar, "Remove point", "Remove the chosen point and its measurements")
         bar.addSeparator()
         self.previous = _action(bar, "Previous", "The point before that is not measured everywhere", "P")
         self.next = _action(bar, "Next", "The next point that is not measured on all images that show it", "N")
         self.take = _action(bar, "Take prediction", "Measure where the point is predicted, in the active view", "A")
         self.forget = _action(bar, "Forget", "Take the measurement in the active view away", "Del")
+        self.transfer = _action(
+            bar, "Transfer", "Look for the point, by matching, in all images that should show it", "M"
+        )
+        self.accept = _action(bar, "Accept", "Take what was found in the active view", "Y")
+        self.accept_all = _action(bar, "Accept all", "Take what was found in all images", "Shift+Y")
+        self.reject = _action(bar, "Reject", "Refuse what was found in the active view", "X")
         bar.addSeparator()
-        bar.addWidget(QLabel(" Click on: "))
+        bar.addWidget(QLabel(f" {tr('Click on')}: "))
         bar.addWidget(self.kind)
-        bar.addWidget(QLabel(" Images: "))
+        bar.addWidget(QLabel(f" {tr('Images')}: "))
         bar.addWidget(self.number)
         return bar
 
@@ -171,7 +180,12 @@ class PanelLayout(QWidget):
         ):
             table.setModel(model)
             table.setItemDelegateForColumn(model.titles.index(title), Choices(words, table))
-            table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+            table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+
+    def fit_columns(self) -> None:
+        """Make the tables' columns as wide as what is in them; doing so with every edit takes longer than the edit."""
+        for table in (self.points, self.measurements):
+            table.resizeColumnsToContents()
 
     def show_progress(self, percent: float) -> None:
         self.progress.setVisible(percent > 0.0)
@@ -181,29 +195,34 @@ class PanelLayout(QWidget):
         self.message.setStyleSheet("color: #b3261e;" if is_error else "")
         self.message.setText(text)
 
-    def enable(self, session: PointSession, has_point: bool, is_adjusting: bool, has_map: bool) -> None:
+    def enable(
+        self, session: PointSession, has_point: bool, is_adjusting: bool, has_map: bool, has_proposals: bool
+    ) -> None:
         """Offer what can be done now."""
         has_images, history = bool(session.images), session.history
         self.whole.setVisible(has_images)
         self.empty.setVisible(not has_images)
-        for action in (self.save, self.save_as, self.add, self.live):
+        for action in (self.accept, self.accept_all, self.reject):
+            action.setEnabled(has_proposals)
+        for action in (self.save, self.save_as, self.add, self.live, self.tie):
             action.setEnabled(has_images)
-        for action in (self.remove, self.previous, self.next, self.take, self.forget):
+        for action in (self.remove, self.previous, self.next, self.take, self.forget, self.transfer):
             action.setEnabled(has_point)
         for action in (self.pick, self.go_to):
             action.setEnabled(has_images and has_map)
         self.adjust.setEnabled(has_images and not is_adjusting)
         self.cancel.setEnabled(is_adjusting)
         for action, word, title in (
-            (self.undo, "Undo", history.undo_title),
-            (self.redo, "Redo", history.redo_title),
+            (self.undo, tr("Undo"), history.undo_title),
+            (self.redo, tr("Redo"), history.redo_title),
         ):
             action.setEnabled(bool(title))
-            action.setToolTip(f"{word}: {title}" if title else f"Nothing to {word.lower()}")
+            action.setToolTip(f"{word}: {title or tr('nothing')}")
 
 
 def _action(bar: QToolBar, text: str, tip: str, keys: str = "") -> QAction:
-    """Return a new action of a tool bar; its keys work wherever the panel has the focus."""
+    """Return a new action of a tool bar, in the user's language; its keys work wherever the panel has the focus."""
+    text, tip = tr(text), tr(tip) if tip else ""
     action = bar.addAction(text)
     action.setToolTip(f"{tip} ({keys})" if keys else tip)
     if keys:

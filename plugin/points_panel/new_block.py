@@ -10,6 +10,7 @@ from qgis.PyQt.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QFormLayou
 
 from ..layer_or_file import LayerOrFile
 from ..layer_sources import point_source
+from ..translation import tr
 
 HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
 
@@ -19,10 +20,10 @@ class NewBlockDialog(QDialog):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setWindowTitle("New block of images")
+        self.setWindowTitle(tr("New block of images"))
         self.images = QgsFileWidget()
-        self.images.setStorageMode(QgsFileWidget.StorageMode.MultipleFiles)
-        self.images.setFilter("Images and RPC files (*)")
+        self.images.setStorageMode(QgsFileWidget.StorageMode.GetMultipleFiles)
+        self.images.setFilter(f"{tr('Images and RPC files')} (*)")
         self.gcps, self.image_points = LayerOrFile(), LayerOrFile()
         self.crs = QgsProjectionSelectionWidget()
         self.crs.setOptionVisible(QgsProjectionSelectionWidget.CrsOption.CrsNotSet, True)
@@ -33,11 +34,11 @@ class NewBlockDialog(QDialog):
         box.accepted.connect(self.accept)
         box.rejected.connect(self.reject)
         form = QFormLayout(self)
-        form.addRow("Images or RPC files", self.images)
-        form.addRow("Ground points", self.gcps.widget)
-        form.addRow("Image points (optional)", self.image_points.widget)
-        form.addRow("CRS, where the points name none", self.crs)
-        form.addRow("Heights refer to", self.datum)
+        form.addRow(tr("Images or RPC files"), self.images)
+        form.addRow(tr("Ground points"), self.gcps.widget)
+        form.addRow(tr("Image points (optional)"), self.image_points.widget)
+        form.addRow(tr("CRS, where the points name none"), self.crs)
+        form.addRow(tr("Heights refer to"), self.datum)
         form.addWidget(box)
         self.resize(560, self.sizeHint().height())
 

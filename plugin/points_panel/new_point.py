@@ -10,6 +10,7 @@ from qgis.PyQt.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QDoubleSpi
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session.rows import ROLES, KnownPoint
+from ..translation import tr
 from .new_block import HEIGHT_DATUMS
 
 _HIGHEST_M = 10_000.0  # of heights
@@ -20,12 +21,12 @@ class NewPointDialog(QDialog):
 
     def __init__(self, lonlat: tuple[float, float], name: str, height_m: float, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setWindowTitle(f"New ground point at {lonlat[0]:.6f}, {lonlat[1]:.6f}")
+        self.setWindowTitle(f"{tr('New ground point at')} {lonlat[0]:.6f}, {lonlat[1]:.6f}")
         self._lonlat = lonlat
         self.name, self.role = QLineEdit(name), QComboBox()
         self.role.addItems(ROLES)
         self.dem, self.datum = QComboBox(), QComboBox()
-        self.dem.addItem("no DEM: as typed", "")
+        self.dem.addItem(tr("no DEM: as typed"), "")
         for layer in _single_band_rasters():
             self.dem.addItem(layer.name(), layer.source())
         self.datum.addItems(HEIGHT_DATUMS)
@@ -33,15 +34,15 @@ class NewPointDialog(QDialog):
         self.height.setMinimum(-_HIGHEST_M)
         self.height.setValue(height_m)
         for sigma in (self.sigma_xy, self.sigma_h):
-            sigma.setSpecialValueText("default")
+            sigma.setSpecialValueText(tr("default"))
         box = QDialogButtonBox(QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel)
         box.accepted.connect(self.accept)
         box.rejected.connect(self.reject)
         form = QFormLayout(self)
         for label, widget in (
-            ("Name", self.name), ("Role", self.role), ("Height from", self.dem),
-            ("Heights of the DEM refer to", self.datum), ("Ellipsoidal height (m)", self.height),
-            ("Sigma east, north (m)", self.sigma_xy), ("Sigma height (m)", self.sigma_h),
+            (tr("Name"), self.name), (tr("Role"), self.role), (tr("Height from"), self.dem),
+            (tr("Heights of the DEM refer to"), self.datum), (tr("Ellipsoidal height (m)"), self.height),
+            (tr("Sigma east, north (m)"), self.sigma_xy), (tr("Sigma height (m)"), self.sigma_h),
         ):  # fmt: skip
             form.addRow(label, widget)
         form.addWidget(box)

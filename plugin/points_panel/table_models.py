@@ -14,6 +14,7 @@ from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, Measured
 from ..help_text import as_rich_text
+from ..translation import tr
 
 SUSPICIOUS = QColor(215, 25, 28)
 FAINT = QColor(130, 130, 130)
@@ -53,7 +54,7 @@ class RowsModel(QAbstractTableModel):
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         if role != Qt.ItemDataRole.DisplayRole or orientation != Qt.Orientation.Horizontal:
             return None
-        return self.titles[section]
+        return tr(self.titles[section])
 
     def flags(self, index: QModelIndex) -> Qt.ItemFlag:
         flags = super().flags(index)
@@ -81,7 +82,7 @@ class RowsModel(QAbstractTableModel):
             self.refused.emit(str(error))
             return False
         except ValueError:
-            self.refused.emit(f"{value!r} is not a number")
+            self.refused.emit(tr("{} is not a number").format(repr(value)))
             return False
         self.refresh()
         self.edited.emit()
@@ -209,5 +210,5 @@ class MeasurementsModel(RowsModel):
 
     def tip(self, row: MeasurementRow) -> str | None:
         sample, line = row.predicted
-        where = "" if row.is_inside else ", outside the image"
-        return f"predicted at sample {sample:.1f}, line {line:.1f}{where}"
+        where = "" if row.is_inside else tr(", outside the image")
+        return tr("predicted at sample {:.1f}, line {:.1f}").format(sample, line) + where

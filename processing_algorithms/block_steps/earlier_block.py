@@ -1,25 +1,27 @@
 """Images that join a block that was adjusted before: earlier images, their points, what is known of their cameras.
 
 Either everything is free: the earlier measurements take part again with the cameras as they were before any adjustment,
-and the result is that of one adjustment of all. Or the earlier cameras are observations: they begin at their adjusted
-RPCs, with the standard deviations that these have, and of the earlier points nothing is used again.
+and the result is that of one adjustment of all. Or the earlier cameras are observations: of the earlier points nothing
+is used again but what they say of the cameras together (`adjustment.joint_prior`).
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
-from ...hrsi_engine.foundation.errors import InputError, list_ids
-from ...hrsi_engine.io.block_records import BlockRecord, read_record
-from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
+from ...hrsi_engine.block.names import unique_ids
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
+from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
 from ...hrsi_engine.io.rasters import open_image
-from ...hrsi_engine.refinement.models import MODELS
+from ...hrsi_engine.results.block_record import joint_of_arrays
 from ..files.image_files import require_ids
 from ..interface.option_groups import FREE, NO_TIES, JoinedBlockOptions
 
@@ -29,19 +31,24 @@ EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the
 
 @dataclass(frozen=True, eq=False)
 class EarlierBlock:
-    """What joins the new images: earlier images, ties and known points, and each image's sigmas where they are kept."""
+    """What joins the new images: earlier images, ties and known points, or what is known of the cameras together."""
 
     images: tuple[Image, ...] = ()
     ties: tuple[ImagePoints, ...] = ()
     known: tuple[GroundPoints, ...] = ()
     model: str | None = None
-    sigmas: Mapping[str, tuple[float, ...]] | None = None
+    joint: JointCameras | None = None
+
+    @property
+    def image_ids(self) -> list[str]:
+        """Ids of the earlier images."""
+        return [image.id for image in self.images]
 
     def adjusted_by(self, options: AdjustOptions) -> AdjustOptions:
         """Return the options with what is known of the earlier cameras."""
-        if self.sigmas is None or self.model is None:
+        if self.joint is None or self.model is None:
             return options
-        return replace(options, model=self.model, camera_sigmas=self.sigmas)
+        return replace(options, model=self.model, earlier=self.joint)
 
 
 def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
@@ -71,20 +78,13 @@ def _open(path: str) -> Image:
 
 
 def _observed(record: BlockRecord) -> EarlierBlock:
-    """Return the images at their adjusted cameras, with the standard deviations of their corrections."""
-    model = MODELS[record.model]
-    without = [one.id for one in record.images if one.covariance is None]
-    if without:
-        raise InputError(
-            f"{record.folder}: has no covariance of image {list_ids(without)}: let `earlier_cameras` be free"
-        )
-    images, sigmas = [], {}
-    for one in record.images:
-        image = replace(_open(one.path), id=one.id, rpc=one.rpc)
-        images.append(replace(image, rpc=model.refined_rpc(image, one.values).rpc))
-        if one.covariance is not None:
-            sigmas[one.id] = tuple(np.sqrt(one.covariance.diagonal()).tolist())
-    return EarlierBlock(tuple(images), model=record.model, sigmas=sigmas)
+    """Return the images with their cameras before any adjustment, and what that said of them together."""
+    source = os.path.join(record.folder, CAMERAS_FILE)
+    joint = joint_of_arrays(read_cameras(record.folder), source)
+    if set(joint.images) != {one.id for one in record.images}:
+        raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
+    images = tuple(replace(_open(one.path), id=one.id, rpc=one.rpc) for one in record.images)
+    return EarlierBlock(images, model=record.model, joint=joint)
 
 
 def _told_apart(measured: ImagePoints, known: GroundPoints, tie_points: str | None) -> ImagePoints:
@@ -95,7 +95,7 @@ def _told_apart(measured: ImagePoints, known: GroundPoints, tie_points: str | No
     if not tie_points or tie_points == NO_TIES:
         return measured
     for spec in several_specs(tie_points):
-        new = read_points(measurements_of(spec), image_ids=np.unique(measured.image_ids).tolist()).image
+        new = read_measured(measurements_of(spec), image_ids=unique_ids(measured.image_ids)[0].tolist()).image
         if new is None:
             continue
         name, other = (np.char.add(np.char.add(table.ids, "\0"), table.image_ids) for table in (measured, new))

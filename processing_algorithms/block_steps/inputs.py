@@ -10,8 +10,9 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble, tiles_of_scenes
+from ...hrsi_engine.block.names import isin, join_names, unique_ids
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.point_files import measurements_of, read_points, several_specs
+from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import consistent_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
@@ -57,7 +58,8 @@ def read_block(
     surface = None if dem is None else dem_surface(dem, points.height_datum)
     pairs: list[ImagePoints] = []
     for purpose, spec in _point_files(points, tie_points):
-        tables = read_points(
+        read = read_points if purpose == GCPS else read_measured
+        tables = read(
             spec,
             ground_crs=points.ground_crs,
             height_datum=points.height_datum,
@@ -98,11 +100,11 @@ def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, l
 
     Where less than two images are known, nothing is left out: then the names are wrong, and the block says so.
     """
-    named = np.unique(ties.image_ids)
+    named = unique_ids(ties.image_ids)[0]
     known = np.isin(named, [image.id for image in images])
     if known.all() or known.sum() < 2:
         return ties, []
-    return ties.select(np.isin(ties.image_ids, named[known])), [_left_out(ties, named[~known].tolist())]
+    return ties.select(isin(ties.image_ids, named[known])), [_left_out(ties, named[~known].tolist())]
 
 
 def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) -> tuple[list[ImagePoints], list[str]]:
@@ -111,13 +113,13 @@ def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) ->
     Where an image of the block has no measurement, nothing is left out: then its name may be the wrong one.
     """
     known = {image.id for image in images}
-    named = {str(name) for table in measured for name in np.unique(table.image_ids)}
+    named = {str(name) for table in measured for name in unique_ids(table.image_ids)[0]}
     if named <= known or not known <= named:
         return list(measured), []
-    return [table.select(np.isin(table.image_ids, list(known))) for table in measured], [
+    return [table.select(isin(table.image_ids, list(known))) for table in measured], [
         _left_out(table, sorted(others))
         for table in measured
-        if (others := {str(name) for name in np.unique(table.image_ids)} - known)
+        if (others := {str(name) for name in unique_ids(table.image_ids)[0]} - known)
     ]
 
 
@@ -179,7 +181,7 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
 def joined_tracks(tables: Sequence[ImagePoints]) -> ImagePoints:
     """Return tables of points that the same ids join, under each other."""
     return ImagePoints.create(
-        np.concatenate([table.ids for table in tables]), np.concatenate([table.image_ids for table in tables]),
+        join_names([table.ids for table in tables]), join_names([table.image_ids for table in tables]),
         np.concatenate([table.xy for table in tables]), source=tables[0].source,
     )  # fmt: skip
 

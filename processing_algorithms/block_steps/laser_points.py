@@ -15,10 +15,12 @@ from ...hrsi_engine.adjustment.solver import adjust
 from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.laser import LaserPoints
+from ...hrsi_engine.block.reference_places import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
+from ...hrsi_engine.measurement.laser_ties import measure_laser_ties
 from ...hrsi_engine.plausibility.laser_quality import laser_reasons
 from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
@@ -69,18 +71,22 @@ def _seen_by(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> n
     return count
 
 
-def with_laser(options: AdjustOptions, laser: LaserPoints | None, dem: DemOptions, files: PointFiles) -> AdjustOptions:
-    """Return options of an adjustment with laser points; a DEM that is named then holds heights too.
+def with_free_control(
+    options: AdjustOptions, dem: DemOptions, files: PointFiles, laser: LaserPoints | None,
+    reference: ReferencePlaces | None = None,
+) -> AdjustOptions:  # fmt: skip
+    """Return options of an adjustment with laser points and places of a reference; a DEM then holds heights too.
 
     Its standard deviation is that of its cell size, where none is given.
     """
-    if laser is None:
+    places = [points.ground for points in (laser, reference) if points is not None]
+    if not places:
         return options
     sigma_m = options.sigma_dem_m
     surface = dem_surface(dem, files.height_datum)
     if surface is not None and sigma_m is None:
-        sigma_m = dem_sigma_m(cell_size_m(surface, laser.ground[len(laser) // 2]))
-    return replace(options, laser=laser, sigma_dem_m=sigma_m)
+        sigma_m = dem_sigma_m(cell_size_m(surface, places[0][len(places[0]) // 2]))
+    return replace(options, laser=laser, reference=reference, sigma_dem_m=sigma_m)
 
 
 def adjust_at_laser_points(
@@ -94,8 +100,6 @@ def adjust_at_laser_points(
     laser = options.laser
     if laser is None or sum(image.raster is not None for image in block.images) < 2:
         return adjust(block, options, context.progress, elsewhere=elsewhere), []
-    from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # needs OpenCV, which a QGIS may lack
-
     result = adjust(block, options, stage(context.progress, 0.0, 0.1), elsewhere=elsewhere)
     for number in range(LOOK_UPS):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)

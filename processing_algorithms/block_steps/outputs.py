@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,15 +15,16 @@ from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.io.block_records import RECORD_FILE
-from ...hrsi_engine.io.layers import default_styles, write_geopackage
+from ...hrsi_engine.io.array_files import write_arrays
+from ...hrsi_engine.io.block_records import CAMERAS_FILE, RECORD_FILE
+from ...hrsi_engine.io.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
 from ...hrsi_engine.results import statistics as residual_statistics
-from ...hrsi_engine.results.block_record import record_of
+from ...hrsi_engine.results.block_record import joint_arrays, record_of
 from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, residuals_epsg
@@ -32,6 +33,7 @@ from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
+from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
 from .rpc_outputs import (
@@ -89,7 +91,7 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
 
 def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
     """Return the names of the files that a block's results are written into."""
-    own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, *([PAGE_FILE] if output.report else [])]
+    own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, CAMERAS_FILE, *([PAGE_FILE] if output.report else [])]
     return [*own, *planned_names(images, output.write).values()]
 
 
@@ -101,6 +103,7 @@ def plan_results(
     reasons: Sequence[Reason],
     context: Context,
     pairs: int | None = None,
+    together: bool = True,
 ) -> Report:
     """Return the report of a dry run: the files, the counts and the verdict of the checks before an adjustment.
 
@@ -113,6 +116,7 @@ def plan_results(
     reasons : what was found in the inputs
     context : of the run
     pairs : overlapping pairs in which tie points would be looked for
+    together : whether the images are adjusted together, and what is known of them so is written
     """
     counts = {"images": len(images)}
     if block is not None:
@@ -121,7 +125,7 @@ def plan_results(
     if pairs is not None:
         counts["overlapping pairs to be matched"] = pairs
     output = options.output
-    names = _file_names(output, images)
+    names = [name for name in _file_names(output, images) if together or name != CAMERAS_FILE]
     if output.write == IN_PLACE:
         names += [os.path.abspath(image.path) for image in images if image.raster is not None]
     found = Verdict.of("nothing wrong was found" if not reasons else "the inputs were checked", reasons)
@@ -169,15 +173,18 @@ def write_results(
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     clock.lap("judge")
     target = output.folder
+    cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
+    if result.joint is None and os.path.exists(cameras_file):  # of an earlier run: it would pass for one of this
+        stale.append(cameras_file)
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
         names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
-        _name_outputs(report, output, how, images, names)
+        _name_outputs(report, output, how, images, names, result.joint is not None)
         advance(context.progress, 0.5, "writing layers")
         layers = block_layers(result, left, output.residual_crs)
-        styles = default_styles(layers)
-        write_geopackage(str(folder / LAYERS_FILE), layers, styles, stage(context.progress, 0.5, 0.7), items)
+        write_progress = stage(context.progress, 0.5, 0.7)
+        write_geopackage(str(folder / LAYERS_FILE), layers, progress=write_progress, lineage=items)
         for file in stale:
             changes.remove(file)
         report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
@@ -188,6 +195,8 @@ def write_results(
         delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
         _write_reports(folder, report, result, left, delivered, page=output.report)
         write_report_json(str(folder / RECORD_FILE), record_of(result))
+        if result.joint is not None:
+            write_arrays(str(folder / CAMERAS_FILE), joint_arrays(result.joint))
         advance(context.progress, 1.0, "done")
     if how == IN_PLACE:
         for image, new in images_with_pixels(images, refined):
@@ -196,9 +205,14 @@ def write_results(
 
 
 def _name_outputs(
-    report: Report, options: BlockOutput, how: str, images: Sequence[Image], names: Mapping[str, str]
+    report: Report,
+    options: BlockOutput,
+    how: str,
+    images: Sequence[Image],
+    names: Mapping[str, str],
+    together: bool,
 ) -> None:
-    """Enter where the results will lie; ``how`` refined RPCs are written."""
+    """Enter where the results will lie; ``how`` refined RPCs are written, of images that were adjusted ``together``."""
     folder = options.folder.output_dir
     for image in images:
         output = os.path.join(folder, names[image.id]) if image.id in names else None
@@ -208,23 +222,16 @@ def _name_outputs(
     files = {"report": REPORT_FILE, "layers": LAYERS_FILE, "block": RECORD_FILE} | (
         {"html": PAGE_FILE} if options.report else {}
     )
+    if together:
+        files["cameras"] = CAMERAS_FILE
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
-
-
-def _outline_finder() -> Callable[[Image, np.ndarray], tuple[np.ndarray, ...]]:
-    """Return what finds the outline of a target in an image; without OpenCV, which a QGIS may lack, none is found."""
-    try:
-        from ..files.target_chip import find_outline
-    except ImportError:
-        return lambda _image, _measured_px: ()
-    return find_outline
 
 
 def _write_reports(
     folder: Path, report: Report, result: Adjustment, left: Residuals, refined: Sequence[Image], page: bool
 ) -> None:
     if page:
-        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, _outline_finder()))
+        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, find_outline))
     write_report_json(str(folder / REPORT_FILE), report)
 
 

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from ...hrsi_engine.block.reference_places import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     MeasuredGcps,
@@ -26,19 +28,24 @@ from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
 from .inputs import read_block as read_files
 
-SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given
+SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given, up to that of satellites' own
+SATELLITE_M, SATELLITE_PIXELS = 5.0, 0.5  # Sentinel-2 (12.5 m for 95 %), Landsat (12 m CE90, pixels of 30 m)
 KIND = "reference"
 PREFIX = "REF"
 
 
 class FromReference(NamedTuple):
-    """What matching gave: images, places found, accuracy of the reference, report entries and warnings."""
+    """What matching gave: images, places found, accuracy of the reference, report entries and warnings.
+
+    excessive : whether an RPC lies farther beside the reference than both can explain
+    """
 
     images: Sequence[Image]
     control: ReferenceControl
     accuracy: ReferenceAccuracy
     entries: Report
     warnings: list[str]
+    excessive: bool = False
 
 
 def match(
@@ -77,7 +84,7 @@ def match(
         sigma_h_m = (
             dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
         )
-    accuracy = ReferenceAccuracy(options.reference_sigma or SIGMA_PIXELS * reference.gsd_m, sigma_h_m)
+    accuracy = ReferenceAccuracy(options.reference_sigma or usual_sigma_m(reference.gsd_m), sigma_h_m)
     control, wrong_parts = without_wrong_parts(with_pixels, control, accuracy)
     shifts = [
         reference_shift(image, found, control.ground, accuracy)
@@ -85,7 +92,8 @@ def match(
     ]
     warnings = [f"{found.image_id}: {found.refusal}" for found in control.images if found.refusal]
     warnings += [f"{path}: {part.message}" for part in wrong_parts]
-    warnings += shift_warnings([shift for shift in shifts if shift is not None])
+    known = [shift for shift in shifts if shift is not None]
+    warnings += shift_warnings(known)
     entries: Report = {
         "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
         "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
@@ -94,7 +102,13 @@ def match(
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
         },
     }  # fmt: skip
-    return FromReference(with_pixels, control, accuracy, entries, warnings)
+    excessive = any(shift.excessive for shift in known)
+    return FromReference(with_pixels, control, accuracy, entries, warnings, excessive)
+
+
+def usual_sigma_m(gsd_m: float) -> float:
+    """Return the standard deviation of each horizontal coordinate of an orthoimage that states none, by its pixels."""
+    return min(SIGMA_PIXELS * gsd_m, max(SATELLITE_M, SATELLITE_PIXELS * gsd_m))
 
 
 def _image_entry(found: Any, shift: Any) -> Report:
@@ -149,6 +163,20 @@ def contradicts(found: FromReference, block: Block) -> str:
     return differ.message if differ is not None and differ.excessive and np.isfinite(differ.limit_m) else ""
 
 
+def reference_reasons(entries: Report) -> list[Reason]:
+    """Return what speaks against a block whose reference shows nothing of it; ``entries`` are those of its report."""
+    entry = entries.get("reference")
+    if entry is None or any(image["used"] for image in entry["images"].values()):
+        return []
+    return [
+        Reason(
+            "reference-not-found", Level.DOUBTFUL,
+            f"{entry['path']}: no image of the block shows what it shows, so that it holds nothing",
+            "name an orthoimage of this place, of like pixels and season, or leave it out",
+        )
+    ]  # fmt: skip
+
+
 def read_reference_block(
     images: Sequence[Image],
     files: PointFiles,
@@ -158,10 +186,11 @@ def read_reference_block(
     reference: ReferenceImage,
     sigma_dem_m: float | None,
     context: Context,
-) -> tuple[Block, list[str], Report]:
-    """Read a block with the GCPs of the reference among its points; also warnings, report entries.
+) -> tuple[Block, ReferencePlaces | None, list[str], Report]:
+    """Read a block with the GCPs of the reference among its points; also these as places, warnings, report entries.
 
-    Where surveyed GCPs contradict the reference, they are right, and it is left out.
+    Where surveyed GCPs contradict the reference, they are right, and it is left out. Where the RPCs lie farther beside
+    it than both can explain, it is the reference that is believed, and the user is told.
     """
     found = match(images, reference, dem_surface(dem, files.height_datum), sigma_dem_m, context)
     ground, measured = points(found)
@@ -170,8 +199,11 @@ def read_reference_block(
         control = replace(files, gcp_ids=(*files.gcp_ids, *ground.ids.tolist()))
     block, warnings = read_files(images, control, dem, tie_points, [*ties, measured], [ground])
     contradiction = contradicts(found, block)
+    places: ReferencePlaces | None = None
     if contradiction:
         found.entries["used"] = False
         block, warnings = read_files(images, files, dem, tie_points, ties)
         found.warnings.append(contradiction)
-    return block, [*found.warnings, *warnings], {"reference": found.entries}
+    elif len(ground):
+        places = ReferencePlaces(ground.ids, ground.ground, found.accuracy.sigma_xy_m, found.excessive)
+    return block, places, [*found.warnings, *warnings], {"reference": found.entries}

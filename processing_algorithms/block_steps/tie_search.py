@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
@@ -20,9 +20,15 @@ UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while t
 
 
 def find(
-    images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, output_dir: str, context: Context
-) -> tuple[TiePoints, Finished]:
-    """Find the tie points of a block as the options say; what is finished is kept until the caller discards it."""
+    images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, output_dir: str, context: Context,
+    earlier: Collection[str] = (),
+) -> tuple[TiePoints, Finished]:  # fmt: skip
+    """Find the tie points of a block as the options say; what is finished is kept until the caller discards it.
+
+    Images with the ids ``earlier`` are not matched with one another again.
+    """
+    if earlier and options.matches:
+        raise InputError("`matches` takes no part where images join a block: leave out `matches` or `add_to`")
     finished = Finished(options.work_dir, output_dir)
     kept = len(finished.parts) if finished.parts is not None else 0
     if kept:
@@ -33,18 +39,27 @@ def find(
         found = refine_given_matches(images, given, options.search, context.progress, scheduler=scheduler)
     else:
         found = find_tie_points(
-            images, options.search, context.progress, surface=surface, scheduler=scheduler, keeper=finished.parts
+            images,
+            options.search,
+            context.progress,
+            surface=surface,
+            scheduler=scheduler,
+            keeper=finished.parts,
+            earlier=earlier,
         )
     for pair in found.pairs:
         context.log(f"{pair.first} - {pair.second}: {pair.matches} matches")
     for hold in found.holds:
-        context.log(hold.sentence)
+        if hold.image not in earlier:
+            context.log(hold.sentence)
     return found, finished
 
 
-def count_pairs(images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None) -> int:
+def count_pairs(
+    images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, earlier: Collection[str] = ()
+) -> int:
     """Return the number of pairs that overlap; `InputError` where there are none, as in the search itself."""
-    return len(overlapping_pairs(images, options.search, surface))
+    return len(overlapping_pairs(images, options.search, surface, earlier))
 
 
 def held_entries(found: TiePoints) -> Report:

@@ -25,7 +25,7 @@ class AdjustAlgorithmOptions:
     points: PointFiles = nested(PointFiles)
     tie_points: str = option(
         NO_TIES,
-        f"FILE of further image points, measured on two or more images; {NO_TIES} does without",
+        f"FILE of further image points, measured on two or more images, or folder of a result; {NO_TIES} does without",
         kind=Kind.POINTS,
         metavar=f"{NO_TIES}|FILE",
     )
@@ -56,5 +56,4 @@ ALGORITHM = Algorithm(
     ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
-    packages=("cv2",),
 )

@@ -82,5 +82,4 @@ ALGORITHM = Algorithm(
         "--height-datum ellipsoidal --output-dir evaluation",
     ),
     layers=(f"{LAYERS_FILE}|layername=images",),
-    packages=("cv2", "dask"),
 )

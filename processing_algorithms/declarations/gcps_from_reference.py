@@ -49,5 +49,4 @@ ALGORITHM = Algorithm(
         "--dem block/dem.tif --height-datum ellipsoidal --output-dir control",
     ),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
-    packages=("cv2",),
 )  # fmt: skip

@@ -18,6 +18,14 @@ class InterestPointsOptions:
     detector: str = option("all", "What to find", choices=tuple(DETECTOR_SETS))
     window: str | None = window_option("Only this window of the image")
     band: int = band_option()
+    sun_azimuth: float | None = option(
+        None,
+        "Azimuth of the sun when the images were taken, clockwise from north, where their deliveries tell neither that "
+        "nor the time: flags dark centres that are shadows",
+        minimum=0.0,
+        maximum=360.0,
+        unit="deg",
+    )
     detection: DetectionOptions = nested(DetectionOptions)
     terrain: TerrainOptions = nested(TerrainOptions)
     folder: ResultFolder = nested(ResultFolder)
@@ -36,6 +44,11 @@ ALGORITHM = Algorithm(
         "deviation, size, orientation and quality. Thresholds follow from each image's own statistics, relative to "
         "the surroundings of every pixel, so that forest, field and city all deliver points. Images of any size are "
         "read in overlapping windows; the result does not depend on them. Nodata and saturated areas are left out.\n\n"
+        "Where the sun stood is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), else follows from "
+        "the time and place of the acquisition. Then the field `shadow` says of dark centres whether they are the "
+        "shadow side of something (yes, no; unknown without an RPC or the sun). On real images half to nine in ten "
+        "of those flagged owe it to the sun; they are found again as often as others, so their quality is not lower. "
+        "Across dates with another sun they move, and are the first to leave out.\n\n"
         "The layer lies at the points' ground positions where the image has an RPC (at its mean height, a given "
         "height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of the first pixel."
     ),
@@ -45,6 +58,5 @@ ALGORITHM = Algorithm(
         "hrsi interest-points block/image_1.tif --detector centres --dem block/dem.tif "
         "--height-datum ellipsoidal --output-dir interest",
     ),
-    packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

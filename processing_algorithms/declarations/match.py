@@ -53,6 +53,5 @@ ALGORITHM = Algorithm(
         "hrsi match block/image_1.tif block/image_2.tif --window-1 0,0,150,150 --window-2 0,0,150,150 "
         "--output-dir matches",
     ),
-    packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

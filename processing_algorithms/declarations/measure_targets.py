@@ -65,6 +65,5 @@ ALGORITHM = Algorithm(
         "hrsi measure-targets block/image_*.tif --points block/ground_points.csv "
         "--height-datum ellipsoidal --output-dir targets",
     ),
-    packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
 )  # fmt: skip

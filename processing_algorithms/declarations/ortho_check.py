@@ -42,6 +42,5 @@ ALGORITHM = Algorithm(
     examples=(
         "hrsi ortho-check ortho/image_*_ortho.tif --output-dir check",
     ),
-    packages=("cv2",),
     layers=(f"{LAYERS_FILE}|layername={LAYERS[0]}",),
 )  # fmt: skip

@@ -38,5 +38,4 @@ ALGORITHM = Algorithm(
     ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
-    packages=("cv2",),
 )  # fmt: skip

@@ -9,6 +9,8 @@ from ...hrsi_engine.simulation.options import (
     HEADING_DEG,
     SENSOR_NAMES,
     STRIP_OVERLAP,
+    FreeDemSpec,
+    FreeOrthoSpec,
     LaserSpec,
     Noise,
     PointCounts,
@@ -104,6 +106,8 @@ class SimulateOptions:
     noise: Noise = nested(Noise)
     vendor: VendorErrorOptions = nested(VendorErrorOptions)
     laser: LaserSpec = nested(LaserSpec)
+    free_dem: FreeDemSpec = nested(FreeDemSpec)
+    free_ortho: FreeOrthoSpec = nested(FreeOrthoSpec)
     pixels: bool = option(True, "Render the images; without, RPC files stand for them")
     ms: bool = option(False, "Render multispectral images of larger pixels too")
     ortho: bool = option(False, "Write an orthophoto of the scene, georeferenced and free of errors")
@@ -124,7 +128,10 @@ ALGORITHM = Algorithm(
         "by the season, ploughed fields, snow, buildings that stand up and of which some are built or torn down, cars, "
         "haze and gain. truth.gpkg then says what changed when.\n\n"
         "With `laser_passes` a laser altimeter flies over it: laser.csv holds its points as SlideRule writes them, "
-        "with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each met."
+        "with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each met. With `free_dem` and "
+        "`free_ortho` free_dem.tif is a DEM into which trees are smoothed (ellipsoidal heights), and free_ortho.tif an "
+        "orthoimage in four bands, from another season and some metres beside the truth; what free_ortho.tif is off by "
+        "stands in report.json."
     ),
     options=SimulateOptions,
     module=algorithm_module(__name__),

@@ -14,6 +14,12 @@ class TiePointsOptions:
     """What `tie-points` takes."""
 
     images: tuple[str, ...] = images_option("Images with RPC")
+    add_to: str | None = option(
+        None,
+        "Output directory of an earlier search, whose images these join: its tie points are kept, and only pairs with "
+        "new images are matched",
+        metavar="DIR",
+    )
     terrain: TerrainOptions = nested(TerrainOptions)
     search: SearchOptions = nested(SearchOptions)
     csv: bool = option(False, "Write the measurements as CSV too")
@@ -41,5 +47,4 @@ ALGORITHM = Algorithm(
         "hrsi tie-points block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal --csv --output-dir ties",
     ),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
-    packages=("cv2", "dask"),
 )

@@ -10,6 +10,7 @@ from ..interface.option_groups import (
     NO_TIES,
     BlockOutput,
     DemOptions,
+    JoinedBlockOptions,
     LaserFile,
     PointFiles,
     ReferenceImage,
@@ -26,13 +27,14 @@ class TriangulateOptions:
     points: PointFiles = nested(PointFiles)
     tie_points: str = option(
         AUTOMATIC_TIES,
-        f"{AUTOMATIC_TIES} finds them in the images, {NO_TIES} does without, FILE reads them",
+        f"{AUTOMATIC_TIES} finds them in the images, {NO_TIES} does without, FILE or a result's folder has them",
         kind=Kind.POINTS,
         metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
     )
     dem: DemOptions = nested(DemOptions)
     laser: LaserFile = nested(LaserFile)
     reference: ReferenceImage = nested(ReferenceImage)
+    growth: JoinedBlockOptions = nested(JoinedBlockOptions)
     search: SearchOptions = nested(SearchOptions)
     adjustment: AdjustOptions = nested(AdjustOptions)
     output: BlockOutput = nested(BlockOutput)
@@ -59,5 +61,4 @@ ALGORITHM = Algorithm(
     ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
-    packages=("cv2", "dask"),
 )

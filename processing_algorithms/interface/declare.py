@@ -228,7 +228,6 @@ class Algorithm:
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
     images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
         the next step takes them; ``are_maps`` where they have map coordinates, so that a map shows them
-    packages : Python packages (by import name) for what it does with pixels, which a QGIS may lack
     """
 
     name: str
@@ -242,7 +241,6 @@ class Algorithm:
     layers: tuple[str, ...] = ()
     images_made: str = ""
     are_maps: bool = False
-    packages: tuple[str, ...] = ()
 
     @cached_property
     def params(self) -> tuple[Param, ...]:
@@ -252,8 +250,8 @@ class Algorithm:
     def execute(self, options: Mapping[str, Any], context: Context) -> Report:
         """Run with checked options, by key, as the only writer in the output directory.
 
-        Folders, archives and lists among the images are replaced by the images that they hold. All images are closed
-        in the end: nothing stays open when the work is done.
+        Folders, archives and lists among the images are replaced by the images that they hold, folders of results
+        among the points by their layers. All images are closed in the end: nothing stays open when the work is done.
         """
         modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE)
         with quitting_on_signals():
@@ -261,7 +259,11 @@ class Algorithm:
         given = self.given(options)
         typed = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
         images = {key: deliveries.named_images(names, context.log) for key, names in typed.items() if names}
-        options = {**options, **images}
+        named_points = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.POINTS}
+        points = {
+            key: deliveries.named_points(name) for key, name in named_points.items() if type(name) is str and name
+        }
+        options = {**options, **images, **points}
         made: Any = made_options(self.options, options)
         named = self.named_files(options) if options.get("output_dir") else None  # only then is there a file to tell it
         record = {

@@ -216,8 +216,8 @@ class JoinedBlockOptions:
     )
     earlier_cameras: str = option(
         FREE,
-        "What the cameras of the earlier block are: free, adjusted again from all measurements, or observed, at their "
-        "adjusted RPCs with the standard deviations that these have; then the earlier points are not used again",
+        "What the cameras of the earlier block are: free, adjusted again from all measurements, or observed, as the "
+        "earlier adjustment left them, with all that it says of them together; then its points are not used again",
         choices=(FREE, OBSERVED),
     )
 
@@ -289,12 +289,15 @@ class ReferenceImage:
     )
     reference_sigma: float | None = option(
         None,
-        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size",
+        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size, at "
+        "most 5 m or half a pixel",
         minimum=1e-6,
         unit="m",
         metavar="M",
     )
-    reference_band: int = option(1, "Band of the reference", minimum=1, advanced=True, metavar="N")
+    reference_band: int | None = option(
+        None, "Band of the reference; by default the mean of all", minimum=1, advanced=True, metavar="N"
+    )
     matching: ReferenceOptions = nested(ReferenceOptions)
 
 

@@ -17,6 +17,7 @@ from .rows import PointRow as PointRow
 if TYPE_CHECKING:
     from .adjusting import adjust_block as adjust_block
     from .adjusting import block_of as block_of
+    from .adjusting import follow as follow
     from .files import new_session as new_session
     from .files import open_block as open_block
     from .files import read_ground_points as read_ground_points
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from .recovery import recover as recover
     from .session import PointSession as PointSession
     from .session import Snapshot as Snapshot
+    from .transfers import find_transfers as find_transfers
+    from .transfers import new_tie as new_tie
+    from .transfers import place_tie as place_tie
     from .views import dem_height as dem_height
     from .views import place_on as place_on
     from .views import view_of as view_of
@@ -40,7 +44,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "session": "PointSession Snapshot",
         "files": "new_session open_block read_ground_points save",
         "recovery": "EditKeeper find_unsaved forget recover",
+        "transfers": "find_transfers new_tie place_tie",
         "views": "dem_height place_on view_of",
-        "adjusting": "adjust_block block_of",
+        "adjusting": "adjust_block block_of follow",
     },
 )

@@ -1,12 +1,17 @@
-"""Adjusting what was measured so far: a snapshot in, cameras, residuals and suspicions out. Thread-safe."""
+"""Adjusting what was measured so far: a snapshot in, cameras, residuals and suspicions out. Thread-safe.
+
+`adjust_block` does it from the beginning, with every test; `follow` goes on from there with what was edited since.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
+import numpy as np
+
+from ...hrsi_engine.adjustment.following import Follower
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.adjustment.result import Adjustment
-from ...hrsi_engine.adjustment.solver import adjust
+from ...hrsi_engine.adjustment.result import Adjustment, Decision
 from ...hrsi_engine.block.block import Block, assemble
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
@@ -18,9 +23,23 @@ from ...hrsi_engine.results.residuals import Residuals, residuals
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, find_reasons
 from ..block_steps.model_choice import choice_warnings
 from ..block_steps.plausibility import explained_by
-from .adjusted import Adjusted
+from .adjusted import Adjusted, suspicion
+from .followed import Followed, followed
+from .history import Key
 from .session import PointSession
 from .tables import ground_points, image_points
+
+
+def follow(session: PointSession) -> Followed:
+    """Return the block with the measurements of a session as they are now, at once; it must have been adjusted.
+
+    Raises `SolveError` where what was edited leaves cameras undetermined.
+    """
+    if session.adjusted is None:
+        raise InputError("the block is not adjusted yet: adjust it first")
+    edited = session.edited_points()
+    now = assemble(list(session.images.values()), [ground_points(session, edited)], [image_points(session, edited)])
+    return followed(session.adjusted, edited, now)
 
 
 def block_of(session: PointSession) -> Block:
@@ -32,44 +51,53 @@ def block_of(session: PointSession) -> Block:
     return assemble(list(session.images.values()), [ground_points(session)], tables)
 
 
-def adjust_block(block: Block, model: str, progress: Progress = silent) -> Adjusted:
-    """Adjust a block with a model's name or a rule that chooses one; raises `SolveError`, `InputError`, `Cancelled`."""
+def adjust_block(
+    block: Block, model: str, progress: Progress = silent, listed: Collection[str] = frozenset()
+) -> Adjusted:
+    """Adjust a block with a model's name or a rule that chooses one; residuals are of known and of ``listed`` points.
+
+    Raises `SolveError`, `InputError`, `Cancelled`.
+    """
     reasons = check_block(block)
     with explained_by(reasons):
-        result = adjust(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9))
-    return shown(result, residuals(result), tuple(choice_warnings(result.choice)), reasons)
+        follower = Follower(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9), listed)
+    result = follower.result
+    return shown(follower, residuals(result), listed, tuple(choice_warnings(result.choice)), reasons)
 
 
 def shown(
-    result: Adjustment,
+    follower: Follower,
     left: Residuals,
+    listed: Collection[str] = frozenset(),
     warnings: tuple[str, ...] = (),
     reasons: Sequence[Reason] = (),
 ) -> Adjusted:
     """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
-    images = result.block.images
+    result, images = follower.result, follower.result.block.images
+    names = result.block.points.ids
+    rows = (result.block.known | np.isin(names, list(listed)))[result.block.measurements.point].nonzero()[0]
     refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
     figures = block_report(result, left, refined)
     verdict = Verdict.of(describe_reached(figures), find_reasons(Evidence(result, left, refined), reasons))
     return Adjusted(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},
-        residual_px=_image_residuals(result, left),
+        residual_px=_image_residuals(result, left, rows),
         residual_m=_ground_residuals(result, left),
-        image_suspicions=_suspicious_measurements(result, left),
+        image_suspicions=_suspicious_measurements(result, left, rows),
         point_suspicions=_suspicious_points(result),
         verdict=verdict,
         check=figures["check"],
         warnings=(*warnings, *result.warnings),
         result=result,
         left=left,
+        follower=follower,
+        listed=listed,
     )
 
 
-def _image_residuals(result: Adjustment, left: Residuals) -> dict[tuple[str, str], tuple[float, float]]:
-    rows = result.block.measurements
-    known = result.block.known[rows.point].nonzero()[0]
-    return {_key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in known}
+def _image_residuals(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[Key, tuple[float, float]]:
+    return {_key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in rows}
 
 
 def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[float, float, float]]:
@@ -81,13 +109,14 @@ def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[fl
     return found
 
 
-def _suspicious_measurements(result: Adjustment, left: Residuals) -> dict[tuple[str, str], str]:
-    """Return the measurements of known points that stand out, by the test that the report uses."""
-    statistic = measurement_statistic(left)
-    known = result.block.known[result.block.measurements.point]
+def _suspicious_measurements(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[Key, str]:
+    """Return the measurements that stand out, by the test that the report uses, and ties that were left out."""
+    found = measurement_statistic(left)
+    left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
+    found = np.where(left_out, result.statistic, found)
     return {
-        _key(result, row): f"{_key(result, row)[1]}: {statistic[row]:.1f} sigma off"
-        for row in (known & is_outlier(statistic)).nonzero()[0]
+        _key(result, row): suspicion(_key(result, row)[1], found[row])
+        for row in rows[is_outlier(found[rows]) | left_out[rows]]
     }
 
 
@@ -99,6 +128,6 @@ def _suspicious_points(result: Adjustment) -> dict[str, str]:
     return found
 
 
-def _key(result: Adjustment, row: int) -> tuple[str, str]:
+def _key(result: Adjustment, row: int) -> Key:
     rows = result.block.measurements
     return str(result.block.points.ids[rows.point[row]]), result.block.images[rows.image[row]].id

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,14 +15,15 @@ from ...hrsi_engine.io.layer_rows import layer_names, replace_layers, text_colum
 from ...hrsi_engine.io.layers import Layer
 from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_points
+from ...hrsi_engine.io.point_files.positions import SURVEYED
 from ...hrsi_engine.io.rasters import close_images, open_image
 from ...hrsi_engine.results.layers import block_layers
 from .adjusted import Adjusted
-from .rows import ROLES, KnownPoint, Measured
+from .rows import ROLES, TIE, KnownPoint, Measured
 from .session import PointSession
 from .tables import images_layer, point_layers
 
-_ROLES = {Role.CHECK: "check", Role.OFF: "off"}
+_ROLES = {Role.CHECK: "check", Role.OFF: "off", Role.TIE: TIE}
 
 
 def open_block(path: str) -> PointSession:
@@ -39,10 +41,22 @@ def open_block(path: str) -> PointSession:
     ids = [image.id for image in images]
     ground = read_points(f"{path}|layername=ground_points", image_ids=ids).ground if names["ground_points"] else None
     image = read_points(f"{path}|layername=image_points", image_ids=ids).image if names["image_points"] else None
-    session = _session(images, ground, image, path)
+    session = _session(images, ground, image, path, _listed_ties(path))
     report = read_report(os.path.join(os.path.dirname(path), "report.json")) or {}
     session.model = str(report.get("model") or "")
     return session
+
+
+def _listed_ties(path: str) -> set[str]:
+    """Return the tie points that somebody placed: only these have a position of their own beside the adjusted one."""
+    if not layer_names(path)["ground_points"]:
+        return set()
+    try:
+        columns = text_columns(path, "ground_points", ("id", "role", "survey_lon"))
+    except InputError:  # of another program, without such columns
+        return set()
+    rows = zip(columns["id"], columns["role"], columns["survey_lon"], strict=True)
+    return {name for name, role, placed in rows if role == TIE and placed}
 
 
 def new_session(
@@ -90,9 +104,21 @@ def save(session: PointSession, path: str = "") -> None:
 def _adjusted_layers(session: PointSession, adjusted: Adjusted) -> list[Layer]:
     """Return all layers of the adjustment, and what took no part in it: points that are off, or that no image shows."""
     layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
+    layers["ground_points"] = _with_ties_placed(layers["ground_points"], session)
     for plain in point_layers(session):
         layers[plain.name] = _with_others(layers[plain.name], plain)
     return list(layers.values())
+
+
+def _with_ties_placed(ground: Layer, session: PointSession) -> Layer:
+    """Return the ground points with the tie points of the list marked as such: by a position of their own."""
+    columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}
+    for row, name in enumerate(np.asarray(ground.fields["id"]).tolist()):
+        point = session.points.get(name)
+        if point is not None and point.role == TIE:
+            columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
+            columns["survey_height"][row] = point.height
+    return replace(ground, fields={**ground.fields, **columns})
 
 
 def _with_others(full: Layer, plain: Layer) -> Layer:
@@ -142,10 +168,14 @@ def _open_images(paths: Sequence[str]) -> list[Image]:
 
 
 def _session(
-    images: Sequence[Image], ground: GroundPoints | None, image: ImagePoints | None, path: str
+    images: Sequence[Image],
+    ground: GroundPoints | None,
+    image: ImagePoints | None,
+    path: str,
+    listed_ties: Collection[str] = (),
 ) -> PointSession:
-    """Return a session; measurements of points without a survey are tie points."""
-    points = [] if ground is None else _known_points(ground)
+    """Return a session; measurements of points that are not in its list are tie points."""
+    points = [] if ground is None else _known_points(ground, listed_ties)
     if image is None:
         return PointSession(images, points, path=path)
     own = np.isin(image.ids, [point.id for point in points])
@@ -162,7 +192,7 @@ def _session(
     return PointSession(images, points, measured, None if own.all() else image.select(~own), path)
 
 
-def _known_points(ground: GroundPoints) -> list[KnownPoint]:
+def _known_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> list[KnownPoint]:
     return [
         KnownPoint(
             str(ground.ids[row]),
@@ -174,5 +204,5 @@ def _known_points(ground: GroundPoints) -> list[KnownPoint]:
             sigma_h=float(ground.sigma_m[row, 1]),
         )
         for row in range(len(ground))
-        if ground.role[row] != Role.TIE
+        if ground.role[row] != Role.TIE or ground.ids[row] in listed_ties
     ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +134,11 @@ def _given(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
+def _stated(row: KnownPoint | Measured) -> dict[str, Any]:
+    """Return the values of a row but those that are the default; quicker than ``asdict`` with many thousand rows."""
+    return {name: value for name, value in vars(row).items() if value == value and value != ""}  # NaN is not itself
+
+
 def _first_entry(session: PointSession) -> dict[str, Any]:
     return {
         "path": os.path.abspath(session.path) if session.path else "",
@@ -145,9 +150,9 @@ def _first_entry(session: PointSession) -> dict[str, Any]:
 
 def _entry(change: Change) -> dict[str, Any]:
     return {
-        "points": None if change.points is None else [asdict(point) for point in change.points.values()],
+        "points": None if change.points is None else [_stated(point) for point in change.points.values()],
         "measured": [
-            [name, image, None if measured is None else asdict(measured)]
+            [name, image, None if measured is None else _stated(measured)]
             for (name, image), measured in change.measured.items()
         ],
     }  # fmt: skip

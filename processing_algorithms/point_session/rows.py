@@ -7,12 +7,14 @@ from math import nan
 
 #: A point that is ``off`` keeps its measurements and takes no part.
 ROLES = ("gcp", "check", "off")
+TIE = "tie"  #: of a point without a survey, whose position is where its rays meet; it is made so, and stays so
+TRANSFERRED = "transfer"  #: kind of a measurement that was found by matching
 CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
 
 
 @dataclass(frozen=True)
 class KnownPoint:
-    """A ground point with a surveyed position; NaN sigmas take the default of the adjustment."""
+    """A ground point with a surveyed position, or a tie point where its rays meet; NaN sigmas take the default."""
 
     id: str
     lon: float

@@ -11,14 +11,17 @@ import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
 from .history import Change, Edit, History, Key
-from .rows import CLICK_KINDS, ROLES, KnownPoint, Measured, MeasurementRow, PointRow
+from .rows import CLICK_KINDS, ROLES, TIE, TRANSFERRED, KnownPoint, Measured, MeasurementRow, PointRow
 
 if TYPE_CHECKING:
     from ...hrsi_engine.block.block import Image
     from ...hrsi_engine.block.points import ImagePoints
+    from ...hrsi_engine.measurement.point_transfer import Transfer
     from .adjusted import Adjusted
+    from .followed import Followed
     from .targets import Fit
 
+TRANSFER_PX = 0.05  # relief within the window and the interpolation, of which the fit's own sigma knows nothing
 NO_POSITION = (math.nan, math.nan, math.nan)
 
 
@@ -51,6 +54,9 @@ class PointSession:
         self.adjusted: Adjusted | None = None
         self._adjusted_from = Snapshot(self)  # what the adjustment saw
         self._edited: set[Key] = set()  # measurements that are others than those adjusted
+        self.shown: Adjusted | Followed | None = None  # what the tables show: the adjustment, or what followed it
+        self._shown_from = self._adjusted_from
+        self._stale: set[Key] = set()  # measurements that are others than those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
 
     @property
@@ -79,7 +85,7 @@ class PointSession:
         counts: dict[str, int] = {}
         for name, _ in self.measured:
             counts[name] = counts.get(name, 0) + 1
-        stale = self._edited_points()
+        stale = self._stale_points()
         return [
             PointRow(
                 point,
@@ -96,6 +102,7 @@ class PointSession:
 
     def on_image(self, image_id: str) -> dict[str, MeasurementRow]:
         """Return the points that lie on an image, or are measured there."""
+        self._predict_all(image_id)
         rows = {name: self.measurement(name, image_id) for name in self.points}
         return {name: row for name, row in rows.items() if row.is_inside or row.measured}
 
@@ -106,20 +113,23 @@ class PointSession:
         inside = first_sample <= sample <= last_sample and first_line <= line <= last_line
         key = (name, image_id)
         residual, suspicion = NO_POSITION[:2], ""
-        if self.adjusted is not None and key not in self._edited:
-            residual = self.adjusted.residual_px.get(key, residual)
-            suspicion = self.adjusted.image_suspicions.get(key, "")
+        if self.shown is not None and key not in self._stale:
+            residual = self.shown.residual_px.get(key, residual)
+            suspicion = self.shown.image_suspicions.get(key, "")
         return MeasurementRow(image_id, (sample, line), inside, self.measured.get(key), residual, suspicion)
 
     def suspicion(self, name: str) -> str:
         """Return why a point is suspicious, empty where it is not."""
-        return "" if name in self._edited_points() else self._suspicion(name)
+        return "" if name in self._stale_points() else self._suspicion(name)
 
     def predicted(self, name: str, image_id: str) -> tuple[float, float]:
         """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
-        if image_id not in self._predicted:  # all points at once: one by one takes seconds with many images and points
-            self._predicted[image_id] = self._predictions(image_id)
-        return self._predicted[image_id][self._point(name).id]
+        known = self._predicted.setdefault(image_id, {})
+        if name not in known:
+            point = self._point(name)
+            sample, line = self.project(image_id, np.array([[point.lon, point.lat, point.height]]))[0].tolist()
+            known[name] = sample, line
+        return known[name]
 
     def next_unmeasured(self, name: str, step: int) -> str:
         """Return the next point (``step`` 1; -1: the one before) that is not measured on an image which shows it.
@@ -129,6 +139,8 @@ class PointSession:
         names = list(self.points)
         if not names:
             return name
+        for image_id in self.images:
+            self._predict_all(image_id)
         start = names.index(name) if name in self.points else 0
         for away in range(1, len(names) + 1):
             other = names[(start + step * away) % len(names)]
@@ -141,38 +153,49 @@ class PointSession:
     def project(self, image_id: str, ground: np.ndarray) -> np.ndarray:
         """Return where an image sees ground points ``(n, 3)``, by the last adjustment, else by the image's own RPC."""
         image = self.images[image_id]
-        if self.adjusted is not None and image_id in self.adjusted.corrections:
-            return self.adjusted.model.project(image, self.adjusted.corrections[image_id], ground)
+        if self.shown is not None and image_id in self.shown.corrections:
+            return self.shown.model.project(image, self.shown.corrections[image_id], ground)
         return image.rpc.project(ground)
 
     def middle_height_m(self) -> float:
         """Return the middle height of the points; without any that of the images' RPCs."""
-        heights = [point.height for point in self.points.values()]
+        heights = [point.height for point in self.points.values() if point.role != TIE]
         return float(np.median(heights or [image.middle_height_m for image in self.images.values()] or [0.0]))
 
-    def _predictions(self, image_id: str) -> dict[str, tuple[float, float]]:
-        points = list(self.points.values())
-        ground = np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3)
-        xy = self.project(image_id, ground).tolist()
-        return {point.id: (sample, line) for point, (sample, line) in zip(points, xy, strict=True)}
+    def _predict_all(self, image_id: str) -> None:
+        """Predict all points on an image at once: one by one takes seconds with many images and points."""
+        known = self._predicted.setdefault(image_id, {})
+        points = [point for name, point in self.points.items() if name not in known]
+        if points:
+            ground = np.array([[point.lon, point.lat, point.height] for point in points])
+            xy = self.project(image_id, ground).tolist()
+            known.update({point.id: (sample, line) for point, (sample, line) in zip(points, xy, strict=True)})
 
     def _suspicion(self, name: str) -> str:
-        if self.adjusted is None:
+        if self.shown is None:
             return ""
-        own = self.adjusted.measurement_suspicions.get(name, ())
+        own = self.shown.measurement_suspicions.get(name, ())
         return "; ".join(
-            dict.fromkeys(reason for reason in (self.adjusted.point_suspicions.get(name, ""), *own) if reason)
+            dict.fromkeys(reason for reason in (self.shown.point_suspicions.get(name, ""), *own) if reason)
         )
 
     def _ground_residual(self, name: str) -> tuple[float, float, float]:
-        return NO_POSITION if self.adjusted is None else self.adjusted.residual_m.get(name, NO_POSITION)
+        return NO_POSITION if self.shown is None else self.shown.residual_m.get(name, NO_POSITION)
 
-    def _edited_points(self) -> set[str]:
-        """Return the points that are not as the adjustment saw them."""
-        before = self._adjusted_from.points
-        return {name for name, _ in self._edited} | {
-            name for name, point in self.points.items() if before.get(name) is not point
-        }
+    def edited_points(self) -> set[str]:
+        """Return the points that are not as the adjustment saw them, those that are gone among them."""
+        return self._others_than(self._adjusted_from, self._edited)
+
+    def _stale_points(self) -> set[str]:
+        """Return the points that are not as what is shown saw them."""
+        return self._others_than(self._shown_from, self._stale)
+
+    def _others_than(self, before: Snapshot, measured: set[Key]) -> set[str]:
+        names = {name for name, _ in measured}
+        if before.points is not self.points:
+            names |= {name for name, point in self.points.items() if before.points.get(name) is not point}
+            names |= before.points.keys() - self.points.keys()
+        return names
 
     # ---- edits -------------------------------------------------------------------------------------------------
 
@@ -190,8 +213,11 @@ class PointSession:
         self._edit(f"remove {name}", {key: None for key in self.measured if key[0] == name}, kept)
 
     def set_role(self, name: str, role: str) -> None:
-        """Make a point control or check point, or take it off."""
-        if role not in ROLES:
+        """Make a point control or check point, or take it off; a tie point has no survey, and stays what it is."""
+        if TIE in (role, self._point(name).role) and role != self._point(name).role:
+            what = "has no survey" if self._point(name).role == TIE else "has a survey"
+            raise InputError(f"point {name} {what}: remove it, and begin one of the other kind")
+        if role not in (*ROLES, TIE):
             raise InputError(
                 f"ground point {name}: role {role!r} is unknown: use {', '.join(ROLES[:-1])} or {ROLES[-1]}"
             )
@@ -215,16 +241,43 @@ class PointSession:
         if (name, image_id) in self.measured:
             self._edit(f"forget {name} on {image_id}", {(name, image_id): None})
 
-    def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str) -> Fit:
-        """Measure the target near a click; where it is refused, nothing changes and the fit says why."""
-        from .targets import fit_target  # needs OpenCV, which a QGIS may lack until something is measured
+    def fit(self, image_id: str, click: tuple[float, float], kind: str) -> Fit:
+        """Measure the target near a click; nothing changes."""
+        from .targets import fit_target  # loads much that nothing needs before something is measured
 
         if kind not in CLICK_KINDS:
             raise InputError(f"kind {kind!r} is unknown: use one of {', '.join(CLICK_KINDS)}")
-        fit = fit_target(self.images[image_id], click, kind)
+        return fit_target(self.images[image_id], click, kind)
+
+    def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str) -> Fit:
+        """Measure the target near a click; where it is refused, nothing changes and the fit says why."""
+        fit = self.fit(image_id, click, kind)
         if not fit.refusal:
             self.set_measurement(name, image_id, fit.measured)
         return fit
+
+    def add_tie(self, point: KnownPoint, image_id: str, measured: Measured) -> None:
+        """Add a tie point with its first measurement, in one edit."""
+        if point.id in self.points:
+            raise InputError(f"point {point.id} is in the list already: choose another name")
+        title = f"tie point {point.id} on {image_id}"
+        self._edit(title, {(point.id, image_id): measured}, self.points | {point.id: point})
+
+    def accept_transfers(self, name: str, found: Mapping[str, Transfer]) -> None:
+        """Measure a point where matching has found it on images, in one edit."""
+        new = {
+            (name, image): Measured(*one.xy, math.hypot(one.sigma_px, TRANSFER_PX), TRANSFERRED, one.correlation)
+            for image, one in found.items()
+            if not one.refusal
+        }
+        if new:
+            self._edit(f"{name} transferred to {', '.join(image for _, image in new)}", new)
+
+    def move_point(self, point: KnownPoint) -> None:
+        """Take another position of a point over that follows from its measurements: no edit of its own."""
+        self.points = {name: point if name == point.id else old for name, old in self.points.items()}
+        for known in self._predicted.values():
+            known.pop(point.id, None)
 
     def undo(self) -> str:
         """Take the last edit back; return what it was, empty without any."""
@@ -254,6 +307,14 @@ class PointSession:
         self._edited = {
             key for key in self.measured.keys() | before.keys() if self.measured.get(key) is not before.get(key)
         }
+        self._show(adjusted, self._adjusted_from, set(self._edited))
+
+    def follow(self, followed: Followed) -> None:
+        """Show what an adjustment becomes with everything as it is now."""
+        self._show(followed, Snapshot(self), set())
+
+    def _show(self, shown: Adjusted | Followed, seen: Snapshot, stale: set[Key]) -> None:
+        self.shown, self._shown_from, self._stale = shown, seen, stale
         self._predicted.clear()
 
     def _set_point(self, title: str, point: KnownPoint) -> None:
@@ -277,10 +338,11 @@ class PointSession:
                 self.measured.pop(key, None)
             else:
                 self.measured[key] = measured
-            if self._adjusted_from.measured.get(key) is measured:
-                self._edited.discard(key)
-            else:
-                self._edited.add(key)
+            for before, others in ((self._adjusted_from, self._edited), (self._shown_from, self._stale)):
+                if before.measured.get(key) is measured:
+                    others.discard(key)
+                else:
+                    others.add(key)
         if change.points is not None:
             self.points = dict(change.points)
             self._predicted.clear()
@@ -296,7 +358,7 @@ class Snapshot:
 
     def __init__(self, session: PointSession) -> None:
         self.state = session.history.state
-        self.points, self.measured = dict(session.points), dict(session.measured)
+        self.points, self.measured = session.points, dict(session.measured)  # points are replaced, never changed
 
 
 def _sigma(where: str, field: str, sigma: float | None) -> float:

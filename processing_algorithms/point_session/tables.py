@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from ...hrsi_engine.block.footprints import footprint
@@ -11,9 +13,9 @@ from ...hrsi_engine.io.layers import Layer
 from .session import PointSession
 
 
-def ground_points(session: PointSession) -> GroundPoints:
-    """Return the known points."""
-    points = list(session.points.values())
+def ground_points(session: PointSession, names: Collection[str] | None = None) -> GroundPoints:
+    """Return the points of the list, or those of them that are named."""
+    points = [point for point in session.points.values() if names is None or point.id in names]
     return GroundPoints.create(
         [point.id for point in points],
         np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3),
@@ -23,12 +25,13 @@ def ground_points(session: PointSession) -> GroundPoints:
     )
 
 
-def image_points(session: PointSession) -> ImagePoints:
-    """Return the measurements of the known points."""
-    rows = list(session.measured.values())
+def image_points(session: PointSession, names: Collection[str] | None = None) -> ImagePoints:
+    """Return the measurements of the points of the list, or of those of them that are named."""
+    keys = [key for key in session.measured if names is None or key[0] in names]
+    rows = [session.measured[key] for key in keys]
     return ImagePoints.create(
-        [name for name, _ in session.measured],
-        [image for _, image in session.measured],
+        [name for name, _ in keys],
+        [image for _, image in keys],
         np.array([[row.sample, row.line] for row in rows]).reshape(-1, 2),
         np.array([row.sigma for row in rows], dtype=np.float64),
         np.array([row.kind for row in rows], dtype=str),

@@ -21,6 +21,8 @@ from ...hrsi_engine.io.simulated_block import (  # fmt: skip
     write_image_points,
     write_laser_points,
 )
+from ...hrsi_engine.simulation.free_dem import simulate_free_dem
+from ...hrsi_engine.simulation.free_ortho import draw_ortho_errors, free_orthoimage
 from ...hrsi_engine.simulation.laser import simulate_laser
 from ...hrsi_engine.simulation.render import multispectral_renderers, orthophoto, renderer
 from ...hrsi_engine.simulation.synthesis import SimulatedBlock
@@ -33,6 +35,8 @@ from ..interface.declare import Report
 LASER_SEED = 50  # of the laser points beside the scene's own
 TRUTH_FILES = ("dem.tif", "ground_points.csv", "image_points.csv", "truth.json", "truth.gpkg")
 LASER_FILES = ("laser.csv", "true_laser.gpkg")
+FREE_DEM, FREE_ORTHO = "free_dem.tif", "free_ortho.tif"
+FREE_DEM_SEED, FREE_ORTHO_SEED = 60, 61
 
 
 def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
@@ -76,7 +80,12 @@ def files_of_simulation(views: Sequence[SceneView], options: SimulateOptions) ->
     ends = [".tif", *(["_ms.tif"] if options.ms else [])] if options.pixels else ["_RPC.TXT"]
     cameras = [f"{view.id}{end}" for view in views for end in ends]
     laser = LASER_FILES if options.laser.passes else ()
-    return [*TRUTH_FILES, *laser, *cameras, *(["orthophoto.tif"] if options.ortho else [])]
+    wanted = (
+        (FREE_DEM, options.free_dem.cell_m),
+        ("orthophoto.tif", options.ortho),
+        (FREE_ORTHO, options.free_ortho.pixel_m),
+    )
+    return [*TRUTH_FILES, *laser, *cameras, *(name for name, made in wanted if made)]
 
 
 def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOptions) -> list[str]:
@@ -92,6 +101,28 @@ def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOption
         str(folder / "true_laser.gpkg"), [Layer("true_laser_points", "PointZ", WGS84_3D, laser.points.ground, columns)]
     )
     return list(LASER_FILES)
+
+
+def write_free_dem(folder: Path, simulated: SimulatedBlock, options: SimulateOptions) -> list[str]:
+    """Write a DEM as free ones are; return the names of the files."""
+    if not options.free_dem.cell_m:
+        return []
+    scene = simulated.scene
+    dem = simulate_free_dem(scene.terrain, scene.half_extent_m, options.free_dem, [options.scene.seed, FREE_DEM_SEED])
+    write_dem(str(folder / FREE_DEM), dem.heights_m, dem.geotransform)
+    return [FREE_DEM]
+
+
+def write_free_ortho(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> Report:
+    """Write an orthoimage as free ones are; return by how much it lies beside the truth in its middle."""
+    scene, spec = simulated.scene, options.free_ortho
+    seen_m = max(0.5 * max(view.size) * view.sensor.gsd_m for view in simulated.views)  # the scene is larger
+    errors = draw_ortho_errors(seen_m, spec, [options.scene.seed, FREE_ORTHO_SEED])
+    bands = free_orthoimage(scene, spec, errors)
+    threads = thread_count(options.common.threads)
+    write_image(str(folder / FREE_ORTHO), bands, None, bands[0].geotransform, threads, stage(progress, 0.99, 1.0))
+    east, north = errors.mean_m
+    return {"mean_east_m": east, "mean_north_m": north, "error_m": spec.error_m, "corner_m": spec.corner_m}
 
 
 def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, held_heights
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, shared_errors
 from hrsi.hrsi_engine.adjustment.result import Decision
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
@@ -66,7 +66,7 @@ def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
     free = height_error_m(block, truth, AdjustOptions(test_sigmas=False))
     good = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=known, sigma_dem_m=SIGMA_DEM_M))
     robust = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
-    monkeypatch.setattr(held_heights, "falling", np.ones_like)
+    monkeypatch.setattr(shared_errors, "falling", np.ones_like)
     plain = height_error_m(block, truth, AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M))
     print(f"seed {seed}, least squares: {plain}")
     print(f"seed {seed}: mean and RMS of heights without DEM {free}, wrong heights known {good}, unknown {robust}")

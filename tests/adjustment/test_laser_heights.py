@@ -9,10 +9,11 @@ import pytest
 from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.held_heights import Opinion, SharedError, agree_on
 from hrsi.hrsi_engine.adjustment.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
+from hrsi.hrsi_engine.adjustment.shared_errors import Opinion, SharedError, agree_on
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
+from hrsi.hrsi_engine.results.verdict import judge
 from hrsi.hrsi_engine.simulation.options import LaserSpec
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
@@ -102,6 +103,23 @@ def test_thousands_of_dem_heights_do_not_outvote_the_laser(scene):
     assert abs(scene.height_errors_m(result)[:, 2].mean()) < 0.4
 
 
+def codes(result: Adjustment) -> set[str]:
+    return {reason.code for reason in judge(result).reasons}
+
+
+def test_the_verdict_doubts_sources_that_contradict(scene):
+    """Laser heights in the other datum beside a DEM; two passes of which one must be wrong. Sound sources: nothing."""
+    dem = dem_of(scene, 1.0)
+    assert "sources-disagree" not in codes(adjusted(scene, dem=dem, sigma_dem_m=3.0)) | codes(adjusted(scene))
+    ground = scene.points.ground + [0.0, 0.0, 48.0]
+    lifted = adjusted(scene, replace(scene.points, ground=ground), dem=dem, sigma_dem_m=3.0)
+    assert "sources-disagree" in codes(lifted)
+    chosen = np.isin(scene.points.track, np.unique(scene.points.track)[:2])
+    points, name = shifted_track(scene.points.select(chosen), 8.0)
+    (reason,) = [reason for reason in judge(adjusted(scene, points)).reasons if reason.code == "sources-disagree"]
+    assert name in reason.message and "cannot be told" in reason.message
+
+
 LASER, DEM = SharedError(0.05, wrong_together=False), SharedError(1.2, wrong_together=True)
 
 
@@ -115,24 +133,27 @@ def said(laser: list[float], dem: list[float] = []) -> list[Opinion]:  # noqa: B
 
 def test_opinions_are_joined_robustly():
     off, decided, middle = agree_on(said([0.0, 0.1, 8.0]), [LASER])
-    assert off.tolist() == [False, False, True] and decided and middle == pytest.approx(0.05)
+    assert off.tolist() == decided.tolist() == [False, False, True] and middle == pytest.approx(0.05)
     off, decided, _ = agree_on(said([0.0, 8.0]), [LASER])
-    assert off.any() and not decided
+    assert off.any() and not decided.any()
     off, decided, _ = agree_on(said([0.0, 8.0], [0.5, -0.5]), [LASER, DEM])  # a DEM's two parts tell which
-    assert off.tolist() == [False, True, False, False] and decided
-    assert agree_on([], [])[1:] == (True, 0.0)
+    assert off.tolist() == decided.tolist() == [False, True, False, False]
+    # which of the first two is right is not decided; that the third is not, is
+    off, decided, _ = agree_on(said([0.0, 0.8, 48.0], [0.5, -0.5]), [LASER, DEM])
+    assert off.sum() == 2 and decided.tolist() == [False, False, True, False, False]
+    assert agree_on([], [])[2] == 0.0
 
 
 def test_a_dem_on_trees_is_one_fault_against_two_tracks():
     off, decided, middle = agree_on(said([0.0, 0.1], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
-    assert off.tolist() == [False, False, *16 * [True]] and decided and middle == pytest.approx(0.05)
+    assert off.tolist() == decided.tolist() == [False, False, *16 * [True]] and middle == pytest.approx(0.05)
     off, decided, _ = agree_on(said([0.0], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
-    assert off.any() and not decided  # one track and a DEM
+    assert off.any() and not decided.any()  # one track and a DEM
 
 
 def test_parts_of_a_dem_are_told_from_its_common_error():
     off, decided, _ = agree_on(said([0.0, 0.1], [*13 * [-2.0], *3 * [6.0]]), [LASER, DEM])
-    assert off.tolist() == [*15 * [False], *3 * [True]] and decided
+    assert off.tolist() == decided.tolist() == [*15 * [False], *3 * [True]]
 
 
 def test_planes_follow_slopes_and_leave_roofs_out():

@@ -10,10 +10,11 @@ import simulated_blocks as blocks
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
+from hrsi.hrsi_engine.adjustment.blunders.consensus import _parallaxes, _planes
 from hrsi.hrsi_engine.adjustment.blunders.discrepancies import discrepancies
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
-from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 
@@ -147,3 +148,39 @@ def test_many_wrong_gcps_cost_no_solution_each():
         f"P{number:04d}": "height" if number < 25 else "ground" for number in wrong
     }
     assert result.solves <= clean.solves + 6  # one more run of the loop, and one that tells drifts from mistakes
+
+
+def test_parallaxes_on_one_diagonal_carry_a_level_and_no_plane():
+    """Features in the corners of cells lie on diagonals; a plane through such three is not determined at all."""
+    rng = np.random.default_rng(3)
+    along = np.linspace(-0.9, 0.9, 30)
+    terms = np.column_stack([np.ones(30), along, 0.125 - along])
+    y = 7.0 + rng.normal(0.0, 0.1, 30)
+    y[::4] += rng.uniform(20.0, 60.0, 8)
+    (plane,) = _planes(terms[None], y[None], np.full((1, 30), 0.1), np.array([30]), np.random.default_rng(1))
+    right = np.arange(30) % 4 > 0
+    assert np.abs(y - terms @ plane)[right].max() < 0.5  # five sigmas of 0.1
+
+
+def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
+    """The rays of the two are parallel: there is no epipolar line between them, but there is with the other image."""
+    cameras = blocks.images(2)
+    cameras.append(replace(cameras[0], id="twin"))
+    truth, rng = blocks.ground(80, 5), np.random.default_rng(4)
+    ids = [f"P{k:04d}" for k in range(80)]
+    measured = [
+        ImagePoints.create(ids, [image.id] * 80, image.rpc.project(truth) + rng.normal(0.0, 0.3, (80, 2)), 0.3)
+        for image in cameras
+    ]
+    role = np.repeat([Role.GCP, Role.CHECK], [6, 10])
+    control = GroundPoints.create(ids[:16], truth[:16], role, 0.1)
+    problem = prepare(assemble(cameras, [control], measured), TESTED)
+    observations = problem.observations
+    pairs = _parallaxes(
+        problem.equations, observations, problem.start, np.flatnonzero(observations.contributing_points)
+    )
+    assert np.isfinite(pairs.y).all() and len(pairs.y) == 140  # with the other image only: twice 70 points
+    without, result = (adjust(assemble(cameras[:n], [control], measured[:n]), TESTED) for n in (2, 3))
+    assert result.status == "converged" and not result.findings
+    assert (result.decision == Decision.KEPT).all()
+    assert np.all(check_rmse(truth, result) < 1.1 * check_rmse(truth, without))

@@ -16,6 +16,7 @@ from network_scenes import (
     turned,
 )
 
+from hrsi.benchmarks.matching_unknown import resampled
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters import open_image
@@ -38,6 +39,7 @@ from hrsi.hrsi_engine.measurement.control_network.thresholds import (
     effective_distances,
     tolerance_of,
 )
+from hrsi.hrsi_engine.measurement.control_network.unknown_scale import GLANCE_PX, feature_vote
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
 TOLERANCE = Tolerance(1.5, 0.01)
@@ -326,3 +328,28 @@ def test_real_pairs_turned(real_data: Path, folder: str, names: tuple, window: t
     assert found.status == FOUND
     assert len(found) >= least
     assert far <= 0.01
+
+
+def test_features_tell_where_the_second_window_shows_the_first():
+    """Windows with origins of their own, looked at as they are and reduced: the map is that of the images' pixels."""
+    pair = true_pair("grass", 400, 30.0, scale=0.8)
+    windows = Area(40, 60, 390, 380), Area(20, 10, 400, 400)
+    for most_px in (GLANCE_PX, 60_000):
+        vote = feature_vote(pair.first, pair.second, *windows, most_px=most_px)
+        assert vote.scales[0] < 0.8 < vote.scales[1]
+        xy = np.random.default_rng(5).uniform(100.0, 300.0, (50, 2))
+        away = xy @ vote.affine[:, :2].T + vote.affine[:, 2] - pair.carried(xy)
+        assert np.median(np.hypot(*away.T)) < 4.0  # pixels: relief moves points by up to 5 x 0.8
+
+
+def test_a_small_overlap_begins_where_features_say(real_data: Path):
+    """Ventoux, 28 % in common, the second image at 0.6 of its size: 300 px a side have no root in common."""
+    images = [open_image(str(real_data / "ventoux_phr_pair" / name)) for name in ("left_image.tif", "right_image.tif")]
+    first, second = (ArrayRaster(*image.raster.read(0, 0, *image.raster.size)) for image in images)
+    seen = resampled(second, 0.6, 272.0)
+    found = match_windows(first, seen.raster)
+    assert found.status == FOUND and len(found) >= 40
+    across = across_epipolar(
+        images[0].rpc, images[1].rpc, found.positions.first, seen.back(found.positions.second), 537.0
+    )
+    assert np.abs(across).max() < 2.0 / 0.6  # 2 px of the coarser image

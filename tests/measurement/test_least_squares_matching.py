@@ -146,3 +146,13 @@ def test_search_finds_the_window_and_its_rival(monkeypatch, setting: str):
             assert found.rival.max() < 0.9
     edge = search_windows(*images, centres(), centres() - (9.0, 0.0), along, reach, 12)
     assert not edge.inside[edge.xy[:, 0] == centres()[:, 0] + 1].any()  # at the end of the box
+
+
+def test_spline_coefficients_give_the_grey_values_back():
+    """The spline (1, 4, 1) / 6 of them in both directions, to the borders, where the image goes on as in a mirror."""
+    grey = np.random.default_rng(2).uniform(0.0, 2000.0, (70, 90)).astype(np.float32)
+    image = MatchImage(grey, np.ones(grey.shape, dtype=bool))
+    padded = np.pad(image.coefficients.astype(np.float64), 1, mode="reflect")
+    rows = (padded[:-2] + 4.0 * padded[1:-1] + padded[2:]) / 6.0
+    back = (rows[:, :-2] + 4.0 * rows[:, 1:-1] + rows[:, 2:]) / 6.0
+    assert np.abs(back - grey).max() < 0.005  # grey values of 11 bits, rounded to 1

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyproj
 import pytest
 import reference_scenes as scenes
+from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.io.reference_images import open_reference
 from hrsi.hrsi_engine.measurement.reference.checks import (
     INDEPENDENT_POINTS,
     MeasuredGcps,
@@ -255,3 +258,19 @@ def test_agreement_of_chance_is_told():
 def test_cell_size(scene):
     terrain = scene.simulated.scene.terrain
     assert cell_size_m(scene.terrain, np.array([5.45, 43.53, 0.0])) == pytest.approx(terrain.post_m, rel=1e-3)
+
+
+def test_bands_of_a_reference_are_averaged_but_alpha(tmp_path):
+    bands = np.random.default_rng(5).integers(1, 200, (4, 20, 30)).astype(np.uint8)
+    bands[3] = 255
+    bands[3, :, :5] = 0
+    path = str(tmp_path / "rgba.tif")
+    dataset = gdal.GetDriverByName("GTiff").Create(path, 30, 20, 4, gdal.GDT_Byte, ["PHOTOMETRIC=RGB", "ALPHA=YES"])
+    dataset.SetGeoTransform((5.0, 1e-4, 0.0, 43.0, 0.0, -1e-4))
+    dataset.SetProjection(pyproj.CRS(4326).to_wkt())
+    dataset.WriteArray(bands)
+    del dataset
+    grey, valid = open_reference(path).raster.read(0, 0, 30, 20)
+    assert not valid[:, :5].any() and valid[:, 5:].all()
+    np.testing.assert_allclose(grey[:, 5:], bands[:3, :, 5:].mean(axis=0), rtol=1e-6)
+    np.testing.assert_array_equal(open_reference(path, 2).raster.read(0, 0, 30, 20)[0][:, 5:], bands[1, :, 5:])

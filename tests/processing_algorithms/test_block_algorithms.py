@@ -211,7 +211,12 @@ def test_residual_crs_chooses_the_layers(hobart, tmp_path):
     dataset = gdal.OpenEx(str(tmp_path / "block.gpkg"))
     assert dataset.GetLayerByName("residuals_utm")
     assert dataset.GetLayerByName("residuals_wgs84") is None
-    assert {file.name for file in tmp_path.iterdir()} == {"block.gpkg", "block.json", "report.json"}
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "block.gpkg",
+        "block.json",
+        "block_cameras.npz",
+        "report.json",
+    }
 
 
 # ---- the real triplet -----------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.height_datum import height_difference
@@ -97,6 +98,18 @@ def test_surveyed_gcps_win_over_a_reference_that_contradicts_them(block, moved, 
     assert (found["east_m"], found["north_m"]) == pytest.approx((-16.0, -12.0), abs=1.0)
     assert report["control"]["points"] == 4
     assert report["check"]["rmse_east_m"] < 0.5
+
+
+def test_the_verdict_doubts_a_reference_of_another_place(block, tmp_path):
+    """The same orthoimage upside down: it lies over the block, and shows nothing of it."""
+    other = tmp_path / "other.tif"
+    with rasterio.open(options(block)["reference"]) as source:
+        profile, pixels = source.profile, source.read()
+    with rasterio.open(other, "w", **profile) as target:
+        target.write(np.ascontiguousarray(pixels[:, ::-1, ::-1]))
+    verdict = triangulate(block, tmp_path / "out", reference=str(other))["verdict"]
+    (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "reference-not-found"]
+    assert verdict["level"] == "doubtful" and "other.tif" in reason["message"]
 
 
 def test_command_line_and_errors(block, tmp_path, capsys):

@@ -14,6 +14,9 @@ from colmap_database import write_database
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.measurement import given_matches
+from hrsi.hrsi_engine.measurement.block_matching.windows import ImageWindow, read_tile
+from hrsi.hrsi_engine.measurement.given_matches import GivenJob, GivenPair, measure_given
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
 
@@ -95,3 +98,23 @@ def test_positions_without_meaning_are_told(given, tmp_path):
     report = run("tie-points", images=paths, matches=database, output_dir=str(tmp_path / "ties"))
     assert report["ties"]["points"] <= 5
     assert any("given matches" in text for text in report["warnings"])
+
+
+def test_a_match_far_away_does_not_have_the_whole_image_read(given, monkeypatch):
+    """One stray match beside a hundred within 100 px: what is read of the other image stays theirs."""
+    paths, seen, _ = given
+    images = [open_image(path) for path in paths[:2]]
+    near = np.flatnonzero((np.abs(seen[0] - 120.0) < 60.0).all(axis=1))
+    first, second = seen[0][near], seen[1][near].copy()
+    second[0] = [395.0, 395.0]
+    read = []
+    monkeypatch.setattr(
+        given_matches,
+        "read_tile",
+        lambda image, window, *step: read.append((image, window)) or read_tile(image, window, *step),
+    )
+    job = GivenJob(0, images[0], ImageWindow(0, 0, 200, 200), (GivenPair(1, images[1], first, second),))
+    found = measure_given(job)
+    (window,) = [window for image, window in read if image is images[1]]
+    assert window.samples <= 130 + 2 * given_matches.TILE_BORDER_PX
+    assert len(found["first_xy"]) > 0.6 * len(near)

@@ -80,11 +80,11 @@ def settings_of_nothing(options: type) -> set[str]:
 def test_the_panel_adjusts_with_the_same_defaults(monkeypatch):
     used: list[AdjustOptions] = []
 
-    def keep(block: object, options: AdjustOptions, progress: object) -> None:
+    def keep(block: object, options: AdjustOptions, *_: object) -> None:
         used.append(options)
         raise InterruptedError
 
-    monkeypatch.setattr(panel, "adjust", keep)
+    monkeypatch.setattr(panel, "Follower", keep)
     monkeypatch.setattr(panel, "check_block", lambda block: [])
     with pytest.raises(InterruptedError):
         panel.adjust_block(None, MODEL.default)

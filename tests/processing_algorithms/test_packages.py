@@ -1,25 +1,53 @@
-"""Algorithms that reach OpenCV say so: a QGIS may lack it, and not all need it as they do Shapely."""
+"""The plugin runs on what a stock QGIS brings: other packages make it faster, or serve one option."""
 
 from __future__ import annotations
 
+import ast
+import sys
+
 import pytest
 
-from hrsi.processing_algorithms import REGISTRY
-from hrsi.tests.test_imports import ALL_IMPORTS, MODULES
+from hrsi.tests.test_imports import PRODUCT
+
+#: What QGIS's installers and packages bring.
+STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe", "qgis"}
+#: Modules that are loaded only where their package is there: each has a plain counterpart, or one option needs it.
+WITH_PACKAGE = {
+    "cv2": {
+        "foundation.opencv_filters", "measurement.tile_matching.features",
+        "measurement.interest_points.stable_regions",
+    },
+    "numba": {
+        "adjustment.blunders.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
+        "foundation.compiled_code", "io.point_files.compiled_csv", "io.compiled_rows",
+        "measurement.block_matching.compiled_bands", "measurement.window_matching.lsm_kernels",
+        "refinement.compiled_cameras",
+    },
+    "llvmlite": {"io.compiled_rows"},
+    "distributed": {"foundation.cluster", "foundation.scheduling"},
+    "rasterio": {"camera.rpc"},
+    "pyarrow": {"io.laser_files.parquet"},
+}  # fmt: skip
 
 
-def reached_from(start: str) -> set[str]:
-    """Return the modules of the package that one imports, directly or through others, at any time."""
-    seen, open_ones = set(), {start}
-    while open_ones:
-        module = open_ones.pop()
-        seen.add(module)
-        open_ones |= {found.target for found in ALL_IMPORTS if found.module == module and found.inside} - seen
-    return seen & MODULES
+def outside_packages(tree: ast.AST) -> set[str]:
+    """Return the first names of the packages that a module imports, relative ones left out."""
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add((node.module or "").partition(".")[0])
+    return found
 
 
-@pytest.mark.parametrize("name", REGISTRY)
-def test_packages_are_those_that_the_imports_reach(name: str):
-    reached = reached_from(f"processing_algorithms.{name.replace('-', '_')}")
-    needs_opencv = any(found.target == "cv2" for found in ALL_IMPORTS if found.module in reached and not found.inside)
-    assert ("cv2" in REGISTRY[name].packages) == needs_opencv
+@pytest.mark.parametrize("package", WITH_PACKAGE)
+def test_packages_that_a_qgis_may_lack_have_one_door(package: str):
+    modules = {name for name, source in PRODUCT.sources.items() if package in outside_packages(source.tree)}
+    assert modules == {f"hrsi_engine.{name}" for name in WITH_PACKAGE[package]}
+
+
+def test_all_else_is_what_a_stock_qgis_brings():
+    found = set().union(*(outside_packages(source.tree) for source in PRODUCT.sources.values()))
+    own = {"hrsi"}
+    assert found - set(sys.stdlib_module_names) - own == STOCK | set(WITH_PACKAGE)

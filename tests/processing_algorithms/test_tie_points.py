@@ -20,7 +20,8 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.point_files import ogr_layer, read_points
+from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE
 from hrsi.hrsi_engine.io.simulated_block import write_image
 from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
 from hrsi.hrsi_engine.simulation.render import render_window
@@ -28,6 +29,8 @@ from hrsi.hrsi_engine.simulation.surface import locate_on_surface
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
+
+FILES = ["block.gpkg", "report.json", "tie_points.csv", "tie_points.npz"]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +48,7 @@ def result(pair, tmp_path_factory) -> Path:
 
 
 def test_files_of_a_result(result, pair):
-    assert sorted(path.name for path in result.iterdir()) == ["block.gpkg", "report.json", "tie_points.csv"]
+    assert sorted(path.name for path in result.iterdir()) == FILES
     report = json.loads((result / "report.json").read_text())
     dataset = ogr.Open(str(result / "block.gpkg"))
     points, measured = dataset.GetLayer("tie_points"), dataset.GetLayer("image_points")
@@ -71,6 +74,28 @@ def test_result_goes_into_the_adjustment(algorithm, result, pair, tmp_path):
     report = run(algorithm, images=pair, tie_points=str(result / "block.gpkg"), output_dir=str(tmp_path), write="none")
     assert report["ties"]["points"] > 80
     assert report["ties"]["rmse_px"] < 0.1 < report["ties"]["before_rmse_px"]
+
+
+def test_folder_is_taken_for_its_layers_as_they_are_now(result, pair, tmp_path, monkeypatch):
+    """Quick columns and layer give the same result to the bit; a point that was mended in the layer counts."""
+    folder = Path(shutil.copytree(result, tmp_path / "ties"))
+    layers_read, read_layer = [], ogr_layer._read_layer
+    monkeypatch.setattr(ogr_layer, "_read_layer", lambda *told: layers_read.append(told) or read_layer(*told))
+
+    def adjusted(name: str) -> dict:
+        report = run("adjust", images=pair, tie_points=str(folder), output_dir=str(tmp_path / name), write="none")
+        return {key: report[key] for key in ("ties", "observations", "sigma0", "images")}
+
+    quick = adjusted("quick")
+    assert not layers_read
+    (folder / COLUMNS_FILE).rename(tmp_path / COLUMNS_FILE)
+    assert adjusted("layer") == quick and layers_read
+    (tmp_path / COLUMNS_FILE).rename(folder / COLUMNS_FILE)
+    source = ogr.Open(str(folder / "block.gpkg"), update=1)
+    layer = source.GetLayerByName("image_points")
+    layer.DeleteFeature(layer.GetNextFeature().GetFID())
+    del layer, source
+    assert adjusted("mended")["observations"] < quick["observations"]
 
 
 def test_automatic_tie_points_are_the_same(result, pair, tmp_path):
@@ -99,7 +124,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     monkeypatch.setattr("hrsi.hrsi_engine.measurement.block_matching.plan.FULL_WINDOW_PX", 200)
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
-    assert sorted(path.name for path in folder.iterdir()) == ["block.gpkg", "report.json", "tie_points.csv"]
+    assert sorted(path.name for path in folder.iterdir()) == FILES
     whole = tmp_path / "whole"
     run("tie-points", images=pair, output_dir=str(whole), csv=True)
     assert (folder / "tie_points.csv").read_bytes() == (whole / "tie_points.csv").read_bytes()
@@ -147,7 +172,7 @@ def test_virtual_file_systems(pair, result, tmp_path):
     images = [f"/vsizip/{archive}/{os.path.basename(path)}" for path in pair]
     report = run("tie-points", images=images, output_dir="/vsimem/ties", csv=True)
     assert report["ties"] == json.loads((result / "report.json").read_text())["ties"]
-    assert sorted(gdal.ReadDir("/vsimem/ties")) == ["block.gpkg", "report.json", "tie_points.csv"]
+    assert sorted(gdal.ReadDir("/vsimem/ties")) == FILES
     adjusted = run(
         "adjust", images=images, tie_points="/vsimem/ties/block.gpkg", output_dir="/vsimem/adjusted", write="none"
     )

@@ -52,6 +52,7 @@ def test_two_command_lines_at_once(scene: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in output.iterdir()) == [
         "block.gpkg",
         "block.json",
+        "block_cameras.npz",
         "image_1.tif",
         "image_2.tif",
         "report.json",

@@ -104,6 +104,7 @@ def test_unusable_result_writes_no_rpc(algorithm, how, scene, tmp_path, capsys):
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
         "block.gpkg",
         "block.json",
+        *(["block_cameras.npz"] if algorithm != "refine-rpc" else []),
         "report.html",
         "report.json",
     ]
@@ -134,6 +135,7 @@ def test_unusable_result_leaves_no_rpc_of_an_earlier_run(scene: Path, tmp_path: 
     assert sorted(file.name for file in folder.iterdir()) == [
         "block.gpkg",
         "block.json",
+        "block_cameras.npz",
         "notes.txt",
         "report.html",
         "report.json",

@@ -71,9 +71,9 @@ def test_map_shows_the_result_in_its_group(hrsi_provider, qgis_new_project, bloc
     assert len(made) == 2 and all(QgsRasterLayer(path).isValid() for path in made)
     root = QgsProject.instance().layerTreeRoot()
     groups = {group.name(): [node.layer() for node in group.findLayers()] for group in root.findGroups()}
-    assert list(groups) == ["HRSI orthorectify block: ortho", "HRSI triangulate block: result"]
-    residuals, points, footprints = groups["HRSI triangulate block: result"]
+    assert list(groups) == ["HRSI Orthorectify block: ortho", "HRSI Triangulate block: result"]
+    residuals, points, footprints = groups["HRSI Triangulate block: result"]
     assert [layer.name() for layer in (residuals, points, footprints)] == ["residuals_utm", "ground_points", "images"]
     assert all(isinstance(layer, QgsVectorLayer) for layer in (residuals, points, footprints))
-    assert [layer.source() for layer in groups["HRSI orthorectify block: ortho"]] == made[::-1]
+    assert [layer.source() for layer in groups["HRSI Orthorectify block: ortho"]] == made[::-1]
     assert len(root.findLayers()) == 5  # no layer stands outside its group

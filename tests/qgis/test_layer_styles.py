@@ -18,6 +18,7 @@ from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 from shapely.geometry import Polygon
 
+from hrsi.hrsi_engine.io.layer_styles import alias_of
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 
 SIZE, DPI = 400, 127.0  # 127 dpi: 5 pixels a millimetre
@@ -115,3 +116,13 @@ def test_names_are_drawn_once(block: Path, name: str, renderer: str, names: int)
     assert layer.renderer().type() == renderer
     assert picture(layer)[1] == names
     assert loaded(block, "residuals_wgs84").labelsEnabled()
+
+
+def test_fields_have_names_with_units(block: Path) -> None:
+    """Forms and tables show words and units, from the file alone."""
+    layer = loaded(block, "residuals_wgs84")
+    names = {field.name(): layer.attributeDisplayName(index) for index, field in enumerate(layer.fields())}
+    assert names["residual_east_m"] == "Residual east (m)"
+    assert names["residual_sample_px"] == "Residual sample (px)"
+    assert names["role"] == "Role"
+    assert alias_of("sigma_xy") == "Sigma xy" and alias_of("footprint_height_m") == "Footprint height (m)"

@@ -1,4 +1,4 @@
-"""The zip that users install: it runs in a clean profile, and it loads where OpenCV is missing."""
+"""The zip that users install: it runs in a clean profile, with nothing but what a stock QGIS brings."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from hrsi.processing_algorithms import REGISTRY
 from hrsi.tests.qgis.profile import REPOSITORY, qgis_process, qgis_process_program
 
 pytestmark = pytest.mark.skipif(qgis_process_program() is None, reason="qgis_process is not installed")
-#: Python runs this before anything else: its finder of packages then sees no OpenCV.
-HIDE_OPENCV = """
+#: Python runs this before anything else: its finder of packages then sees none of those that a stock QGIS lacks.
+HIDE_PACKAGES = """
 from importlib.machinery import PathFinder
 
+absent = {"cv2", "numba", "llvmlite", "dask", "distributed", "rasterio"}
 seen = PathFinder.find_spec
-PathFinder.find_spec = lambda name, *place: None if name.split(".")[0] == "cv2" else seen(name, *place)
+PathFinder.find_spec = lambda name, *place: None if name.split(".")[0] in absent else seen(name, *place)
 """
 HOBART = REPOSITORY / "examples" / "hobart"
 
@@ -54,20 +55,29 @@ def test_zip_triangulates_in_a_clean_profile(profile: Path, tmp_path: Path):
     assert report["check"]["rmse_height_m"] < 3.0
 
 
-def test_without_opencv_the_plugin_loads_and_says_what_to_install(profile: Path, tmp_path: Path):
-    (tmp_path / "sitecustomize.py").write_text(HIDE_OPENCV)
+def test_a_stock_qgis_needs_no_packages(profile: Path, tmp_path: Path):
+    """Adjustment and matching in pixels run without OpenCV, numba and Dask, and no help asks for them."""
+    (tmp_path / "sitecustomize.py").write_text(HIDE_PACKAGES)
     without = {"PYTHONPATH": str(tmp_path)}
     listed = qgis_process(profile, "--json", "list", **without)
     assert listed.returncode == 0, listed.stderr
     assert len(json.loads(listed.stdout)["providers"]["hrsi"]["algorithms"]) == len(REGISTRY) + 1  # a model
     done = triangulate(profile, tmp_path / "adjusted", "--TIE_POINTS=none", "--GCP_IDS=H003,H022,H058,H105", **without)
-    assert done.returncode == 0, done.stderr  # the adjustment does without
-    helped = qgis_process(profile, "help", "hrsi:interestpoints", **without)
-    measured = qgis_process(
-        profile, "--json", "run", "hrsi:interestpoints", f"--IMAGES={HOBART / 'hobart_ikonos_1_RPC.TXT'}",
-        f"--OUTPUT_DIR={tmp_path / 'points'}", **without,
+    assert done.returncode == 0, done.stderr
+    assert "pip install" not in qgis_process(profile, "help", "hrsi:tiepoints", **without).stdout
+    made = qgis_process(
+        profile, "--json", "run", "hrsi:simulate", "--IMAGES=2", "--SIZE=300", "--GCPS=4", "--CHECKS=4",
+        "--TIES=0", f"--OUTPUT_DIR={tmp_path / 'block'}", **without,
     )  # fmt: skip
-    assert measured.returncode != 0
-    for text in (helped.stdout, measured.stderr + measured.stdout):
-        assert "opencv-python-headless" in text
-        assert "-m pip install" in text
+    assert made.returncode == 0, made.stderr + made.stdout
+    block = tmp_path / "block"
+    images = [f"--IMAGES={image}" for image in sorted(block.glob("image_*.tif"))]
+    tied = qgis_process(
+        profile, "--json", "run", "hrsi:triangulate", *images, f"--GCPS={block / 'ground_points.csv'}",
+        f"--IMAGE_POINTS={block / 'image_points.csv'}", f"--DEM={block / 'dem.tif'}", "--HEIGHT_DATUM=ellipsoidal",
+        f"--OUTPUT_DIR={tmp_path / 'tied'}", **without,
+    )  # fmt: skip
+    assert tied.returncode == 0, tied.stderr + tied.stdout
+    report = json.loads((tmp_path / "tied" / "report.json").read_text(encoding="utf-8"))
+    assert report["ties"]["points"] > 100
+    assert report["ties"]["rmse_px"] < 0.15

@@ -259,7 +259,7 @@ def test_cancel(measured, monkeypatch) -> None:
     from hrsi.hrsi_engine.foundation.progress import advance
     from hrsi.processing_algorithms.point_session import adjusting
 
-    def slow(block, model, progress):
+    def slow(block, model, progress, listed):
         for step in range(3000):
             advance(progress, step / 3000.0)
             time.sleep(0.02)

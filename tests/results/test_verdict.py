@@ -277,6 +277,12 @@ def test_sentence_without_gcps_and_check_points_says_what_is_predicted():
     assert f"; no GCPs, no check points: predicted CE90 {brief(figures['parts'][0]['ce90_m'])} m" in text
 
 
+def test_sentence_counts_the_images_that_are_tied():
+    block = sound(gcps=0, checks=0)
+    figures = report(adjust(without(block, block.measurements.image == 2), SNOOPING))
+    assert describe_reached(figures).startswith("2 of 3 images tied to ")
+
+
 @given(st.floats(1e-3, 1e5))
 def test_brief_figures_are_right_to_a_twentieth(value: float):
     """Two digits that count, or two decimals: five per cent, or half of the last decimal."""

@@ -52,7 +52,8 @@ def words_of(code: ast.expr, tree: ast.Module, path: Path) -> set[str]:
 
 
 def test_codes_and_sections_agree():
-    emitted = {word for path in (ROOT / "hrsi_engine").rglob("*.py") for word in codes_in(path)}
+    parts = ("hrsi_engine", "processing_algorithms")
+    emitted = {word for part in parts for path in (ROOT / part).rglob("*.py") for word in codes_in(path)}
     sections = re.findall(r"^### (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert {"not-converged", "control-misfit", "sample-line-swapped", "lon-sign"} <= emitted
     assert all(CODE.fullmatch(word) for word in emitted)

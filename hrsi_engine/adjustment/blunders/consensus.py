@@ -33,6 +33,8 @@ SAMPLE = 64  # parallaxes of an image pair that choose its plane
 PLANES_TRIED = 80  # besides level ones; 98 % of them hit three right parallaxes where 36 % are right
 LEAST_FOR_PLANE = 20  # parallaxes; fewer only carry a constant
 LEAST_FOR_SCALE = 12
+PARALLEL = 1e-9  # sine of the angle below which rays are
+LEAST_AREA = 1e-6  # of a triangle that carries a plane, twice; the image's is 2 to a side
 PLANE_STEPS = 6
 LEVELLING = 1e-3  # relative weight that keeps the slopes of badly spread parallaxes at zero
 AGREEING = 3.0  # sigmas of the parallaxes
@@ -97,9 +99,13 @@ def _parallaxes(equations: NormalEquations, observations: Observations, state: S
         on_other = np.einsum("mci,mi->mc", by_ground[:, other, ::-1], ray[:, one]) * [1.0, -1.0]
         squares_one, squares_other = (on_one**2).sum(axis=1), (on_other**2).sum(axis=1)
         length_of_n = np.sqrt(squares_one + squares_other)
+        scale = np.linalg.norm(by_ground[:, one], axis=(1, 2)) * np.linalg.norm(ray[:, other], axis=1)
+        crossing = length_of_n > PARALLEL * scale  # an image delivered twice has parallel rays, and no such plane
         y = (on_one * residual[:, one]).sum(axis=1) + (on_other * residual[:, other]).sum(axis=1)
         spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, other] ** 2)
-        columns.append((rows[:, one], rows[:, other], y / length_of_n, spread / length_of_n))
+        every = rows[:, one], rows[:, other], y, spread, length_of_n
+        first, second, y, spread, length_of_n = (column[crossing] for column in every)
+        columns.append((first, second, y / length_of_n, spread / length_of_n))
     return Parallaxes(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
@@ -161,7 +167,7 @@ def _planes(
     level[:, :, 0] = y
     three = rng.integers(0, sample, (pairs, PLANES_TRIED, 3))
     pair = np.arange(pairs)[:, None, None]
-    tilted = np.linalg.solve(terms[pair, three] + 1e-9 * np.eye(3), y[pair, three][..., None])[..., 0]
+    tilted = _planes_through(terms[pair, three], y[pair, three])
     tilted[size < LEAST_FOR_PLANE] = 0.0
     tried = np.concatenate([level, tilted], axis=1)
     plane = tried[np.arange(pairs), _nearest(terms, y, sigma, tried, kept)]
@@ -173,6 +179,21 @@ def _planes(
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
         normal[:, range(3), range(3)] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
+    return plane
+
+
+def _planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the planes ``(…, 3)`` through three parallaxes each, by Cramer's rule; level ones of three on a line.
+
+    Three are on a line where one was drawn twice, or stands twice in the sample of a small image pair.
+    """
+    first, second, third = (terms[..., k, :] for k in range(3))
+    minors = np.stack([np.cross(second, third), np.cross(third, first), np.cross(first, second)], axis=-2)
+    area = (minors[..., 0, :] * first).sum(axis=-1)
+    spread = np.abs(area) > LEAST_AREA
+    plane = (minors * y[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
+    plane[~spread] = 0.0
+    plane[~spread, 0] = y[~spread, 0]
     return plane
 
 

@@ -124,18 +124,19 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
     observations, priors = problem.observations, solution.weighting.points
     system, parameters = loop.system, loop.prior_weight.shape[1]
     system.factorise(solution.normals.blocks, loop.prior_weight)
+    given = solution.weight  # of all image points, computed each time that it is asked for
     derivatives = _derivatives(problem, solution, points)
     surveys, miss = priors.matrices(points, observed=True), priors.miss_m(solution.state.ground[points], points)
     columns: list[list[np.ndarray]] = [[] for _ in range(6)]
     own, by_cameras, unknowns = [], [], []
     for number, point in enumerate(points.tolist()):
         rows = np.arange(observations.first[point], observations.first[point + 1])
-        rows = rows[solution.weight[rows] > 0.0]
+        rows = rows[given[rows] > 0.0]
         by_values, by_ground = derivatives[point]
         k = len(rows)
         weight = np.zeros((3 + 2 * k, 3 + 2 * k))
         weight[:3, :3] = surveys[number]
-        weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(solution.weight[rows], 2)
+        weight[range(3, 3 + 2 * k), range(3, 3 + 2 * k)] = np.repeat(given[rows], 2)
         position = np.concatenate([np.eye(3), by_ground.reshape(-1, 3)])  # B
         inverse = solution.normals.inverse[point]
         # A, and the point's answer to the cameras that see it: -V^-1 W'
@@ -144,7 +145,7 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         answer = np.zeros((3, len(seeing), parameters))
         for measured, (row, camera) in enumerate(zip(rows.tolist(), place.tolist(), strict=True)):
             cameras[3 + 2 * measured : 5 + 2 * measured, camera] = by_values[measured]
-            answer[:, camera] -= solution.weight[row] * (inverse @ by_ground[measured].T @ by_values[measured])
+            answer[:, camera] -= given[row] * (inverse @ by_ground[measured].T @ by_values[measured])
         depending = cameras + np.tensordot(position, answer, axes=1)  # R
         used = np.flatnonzero(weight.diagonal() > 0.0)
         unit = 1.0 / np.sqrt(weight.diagonal()[used])
@@ -195,6 +196,6 @@ def _derivatives(problem: Problem, solution: Solution, points: np.ndarray) -> di
         values = solution.state.values[observations.camera_of_image[index]]
         at = linearise(values, solution.state.ground[observations.point[rows[here]]])
         by_values[here], by_ground[here] = at.by_values, at.by_ground
-    last = np.cumsum([np.count_nonzero(observations.point[rows] == point) for point in points])
+    last = np.searchsorted(observations.point[rows], points, side="right")
     groups = zip(np.split(by_values, last[:-1]), np.split(by_ground, last[:-1]), strict=True)
     return dict(zip(points.tolist(), groups, strict=True))

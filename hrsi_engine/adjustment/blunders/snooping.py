@@ -47,7 +47,7 @@ class Snooping:
         observations = problem.observations
         self.image_weight = problem.weighting.image
         self.survey_weight = observations.survey_weight.copy()
-        self.ties = observations.contributing_points & ~observations.surveyed
+        self.ties = observations.contributing_points & ~observations.located
         self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
         self._undecided: list[Finding] = []
 
@@ -84,7 +84,7 @@ class Snooping:
                 break
             present = self.weighting(solution, lenient)
             solution = self.loop.run(solution.state, present, problem.options.robust, LOOSE_TOLERANCE, progress)
-        of_control = observations.surveyed[observations.point]
+        of_control = observations.located[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
         return self._settled(self.solve(solution, progress), progress)
 
@@ -127,7 +127,7 @@ class Snooping:
 
     def _by_rays(self, solution: Solution, present: Weighting) -> Weighting:
         """Return weights by which rays are judged by rays, not by heights that may be wrong where they meet."""
-        if self.problem.held_heights is None:
+        if not self.problem.held:
             return present
         return replace(
             present, points=PointPriors.of(self.problem.observations, solution.state.ground, self.survey_weight)

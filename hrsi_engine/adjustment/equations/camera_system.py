@@ -55,6 +55,26 @@ def camera_system(pattern: Pattern) -> CameraSystem:
     return Factored(pattern) if pattern.cameras <= ITERATIVE_LIMIT else Iterative(pattern)
 
 
+def unit_scales(diagonal: np.ndarray, prior_weight: np.ndarray) -> np.ndarray:
+    """Return what brings a diagonal, its prior weights included, to 1; 0 for fixed unknowns (infinite weight)."""
+    fixed = np.isinf(prior_weight)
+    total = np.where(fixed, 1.0, diagonal + np.where(fixed, 0.0, prior_weight))
+    if not np.all(total > 0.0):
+        raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
+    return np.where(fixed, 0.0, 1.0 / np.sqrt(total))
+
+
+def scaled_blocks(
+    pattern: Pattern, blocks: np.ndarray, scale: np.ndarray, damping: float, cameras: np.ndarray | slice = slice(None)
+) -> np.ndarray:
+    """Return ``blocks (blocks, p, p)`` in scaled unknowns, with a damped unit diagonal of some ``cameras``."""
+    result = blocks * scale[pattern.rows][:, :, None]
+    result *= scale[pattern.columns][:, None, :]
+    own = np.arange(pattern.parameters)
+    result[pattern.diagonal[cameras][:, None], own, own] = 1.0 + damping
+    return np.asarray(result)
+
+
 class _Scaled:
     """Scales a matrix to a unit diagonal; fixed unknowns get a scale of zero, and with it a solution of zero."""
 
@@ -71,18 +91,9 @@ class _Scaled:
         return self.damping * float(np.sum(in_units**2))
 
     def scaled(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
-        pattern = self.pattern
-        own = np.einsum("cpp->cp", blocks[pattern.diagonal])
-        fixed = np.isinf(prior_weight)
-        diagonal = np.where(fixed, 1.0, own + np.where(fixed, 0.0, prior_weight))
-        if not np.all(diagonal > 0.0):
-            raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
-        self.scale = np.where(fixed, 0.0, 1.0 / np.sqrt(diagonal))
+        self.scale = unit_scales(np.einsum("cpp->cp", blocks[self.pattern.diagonal]), prior_weight)
         self.damping = damping
-        result = blocks * self.scale[pattern.rows][:, :, None] * self.scale[pattern.columns][:, None, :]
-        p = np.arange(pattern.parameters)
-        result[pattern.diagonal[:, None], p, p] = 1.0 + damping
-        return result
+        return scaled_blocks(self.pattern, blocks, self.scale, damping)
 
 
 class Factored(_Scaled):

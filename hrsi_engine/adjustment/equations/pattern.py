@@ -6,7 +6,7 @@ every camera. It is symmetric, so only the blocks with row <= column are kept, i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -57,18 +57,41 @@ class Pattern:
         upper = sparse.csr_matrix((np.ones(self.blocks, dtype=np.int8), self.columns, self.start), shape=shape)
         return sparse.csr_matrix(upper + sparse.triu(upper, 1).T)
 
+    def joined_by(self, observations: Observations) -> Pattern:
+        """Return the pattern with the pairs of cameras, too, that measured a common point of other observations."""
+        shared = _shared(observations)
+        wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + shared))
+        if wide.nnz == self.blocks:
+            return self
+        wide.sort_indices()
+        return replace(self, start=wide.indptr.astype(np.int64), columns=wide.indices.astype(np.int32))
 
-def find_pattern(observations: Observations, parameters: int) -> Pattern:
-    """Return the pattern of the cameras of all measurements."""
+
+def find_pattern(
+    observations: Observations, parameters: int, pairs: tuple[np.ndarray, np.ndarray] | None = None
+) -> Pattern:
+    """Return the pattern of the cameras of all measurements, and of further ``pairs`` (rows <= columns)."""
+    together = _shared(observations)
+    if pairs is not None:
+        together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
+    shared = sparse.triu(together, format="csr")
+    shared.sort_indices()
+    return Pattern(
+        observations.cameras,
+        parameters,
+        shared.indptr.astype(np.int64),
+        shared.indices.astype(np.int32),
+        _positions(observations),
+    )
+
+
+def _shared(observations: Observations) -> sparse.csr_matrix:
+    """Return which cameras measured a common point, each with itself."""
     count, points = observations.cameras, len(observations.points)
     incidence = sparse.csr_matrix(
         (np.ones(observations.count, dtype=np.float32), observations.camera, observations.first), shape=(points, count)
     )
-    shared = sparse.triu(incidence.T @ incidence + sparse.identity(count, dtype=np.float32), format="csr")
-    shared.sort_indices()
-    return Pattern(
-        count, parameters, shared.indptr.astype(np.int64), shared.indices.astype(np.int32), _positions(observations)
-    )
+    return sparse.csr_matrix(incidence.T @ incidence + sparse.identity(count, dtype=np.float32))
 
 
 def _positions(observations: Observations) -> np.ndarray:

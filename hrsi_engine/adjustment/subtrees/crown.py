@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.errors import SolveError
+from ..equations.camera_system import unit_scales
 from ..equations.nested_dissection import inverse_cholesky
 
 
@@ -78,15 +78,6 @@ def unknowns(cameras: np.ndarray, size: int) -> np.ndarray:
     return np.asarray((cameras[:, None] * size + np.arange(size)).ravel())
 
 
-def scales(diagonal: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Return what brings a diagonal, its prior weights included, to 1; 0 for fixed unknowns (infinite weight)."""
-    fixed = np.isinf(prior)
-    total = np.where(fixed, 1.0, diagonal + np.where(fixed, 0.0, prior))
-    if not np.all(total > 0.0):
-        raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
-    return np.where(fixed, 0.0, 1.0 / np.sqrt(total))
-
-
 def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float, *updates: Update) -> Separator:
     """Put the updates of the children of a separator together and eliminate its own cameras.
 
@@ -110,7 +101,7 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
         right[place] += update.right
         diagonal[place] += update.diagonal
     mine, n = len(own), len(own) * size
-    scale = scales(diagonal[:mine], prior)
+    scale = unit_scales(diagonal[:mine], prior)
     free = scale > 0.0
     right[:mine] -= np.where(free, prior, 0.0) * values if mine else 0.0
     total = np.where(free, diagonal[:mine] + np.where(free, prior, 0.0), 0.0)

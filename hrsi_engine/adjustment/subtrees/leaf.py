@@ -15,10 +15,11 @@ import numpy as np
 from ...ground.geodesy import moved_ground
 from ...refinement.model import RefinementModel
 from ..equations import NormalEquations, Normals, Pattern, PointPriors, State, find_pattern
+from ..equations.camera_system import scaled_blocks, unit_scales
 from ..equations.nested_dissection import SparseFactor
 from ..observations import Observations
 from ..weights import WEIGHTS
-from .crown import BorderInverse, Steps, Update, scales, unknowns
+from .crown import BorderInverse, Steps, Update, unknowns
 
 
 @dataclass(eq=False)
@@ -156,12 +157,8 @@ def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
     own = np.einsum("cpp->cp", blocks[pattern.diagonal])
     prior = np.where(inner[:, None], at.start.prior, 0.0)
     scale = np.ones_like(own)
-    scale[inner] = scales(own[inner], prior[inner])
-    scaled = blocks * scale[pattern.rows][:, :, None] * scale[pattern.columns][:, None, :]
-    p = np.arange(pattern.parameters)
-    diagonal = pattern.diagonal[inner]
-    scaled[diagonal[:, None], p, p] = 1.0 + damping
-    remainder = factor.factorise(scaled)
+    scale[inner] = unit_scales(own[inner], prior[inner])
+    remainder = factor.factorise(scaled_blocks(pattern, blocks, scale, damping, inner))
     finite = np.where(np.isinf(prior), 0.0, prior)
     right = scale * (at.normals.right - finite * at.state.values)
     forward = factor.forward(right.ravel())

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ...block.points import UNSET, GroundPoints, ImagePoints, Role, lie_apart, unique_ids
+from ...block.names import RepeatedNames, unique_ids
+from ...block.points import UNSET, GroundPoints, ImagePoints, Role, lie_apart
 from ...foundation.errors import InputError
 from ..budgets import MOST_SAMPLES_PX, require_heights
 from ..rasters import image_id
@@ -99,7 +101,7 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
         return None
     everything = len(rows) == len(table)  # millions of rows are not copied without need
     columns = table.columns if everything else {name: column[rows] for name, column in table.columns.items()}
-    images = image_names(table, rows, image_ids)
+    images: Any = image_names(table, rows, image_ids)  # stands for an array
     sigma = positive(table, "sigma")
     return ImagePoints(
         columns["id"],
@@ -112,24 +114,29 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     )
 
 
-def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> np.ndarray:
+def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> RepeatedNames:
     """Return each row's image id; a file without that field belongs to the only image there is."""
     if "image" not in table.columns:
         if len(image_ids) == 1:
-            return np.full(len(rows), image_ids[0])
+            return RepeatedNames(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
         _require_field(table, "image")
     _require_text(table, "image", rows)
     given = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
-    wanted, known = set(image_ids), dict[str, str]()
+    place, number = dict[str, int](), np.empty(len(given), dtype=np.int32)
     for start in range(0, len(given), _CHUNK_ROWS):  # sorting millions of names would take more memory than the table
-        for name in set(given[start : start + _CHUNK_ROWS].tolist()) - known.keys():
-            known[name] = _matching_id(name, wanted, table.pairwise)
-    if all(name == image for name, image in known.items()):
-        return given
-    return np.concatenate([
-        np.array([known[name] for name in given[start : start + _CHUNK_ROWS].tolist()], dtype=str)
-        for start in range(0, len(given), _CHUNK_ROWS)
-    ])  # fmt: skip
+        names = given[start : start + _CHUNK_ROWS].tolist()
+        for name in sorted(set(names) - place.keys()):
+            place[name] = len(place)
+        number[start : start + len(names)] = [place[name] for name in names]
+    return matching_names(RepeatedNames(np.array(list(place), dtype=str), number), image_ids, table.pairwise)
+
+
+def matching_names(given: RepeatedNames, image_ids: Sequence[str], prefixed: bool = False) -> RepeatedNames:
+    """Return the ids of the block's images that a file calls by id, file name or path, where they are known."""
+    wanted = set(image_ids)
+    ids = np.array([_matching_id(name, wanted, prefixed) for name in given.names.tolist()], dtype=str)
+    names, place = np.unique(ids, return_inverse=True)  # two names may mean one image
+    return RepeatedNames(names, place.astype(np.int32)[given.number])
 
 
 def _matching_id(name: str, image_ids: set[str], prefixed: bool) -> str:

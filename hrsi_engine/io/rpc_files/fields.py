@@ -29,6 +29,7 @@ ERRORS = ("err_bias", "err_rand")
 GDAL_NAMES = {name: name.upper() for name in (*ERRORS, *SCALARS)} | {
     name: f"{name.upper()}_COEFF" for name in POLYNOMIALS
 }
+_PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nothing else in the text: nearly all are so
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
 Text = str | Sequence[str]
@@ -130,6 +131,8 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
 
 def _number(where: str, name: str, text: Text | None) -> float:
     """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
+    if isinstance(text, str) and _PLAIN_NUMBER.fullmatch(text):
+        return float(text)
     if not isinstance(text, str) or not text.strip():
         raise InputError(f"{where}: {name} is missing: this is not a whole RPC, get the file again")
     match = _NUMBER.match(text.strip())

@@ -24,15 +24,14 @@ from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import epipolar_miss, transfer
-from ..tile_matching.features import descriptors_of_negative, root_sift
+from ..tile_matching.features import descriptors_of_negative
 from ..tile_matching.rpc_consistency import rpc_consistent
 from ..tile_matching.types import HeightGrid, TilePairGeometry
+from .bands import Lines, banded_matches
 from .overlaps import GroundRange
 from .overview import features_of
 from .windows import ImageWindow, predicted_window, read_tile
 
-BAND_RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
-ROWS = 512  # compared at a time
 ENOUGH_AGREEING = 60  # matches that agree, from which on no other contrast is tried; and by the share of the features:
 ENOUGH_SHARE = 0.1  # with its negative an image agrees by chance in up to 0.03 of them
 CLEARLY_MORE = 1.5  # times as many as of the image as it is must agree in another contrast
@@ -58,14 +57,6 @@ class CoarseJob:
     heights: GroundRange
     margin_px: float
     terrain_m: np.ndarray | None = None  #: heights at `height_nodes` of the first image by a DEM, NaN where unknown
-
-
-class Lines(NamedTuple):
-    """Epipolar lines in the second image: a point, a unit direction, and the stretch that is searched, (n, …)."""
-
-    origin: np.ndarray
-    direction: np.ndarray
-    reach: np.ndarray
 
 
 def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
@@ -130,8 +121,8 @@ def _agreeing(job: CoarseJob, first: PartResult, second: PartResult) -> PartResu
     for growth in BAND_GROWTH:
         margin = growth * job.margin_px / job.steps[1] + OVERVIEW_FLOOR_PX
         here, there = _share_of(lines, xy[1], size, margin)
-        chosen = Lines(*(part[here] for part in lines))
-        pairs = banded_matches(first["descriptors"][here], second["descriptors"][there], chosen, xy[1][there], margin)
+        of_first, of_second = first["descriptors"][here], second["descriptors"][there]
+        pairs = banded_matches(of_first, of_second, lines.select(here), xy[1][there], margin)
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
         if len(pairs) >= FEWEST_AGREEING:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
@@ -182,51 +173,12 @@ def epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange
 
 def _share_of(lines: Lines, xy: np.ndarray, size: np.ndarray, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Return which lines pass through the second image, and which of its points ``xy`` lie where they pass."""
-    reach = lines.reach[:, None] * np.abs(lines.direction) + margin_px
-    low, high = lines.origin - reach, lines.origin + reach
+    low, high = lines.bounds(margin_px)
     here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
     if not len(here):
         return here, np.empty(0, dtype=np.int64)
     inside = (xy >= low[here].min(axis=0)) & (xy <= high[here].max(axis=0))
     return here, np.flatnonzero(inside.all(axis=1))
-
-
-def banded_matches(
-    first: np.ndarray, second: np.ndarray, lines: Lines, second_xy: np.ndarray, margin_px: float
-) -> np.ndarray:
-    """Return index pairs ``(k, 2)`` of descriptors that are each other's nearest within a band along their lines.
-
-    The ratio test compares with the next best in the same band, so that it is the stricter the less is known.
-    """
-    nothing = np.empty((0, 2), dtype=np.int64)
-    if len(first) < 2 or len(second) < 2:
-        return nothing
-    roots = [root_sift(part) for part in (first, second)]
-    nearest, distinct = np.full(len(first), -1), np.zeros(len(first), dtype=bool)
-    back, back_best = np.full(len(second), -1), np.full(len(second), -1.0, dtype=np.float32)
-    for start in range(0, len(first), ROWS):
-        part = slice(start, min(start + ROWS, len(first)))
-        similarity = roots[0][part] @ roots[1].T
-        direction, origin = lines.direction[part].astype(np.float32), lines.origin[part].astype(np.float32)
-        points = second_xy.astype(np.float32)
-        along = direction @ points.T - np.sum(direction * origin, axis=1, keepdims=True)
-        normal = np.column_stack([-direction[:, 1], direction[:, 0]])
-        across = normal @ points.T - np.sum(normal * origin, axis=1, keepdims=True)
-        far = lines.reach[part, None].astype(np.float32) + margin_px
-        similarity[~((np.abs(across) <= margin_px) & (np.abs(along) <= far))] = -1.0
-        rows = np.arange(part.stop - part.start)
-        best = similarity.argmax(axis=1)
-        value = similarity[rows, best].copy()
-        column_best = similarity.argmax(axis=0)
-        column_value = similarity[column_best, np.arange(len(second))]
-        better = column_value > back_best
-        back[better], back_best[better] = start + column_best[better], column_value[better]
-        similarity[rows, best] = -1.0
-        nearest[part] = np.where(value > 0.0, best, -1)
-        distinct[part] = (1.0 - value) < BAND_RATIO**2 * (1.0 - np.maximum(similarity.max(axis=1), 0.0))
-    index = np.flatnonzero(distinct & (nearest >= 0))
-    index = index[back[nearest[index]] == index]
-    return np.column_stack([index, nearest[index]])
 
 
 # ---- from matches to geometry --------------------------------------------------------------------------------------

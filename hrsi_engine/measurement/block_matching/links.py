@@ -90,7 +90,8 @@ class ImageHold(NamedTuple):
         """The verdict in words."""
         if not self.links:
             return f"{self.image}: held by nothing ({self.reason})"
-        return f"{self.image}: held by {self.links} sound links in a block of {self.images} images"
+        links = "1 sound link" if self.links == 1 else f"{self.links} sound links"
+        return f"{self.image}: held by {links} in a block of {self.images} images"
 
 
 def judge_links(matches: BlockMatches) -> list[ImageLink]:

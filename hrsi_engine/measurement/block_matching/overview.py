@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from ...block.block import Image
 from ...foundation.progress import Progress, stage
 from ...foundation.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
-from ..tile_matching.features import SIFT_CONTRAST, stretch_to_byte
+from ..tile_matching.features import sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
 
@@ -103,20 +102,10 @@ def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.nd
     """Return tile positions, strengths and descriptors of the features of one part of an overview."""
     left, top = max(column - OVERVIEW_BORDER_PX, 0), max(row - OVERVIEW_BORDER_PX, 0)
     place = np.s_[top : row + TILE_PX + OVERVIEW_BORDER_PX, left : column + TILE_PX + OVERVIEW_BORDER_PX]
-    grey, valid = tile.pixels[place], tile.valid[place]
-    byte = stretch_to_byte(grey, valid)
-    nothing = np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8)
-    if byte is None:
-        return nothing
-    sift = cv2.SIFT_create(nfeatures=2 * FEATURES, contrastThreshold=SIFT_CONTRAST, enable_precise_upscale=True)
-    mask = None if valid.all() else cv2.erode(valid.astype(np.uint8), np.ones((9, 9), np.uint8))
-    points, descriptors = sift.detectAndCompute(byte, mask)
-    if not points:
-        return nothing
-    xy = np.array([point.pt for point in points]) + (left, top)
+    found = sift_features(tile.pixels[place], tile.valid[place], 2 * FEATURES)
+    xy = found.xy + (left, top)
     own = ((xy >= (column - 0.5, row - 0.5)) & (xy < (column + TILE_PX - 0.5, row + TILE_PX - 0.5))).all(axis=1)
-    response = np.array([point.response for point in points])
-    return xy[own], response[own], np.clip(descriptors[own], 0, 255).astype(np.uint8)
+    return xy[own], found.strength[own], found.descriptors[own]
 
 
 def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:

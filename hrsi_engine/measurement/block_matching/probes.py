@@ -19,7 +19,8 @@ from ...block.imaging_geometry import rays_up
 from ...foundation.scheduling import PartResult
 from ...surface.dem import HeightSurface
 from ..tile_matching.epipolar import epipolar_miss
-from .coarse import Lines, banded_matches, epipolar_lines, reduce_range
+from .bands import banded_matches
+from .coarse import epipolar_lines, reduce_range
 from .overlaps import GroundRange, Overlap, candidate_pairs, estimate_overlaps, find_overlaps
 
 PROBED_FEATURES = 600
@@ -77,9 +78,8 @@ def probe_pairs(job: ProbeJob) -> PartResult:
         second_xy = (theirs["xy"] - (step - 1) / 2.0) / step
         lines = epipolar_lines(first_rpc, second_rpc, xy, heights)
         seen = np.flatnonzero(np.isfinite(lines.origin).all(axis=1))
-        chosen = Lines(*(part[seen] for part in lines))
         pairs = banded_matches(
-            own["descriptors"][seen], theirs["descriptors"], chosen, second_xy, job.margin_px / step
+            own["descriptors"][seen], theirs["descriptors"], lines.select(seen), second_xy, job.margin_px / step
         )  # fmt: skip
         if not len(pairs):
             continue

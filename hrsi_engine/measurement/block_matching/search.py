@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -95,12 +95,14 @@ class TieSearch:
         scheduler: Scheduler,
         keeper: Keeper | None,
         marked: bool = True,
+        earlier: Collection[str] = (),
     ) -> None:
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
             raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
         self._scheduler, self._keeper = scheduler, keeper
+        self.earlier = frozenset(earlier)  #: ids of images that were matched with one another before
         self._marks = {index: _mark(images[index]) for index in self.usable} if marked else {}
         self._features: FoundFeatures | None = None  # of the overviews, where pairs are probed
         self._terrain: dict[int, np.ndarray] = {}
@@ -115,6 +117,8 @@ class TieSearch:
         images = [self.images[index] for index in self.usable]
         self._ranges = overlaps.ground_ranges(images, self.surface, DEM_MARGIN_M)
         found = likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
+        if self.earlier:
+            found = [pair for pair in found if not {images[pair.first].id, images[pair.second].id} <= self.earlier]
         if not found:
             raise InputError(
                 f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
+from ...foundation.pixel_filters import interpolate
 from .views import NetworkWindow
 
 PATCH_HALF_PX = 8  # patches of 17 x 17 pixels
 LEAST_USABLE = 0.75  # share of a patch's pixels that must be usable in both images
-PATCHES_PER_BATCH = 1800  # OpenCV's maps have less than 32768 lines
+PATCHES_PER_BATCH = 1800  # in memory
 
 
 def patch_correlation(
@@ -45,9 +45,6 @@ def patch_correlation(
 def _sample(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return grey values and usability of positions ``(n, k, 2)``, bilinear."""
     places = xy.astype(np.float32)
-    grey = cv2.remap(view.grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    usable = cv2.remap(
-        view.usable.astype(np.uint8), places[..., 0], places[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
-        borderValue=0,
-    )  # fmt: skip
+    grey = interpolate(view.grey, places[..., 0], places[..., 1], order=1)
+    usable = interpolate(view.usable.view(np.uint8), places[..., 0], places[..., 1], order=0, outside=0)
     return grey, usable.astype(bool)

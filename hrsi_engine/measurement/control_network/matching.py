@@ -26,7 +26,7 @@ from .refinement import Positions, refine_matches
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
 from .thresholds import Tolerance, tolerance_of
-from .unknown_scale import LOOK_PX, UNKNOWN_SCALES, likely_scales
+from .unknown_scale import LOOK_PX, UNKNOWN_SCALES, FeatureVote, feature_vote
 from .views import NetworkWindow, network_window
 
 STEEP_DEG = 30.0  # slope of the later stages of growth
@@ -157,29 +157,33 @@ def match_windows(
         raise InputError(f"no interest points {options.detector!r}: choose one of {', '.join(DETECTOR_SETS)}")
     areas = inside(first_window, first), inside(second_window, second)
     if options.scales is not None:
-        return _match_at(first, second, options, options.scales, areas, progress)
+        return _match_at(first, second, options, FeatureVote(options.scales), areas, progress)
     # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for
-    likely = likely_scales(first, second, *areas)
-    told = likely != UNKNOWN_SCALES and not likely[0] <= 1.0 <= likely[1]
-    found = _match_at(first, second, options, likely if told else EQUAL_SCALES, areas, stage(progress, 0.0, 0.5))
-    if found.status == FOUND or (likely != UNKNOWN_SCALES and not told):
+    vote, equal = feature_vote(first, second, *areas), FeatureVote(EQUAL_SCALES)
+    around_one = vote.scales[0] <= 1.0 <= vote.scales[1]
+    told = vote.scales != UNKNOWN_SCALES and not around_one
+    if not told:
+        equal = equal._replace(affine=vote.affine)
+    found = _match_at(first, second, options, vote if told else equal, areas, stage(progress, 0.0, 0.5))
+    if found.status == FOUND or (vote.scales != UNKNOWN_SCALES and not told):
         return found
     if told:
-        likely = EQUAL_SCALES
+        vote = equal
     else:
-        likely = likely_scales(first, second, *areas, most_px=LOOK_PX)
-        if likely[0] <= 1.0 <= likely[1] and likely != UNKNOWN_SCALES:
+        vote = feature_vote(first, second, *areas, most_px=LOOK_PX)
+        if vote.scales[0] <= 1.0 <= vote.scales[1] and vote.scales != UNKNOWN_SCALES:
             return found  # the scale was right: another one would not help
-    again = _match_at(first, second, options, likely, areas, stage(progress, 0.5, 1.0))
+    again = _match_at(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
     # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
-    return again if again.status == FOUND or likely not in (UNKNOWN_SCALES, EQUAL_SCALES) else found
+    return again if again.status == FOUND or vote.scales not in (UNKNOWN_SCALES, EQUAL_SCALES) else found
 
 
 def _match_at(
-    first: Raster, second: Raster, options: ControlNetworkOptions, known: tuple[float, float],
+    first: Raster, second: Raster, options: ControlNetworkOptions, vote: FeatureVote,
     areas: tuple[Area, Area], progress: Progress,
 ) -> ControlNetworkMatch:  # fmt: skip
     """Match two windows whose scale is known, or lies in a range."""
+    known = vote.scales
     usual = float(np.sqrt(known[0] * known[1]))
     reductions = [max(ratio, 1.0) if ratio >= REDUCED_FROM else 1.0 for ratio in (1.0 / usual, usual)]
     views = [
@@ -188,7 +192,16 @@ def _match_at(
     ]
     between = reductions[0] / reductions[1]
     scales = known[0] * between, known[1] * between
-    return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0))
+    similarity = None if vote.affine is None else _between_views(vote.affine, *views)
+    return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0), similarity)
+
+
+def _between_views(affine: np.ndarray, first: NetworkWindow, second: NetworkWindow) -> np.ndarray:
+    """Return a map ``(2, 3)`` of images as one of the windows' own positions."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    there = first.in_image(corners) @ affine[:, :2].T + affine[:, 2]
+    origin, right, down = (there - second.origin + 0.5) / second.reduction - 0.5
+    return np.column_stack([right - origin, down - origin, origin])
 
 
 def _view(
@@ -208,12 +221,15 @@ def _view(
 
 def match_views(
     first: NetworkWindow, second: NetworkWindow, options: ControlNetworkOptions,
-    scales: tuple[float, float] = (1.0, 1.0), progress: Progress = silent,
+    scales: tuple[float, float] = (1.0, 1.0), progress: Progress = silent, similarity: np.ndarray | None = None,
 ) -> ControlNetworkMatch:  # fmt: skip
-    """Match two windows with their interest points; ``scales`` are those between the windows' own pixels."""
+    """Match two windows with their interest points; ``scales`` are those between the windows' own pixels.
+
+    ``similarity (2, 3)`` is where features put the points of the first window, if they tell that.
+    """
     seen: list[SuperMatch] = []
     best: ControlNetworkMatch | None = None
-    for seed in seeds(first, second, seed_options(options, scales), seen, stage(progress, 0.0, 0.4)):
+    for seed in seeds(first, second, seed_options(options, scales), seen, stage(progress, 0.0, 0.4), similarity):
         network = grown(seed.network, first, second, growth_options(options), stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
         found = _result(seed, *refine_matches(network, first, second, options.consistency_px), first, second)

@@ -5,7 +5,8 @@ network, and the number of pairs of roots would grow with the square of the area
 near the middle first, until one of them is found in the second window.
 
 Geometry may fail to tell where few super points repeat (wide angles, other dates, small overlap). Then the likeliest
-hypotheses are compared by what their nodes look like: `grey_seeds`.
+hypotheses are compared by what their nodes look like: `grey_seeds`. Where that finds nothing either, and features vote
+clearly for one similarity, interest points that look alike are paired near where it puts them: `feature_seeds`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent, stage
 from ..interest_points.points import InterestPoints, spread_over_grid
+from .assignment import mutual_best
 from .grey_values import patch_correlation
 from .growth import consistent
 from .local_affine import similarity_matrix
@@ -41,6 +44,7 @@ LEAST_SUPER_POINTS = 8
 LEAST_NODES, LEAST_NETWORK_SHARE = 8, 0.3  # of the nodes must look alike; by chance one in twenty does
 SEED_CONSISTENCY_PX = 4.0  # far nodes on relief
 GREY_REACHES = 1.0, 0.6  # shares of the reach: near leaves are fewer, and fit less by chance
+FEATURE_REACH_PX = 8.0  # from where features put a point to where relief may have moved it
 LIKELY = 150  # pairs of roots that are compared by grey values
 
 
@@ -85,8 +89,12 @@ def seeds(
     options: SeedOptions,
     seen: list[SuperMatch],
     progress: Progress = silent,
+    similarity: np.ndarray | None = None,
 ) -> Iterator[Seed]:
-    """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``."""
+    """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``.
+
+    ``similarity (2, 3)`` is where features put the first window's points, if they tell that.
+    """
     ours, theirs = super_point_rows(first.points), super_point_rows(second.points)
     every = parts(first, ours) if len(theirs) >= LEAST_SUPER_POINTS else []
     for number, rows in enumerate(every):
@@ -103,6 +111,8 @@ def seeds(
         advance(progress, 1.0, "control network: comparing grey values")
         if match.status != AMBIGUOUS:
             yield from grey_seeds(first, second, rows, theirs, options)
+    if similarity is not None and not any(match.status == AMBIGUOUS for match in seen):
+        yield from feature_seeds(first, second, similarity, options)
 
 
 def grey_seeds(
@@ -129,6 +139,30 @@ def grey_seeds(
     rivals = [count for count, _, other in tested if is_rival(sets, best, other)]
     if max(rivals, default=0) < RIVAL_CORRESPONDENCES_SHARE * most:
         yield Seed(network, best, max(rivals, default=0))
+
+
+def feature_seeds(
+    first: NetworkWindow, second: NetworkWindow, similarity: np.ndarray, options: SeedOptions
+) -> Iterator[Seed]:
+    """Yield the network of the interest points that look alike near where a similarity puts them."""
+    matrix, shift = similarity[:, :2], similarity[:, 2]
+    near = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, FEATURE_REACH_PX)
+    a = np.repeat(np.arange(len(near)), [len(rows) for rows in near])
+    b = np.array([row for rows in near for row in rows], dtype=int)
+    alike = patch_correlation(first, second, first.xy[a], second.xy[b], np.broadcast_to(matrix, (len(a), 2, 2)))
+    likely = np.flatnonzero(alike >= options.correlation)
+    chosen = likely[mutual_best(a[likely], b[likely], -alike[likely])]
+    if len(chosen) < LEAST_NODES:
+        return
+    # The root is the node nearest to the middle of all
+    away = np.hypot(*(first.xy[a[chosen]] - np.median(first.xy[a[chosen]], axis=0)).T)
+    chosen = chosen[np.argsort(away, kind="stable")]
+    scale, turn = float(np.hypot(*matrix[:, 0])), float(np.arctan2(matrix[1, 0], matrix[0, 0]))
+    found = Hypothesis((-1, -1), (-1, -1), scale, turn, np.column_stack([a, b])[chosen], 0.0)
+    every = np.arange(max(len(first.xy), len(second.xy)))
+    network = verify(as_network(found, first, second, every, every), first, second, options.correlation)
+    if _enough(network, found):
+        yield Seed(network, found, 0)
 
 
 def _enough(network: Network, hypothesis: Hypothesis) -> bool:

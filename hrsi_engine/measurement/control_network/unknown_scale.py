@@ -1,66 +1,98 @@
-"""The scale between two windows of which nothing is known: from features that do not depend on it.
+"""What two windows of which nothing is known have to do with one another, by features that know no scale.
 
 SIFT (Lowe 2004) tells its own scale and direction; the pairs that pass the ratio test vote for one similarity by random
-samples (Fischler and Bolles 1981). Only the scale is taken from it: what is matched is for the networks to decide.
+samples (Fischler and Bolles 1981). Its scale is that at which networks are looked for. Where they find no root, as of
+small windows that overlap little, whose few super points are seldom in both, a clear vote says where they begin.
 """
 
 from __future__ import annotations
 
-import cv2
+from typing import NamedTuple
+
 import numpy as np
 
 from ...block.block import Raster
+from ...foundation.pixel_filters import reduce_by_area, reduce_mask
 from ..interest_points.windows import Area
-from ..tile_matching.features import SIFT_CONTRAST, root_sift, stretch_to_byte
+from ..tile_matching.features import SiftFeatures, root_sift, sift_features
 from ..tile_matching.rpc_consistency import mutual_matches
 
 SCALE_FEATURES = 6000
 SCALE_RATIO = 0.85  # lenient: the vote rejects what is wrong
 VOTE_PX = 4.0  # relief moves points
+VOTES_TAKEN, FARTHER_THAN_PX = 5000, 20.0  # of two pairs each, whose points are so far apart
 FEWEST_VOTES = 10
+CLEAR_VOTES, CLEAR_SHARE = 24, 0.3  # that a network may begin with: at least, and of the pairs that pass the ratio test
 UNKNOWN_SCALES = (0.6, 1.7)  # searched step by step where features tell nothing
 AROUND = 1.05  # factor to both sides of the scale found
 GLANCE_PX, LOOK_PX = 500_000, 16_000_000  # pixels of a window that features are found in: quickly, and thoroughly
 
 
-def likely_scales(
+class FeatureVote(NamedTuple):
+    """What features of two windows vote for.
+
+    scales : range of pixels of the second window for one of the first, in which the true scale lies
+    affine : (2, 3) similarity from positions of the first image to those of the second; None without a clear vote
+    """
+
+    scales: tuple[float, float] = UNKNOWN_SCALES
+    affine: np.ndarray | None = None
+
+
+def feature_vote(
     first: Raster, second: Raster, first_window: Area, second_window: Area, most_px: int = GLANCE_PX
-) -> tuple[float, float]:
-    """Return the range of scales, pixels of the second window for one of the first, in which the true one lies.
+) -> FeatureVote:
+    """Return what the features of two windows vote for; `UNKNOWN_SCALES` where they tell nothing.
 
     Both windows are reduced alike until the larger has at most ``most_px`` pixels: that is quick, and tells as much
-    where they show the same; `UNKNOWN_SCALES` where features tell nothing.
+    where they show the same.
     """
     areas = first_window, second_window
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)
     reduction = max(float(np.sqrt(largest / most_px)), 1.0)
-    (xy1, descriptors1), (xy2, descriptors2) = (
+    here, there = (
         _scale_features(raster, area, reduction) for raster, area in zip((first, second), areas, strict=True)
     )
-    i, j = mutual_matches(root_sift(descriptors1), root_sift(descriptors2), SCALE_RATIO)
-    if len(i) < FEWEST_VOTES:
-        return UNKNOWN_SCALES
-    cv2.setRNGSeed(1)
-    similarity, chosen = cv2.estimateAffinePartial2D(
-        xy1[i], xy2[j], method=cv2.RANSAC, ransacReprojThreshold=VOTE_PX, maxIters=5000
-    )
-    if similarity is None or int(chosen.sum()) < FEWEST_VOTES:
-        return UNKNOWN_SCALES
-    scale = float(np.hypot(*similarity[:, 0]))
-    return scale / AROUND, scale * AROUND
+    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), SCALE_RATIO)
+    found = _common_similarity(here.xy[i], there.xy[j])
+    if found is None:
+        return FeatureVote()
+    matrix, shift, votes = found
+    scale = float(np.hypot(*matrix[:, 0]))
+    clear = votes >= max(CLEAR_VOTES, CLEAR_SHARE * len(i))
+    # From the reduced windows' pixels to those of the images
+    origins = [np.array([area.left, area.top], dtype=np.float64) for area in areas]
+    shift = origins[1] - 0.5 + reduction * (shift + 0.5 - 0.5 * matrix.sum(axis=1)) - matrix @ (origins[0] - 0.5)
+    return FeatureVote((scale / AROUND, scale * AROUND), np.column_stack([matrix, shift]) if clear else None)
 
 
-def _scale_features(raster: Raster, area: Area, reduction: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and descriptors of a reduced window's features."""
+def _common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, int] | None:
+    """Return matrix ``(2, 2)``, shift ``(2,)`` and votes of the similarity that most pairs ``(n, 2)`` agree with.
+
+    None where too few do. A similarity is ``w = a z + b`` in complex numbers; two pairs are a sample.
+    """
+    if len(first) < FEWEST_VOTES:
+        return None
+    z, w = (np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0] for xy in (first, second))
+    one, other = np.random.default_rng(1).integers(0, len(z), (2, VOTES_TAKEN))
+    apart = np.abs(z[one] - z[other]) > FARTHER_THAN_PX
+    one, other = one[apart], other[apart]
+    a = (w[one] - w[other]) / (z[one] - z[other])
+    b = w[one] - a * z[one]
+    votes = [int(np.sum(np.abs(w - (a_k * z + b_k)) <= VOTE_PX)) for a_k, b_k in zip(a, b, strict=True)]
+    if not votes or max(votes) < FEWEST_VOTES:
+        return None
+    best = int(np.argmax(votes))
+    agree = np.abs(w - (a[best] * z + b[best])) <= VOTE_PX
+    (a_all, b_all), *_ = np.linalg.lstsq(np.column_stack([z[agree], np.ones(max(votes))]), w[agree], rcond=None)
+    matrix = np.array([[a_all.real, -a_all.imag], [a_all.imag, a_all.real]])
+    return matrix, np.array([b_all.real, b_all.imag]), max(votes)
+
+
+def _scale_features(raster: Raster, area: Area, reduction: float) -> SiftFeatures:
+    """Return the features of a reduced window."""
     grey, valid = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
     if reduction > 1.0:
         size = int(grey.shape[1] / reduction), int(grey.shape[0] / reduction)
-        grey = cv2.resize(np.asarray(grey, np.float32), size, interpolation=cv2.INTER_AREA)
-        valid = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
-    byte = stretch_to_byte(grey, valid)
-    nothing = np.empty((0, 2)), np.empty((0, 128), np.float32)
-    if byte is None:
-        return nothing
-    mask = None if valid.all() else cv2.erode(valid.astype(np.uint8), np.ones((9, 9), np.uint8))
-    points, descriptors = cv2.SIFT_create(SCALE_FEATURES, contrastThreshold=SIFT_CONTRAST).detectAndCompute(byte, mask)
-    return (np.array([point.pt for point in points]), descriptors) if points else nothing
+        grey, valid = reduce_by_area(np.asarray(grey, np.float32), size), reduce_mask(valid, size)
+    return sift_features(grey, valid, SCALE_FEATURES)

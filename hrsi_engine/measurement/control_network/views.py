@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from ...block.block import ArrayRaster, Raster
+from ...foundation.pixel_filters import blur, erode, interpolate
 from ...foundation.progress import Progress, silent, stage
 from ..interest_points.detectors import detect_interest_points
 from ..interest_points.options import DetectionOptions
@@ -82,9 +82,9 @@ def _reduce(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRast
     lines, samples = (int(length / reduction) for length in grey.shape)
     y, x = np.mgrid[:lines, :samples].astype(np.float32)
     places = (x + 0.5) * reduction - 0.5, (y + 0.5) * reduction - 0.5
-    smooth = cv2.GaussianBlur(grey, (0, 0), 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
-    hidden = cv2.dilate((~usable).astype(np.uint8), np.ones((2 * int(np.ceil(reduction)) + 1,) * 2, np.uint8))
+    smooth = blur(grey, 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
+    clear = erode(usable, 2 * int(np.ceil(reduction)) + 1)
     return ArrayRaster(
-        cv2.remap(smooth, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
-        cv2.remap(hidden, *places, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=1) == 0,
+        interpolate(smooth, *places, order=1),
+        interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0,
     )

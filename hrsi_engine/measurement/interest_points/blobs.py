@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...foundation.pixel_filters import blur, filter_separably, largest_within, reduce_by_area, slopes
 from .options import CentreOptions
 from .outlines import bilinear
 
@@ -122,19 +122,19 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
 def _seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions ``(n, 2)``, scales and signs ``(n,)`` of the maxima of the Hessian's determinant."""
     second, first, one = (np.array(kernel, np.float32) for kernel in ([1, -2, 1], [-0.5, 0, 0.5], [1]))
-    border, factor, level = cv2.BORDER_REFLECT, 1, z
+    factor, level = 1, z
     found = []
     for sigma in SEED_SIGMAS_PX:
         if sigma / factor > LARGEST_AT_LEVEL_PX:
             factor *= 2
-            level = cv2.resize(z, (z.shape[1] // factor, z.shape[0] // factor), interpolation=cv2.INTER_AREA)
+            level = reduce_by_area(z, (z.shape[1] // factor, z.shape[0] // factor))
         scale = sigma / factor
-        smooth = cv2.GaussianBlur(level, (0, 0), np.sqrt(scale**2 - 0.25), borderType=border)
-        xx = cv2.sepFilter2D(smooth, cv2.CV_32F, second, one, borderType=border)
-        yy = cv2.sepFilter2D(smooth, cv2.CV_32F, one, second, borderType=border)
-        mixed = cv2.sepFilter2D(smooth, cv2.CV_32F, first, first, borderType=border)
+        smooth = blur(level, np.sqrt(scale**2 - 0.25), "reflect")
+        xx = filter_separably(smooth, second, one, "reflect")
+        yy = filter_separably(smooth, one, second, "reflect")
+        mixed = filter_separably(smooth, first, first, "reflect")
         strength = np.float32(scale**4) * (xx * yy - mixed * mixed)
-        peak = (strength >= cv2.dilate(strength, np.ones((3, 3), np.uint8))) & (strength > SEED_STRENGTH**2)
+        peak = (strength >= largest_within(strength, 1.5)) & (strength > SEED_STRENGTH**2)
         row, column = np.nonzero(peak)
         bright = np.where(xx[row, column] + yy[row, column] < 0.0, 1.0, -1.0)
         at = (np.column_stack([column, row]) + 0.5) * factor - 0.5
@@ -154,12 +154,11 @@ class _Levels:
         """Return the slopes of the image reduced by a factor, per pixel of it."""
         if factor not in self._slopes:
             size = self._z.shape[1] // factor, self._z.shape[0] // factor
-            level = self._z if factor == 1 else cv2.resize(self._z, size, interpolation=cv2.INTER_AREA)
-            smooth = cv2.GaussianBlur(level, (0, 0), OUTLINE_PX, borderType=cv2.BORDER_REFLECT)
+            level = self._z if factor == 1 else reduce_by_area(self._z, size)
+            smooth = blur(level, OUTLINE_PX, "reflect")
             half, one = np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32)
             by = np.empty((*smooth.shape, 2), np.float32)
-            by[..., 0] = cv2.sepFilter2D(smooth, cv2.CV_32F, half, one, borderType=cv2.BORDER_REFLECT)
-            by[..., 1] = cv2.sepFilter2D(smooth, cv2.CV_32F, one, half, borderType=cv2.BORDER_REFLECT)
+            by[..., 0], by[..., 1] = slopes(smooth, one, half, "reflect")
             self._slopes[factor] = by.view(np.complex64)[..., 0]
         return self._slopes[factor]
 

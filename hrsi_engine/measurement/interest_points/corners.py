@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
+from ...foundation.pixel_filters import erode, filter_separably, largest_within, slopes
 from .options import CornerOptions
 from .statistics import HALO_PX as STATISTICS_HALO_PX
 from .statistics import ImageStatistics, normalise
@@ -42,12 +42,11 @@ class Peaks(NamedTuple):
 def structure_tensor(grey: np.ndarray) -> Tensor:
     """Return the structure tensor of an image (thesis eq. 3.1), float32."""
     smooth, slope = gaussian_kernels(DERIVATIVE_PX)
-    by_x = cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
-    by_y = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+    by_x, by_y = slopes(np.asarray(grey, np.float32), smooth, slope, "reflect")
     patch, _ = gaussian_kernels(PATCH_PX)
 
     def mean(product: np.ndarray) -> np.ndarray:
-        return cv2.sepFilter2D(product, cv2.CV_32F, patch, patch, borderType=cv2.BORDER_REFLECT)
+        return filter_separably(product, patch, patch, "reflect")
 
     return Tensor(mean(by_x * by_x), mean(by_x * by_y), mean(by_y * by_y))
 
@@ -104,18 +103,14 @@ def corner_peaks(
 
 def local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
     """Return the mask of pixels that are positive and the largest within a radius."""
-    reach = int(np.floor(radius_px))
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    disc = (np.hypot(x, y) <= radius_px).astype(np.uint8)
-    return (strength > 0.0) & (strength >= cv2.dilate(strength, disc))
+    return (strength > 0.0) & (strength >= largest_within(strength, radius_px))
 
 
 def far_from_unusable(usable: np.ndarray, distance_px: int) -> np.ndarray:
     """Return the mask of pixels whose surroundings are usable as far as the window goes."""
     if usable.all():
         return usable
-    square = np.ones((2 * distance_px + 1, 2 * distance_px + 1), np.uint8)
-    return cv2.erode(usable.astype(np.uint8), square).astype(bool)
+    return erode(usable, 2 * distance_px + 1)
 
 
 def peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

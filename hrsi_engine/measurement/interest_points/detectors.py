@@ -6,11 +6,9 @@ window; only the points it returns stay in memory. To add one, write its `Detect
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +17,7 @@ from scipy.spatial import cKDTree
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.streams import open_calls
 from ...foundation.threads import thread_count
 from .blobs import Blobs, find_blobs
 from .corners import Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
@@ -231,26 +230,14 @@ def detect_interest_points(
         return find(read_window(raster, core, halo, statistics.saturation))
 
     parts, areas = [], cores(region)
-    for number, found in enumerate(_in_order(of_core, areas, thread_count(options.threads))):
-        parts.append(found)
-        advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")
+    with open_calls(threads=thread_count(options.threads)) as calls:
+        for number, found in enumerate(calls.answers(of_core, areas)):
+            parts.append(found)
+            advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")
     points = join_points(parts)
     if options.per_cell:
         points = points.select(spread_over_grid(points, options.cell_px, options.per_cell))
     return points
-
-
-def _in_order(work: Callable[[Area], InterestPoints], areas: list[Area], threads: int) -> Iterator[InterestPoints]:
-    """Yield results in the areas' order; at most ``threads`` windows are in memory."""
-    if threads <= 1:
-        yield from map(work, areas)
-        return
-    waiting = iter(areas)
-    with ThreadPoolExecutor(threads) as pool:
-        running = [pool.submit(work, area) for area in islice(waiting, threads)]
-        while running:
-            yield running.pop(0).result()
-            running += [pool.submit(work, area) for area in islice(waiting, 1)]
 
 
 def inside(region: Area | None, raster: Raster) -> Area:

@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from ...foundation.pixel_filters import blur, opencv_is_wanted, reduce_by_area, reduce_mask, slopes
 from .corners import gaussian_kernels
+from .stable_regions import MserLimits, mser_by_labels, mser_by_opencv
 
 BRIGHT, DARK, EVEN = 1, -1, 0
 REGION_SCALES = (1, 4)
@@ -81,16 +82,14 @@ def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> It
         reduced, closed = _reduce(z, usable, scale)
         reach = largest_px / scale
         # A normalised image in steps of `LEVEL_STEP`, 0 … 255
-        level = cv2.convertScaleAbs(np.clip(reduced / LEVEL_STEP + 128.0, 0.0, 255.0))
+        level = np.rint(np.clip(reduced / LEVEL_STEP + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
             yield _compact(_stable(steps, STABLE_STEPS, LARGEST_CHANGE, reach), closed, reach, scale, sign)
         if scale == REGION_SCALES[0]:
             # 255 where a (smoothed) image has no slope, falling to 0 for very steep ones
             smooth, slope = gaussian_kernels(0.5)
-            by_x = cv2.sepFilter2D(reduced, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
-            by_y = cv2.sepFilter2D(reduced, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
-            steepness = cv2.magnitude(by_x, by_y)
-            evenness = cv2.convertScaleAbs(255.0 * HALF_SLOPE / (steepness + np.float32(HALF_SLOPE)))
+            steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
+            evenness = np.rint(255.0 * HALF_SLOPE / (steepness + HALF_SLOPE)).astype(np.uint8)
             even = _stable(evenness, EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE, reach)
             yield _compact(even, closed, reach - 2.0 * EVEN_WITHIN_PX, scale, EVEN)
 
@@ -99,20 +98,17 @@ def _reduce(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, 
     """Return image and mask reduced by averaging ``scale`` x ``scale`` pixels, slightly smoothed."""
     if scale > 1:
         size = z.shape[1] // scale, z.shape[0] // scale
-        z = cv2.resize(z, size, interpolation=cv2.INTER_AREA)
-        usable = cv2.resize(usable.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
-    return cv2.GaussianBlur(z, (0, 0), SMOOTHING_PX), usable
+        z, usable = reduce_by_area(z, size), reduce_mask(usable, size)
+    return blur(z, SMOOTHING_PX), usable
 
 
 def _stable(steps: np.ndarray, stable_steps: int, largest_change: float, reach: float) -> tuple[list, np.ndarray]:
     """Return pixels and boxes of the maximally stable regions that are brighter than their surroundings."""
-    finder = cv2.MSER_create(
-        delta=stable_steps, min_area=FEWEST_PIXELS, max_area=int(reach**2), max_variation=largest_change,
-        min_diversity=FEWEST_DIFFERENT,
-    )  # fmt: skip
-    finder.setPass2Only(True)
-    pixels, boxes = finder.detectRegions(steps)
-    return list(pixels), np.asarray(boxes, dtype=np.int64).reshape(-1, 4)
+    limits = MserLimits(stable_steps, FEWEST_PIXELS, int(reach**2), largest_change, FEWEST_DIFFERENT)
+    find = mser_by_opencv if opencv_is_wanted() else mser_by_labels
+    pixels = find(steps, limits)
+    boxes = [(*low, *(high - low + 1)) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in pixels)]
+    return pixels, np.array(boxes, dtype=np.int64).reshape(-1, 4)
 
 
 def _compact(

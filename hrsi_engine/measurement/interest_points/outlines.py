@@ -7,13 +7,15 @@ of a window are measured in one go, large ones first in the reduced image that t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
+from scipy import ndimage
 
 from ...block.columns import Columns
+from ...foundation import pixel_filters as filters
 from .corners import gaussian_kernels
 from .level_regions import EVEN, EVEN_WITHIN_PX, Regions
 
@@ -42,10 +44,9 @@ class Slopes:
         """Slope by column + 1j * slope by row, complex64."""
         smooth, slope = gaussian_kernels(SLOPE_PX)
         by = np.empty((*self.grey.shape, 2), dtype=np.float32)
-        by[..., 0] = cv2.sepFilter2D(self.grey, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
-        by[..., 1] = cv2.sepFilter2D(self.grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+        by[..., 0], by[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
         if not self.usable.all():
-            by[cv2.dilate((~self.usable).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)] = 0.0
+            by[filters.dilate(~self.usable, 5)] = 0.0
         return by.view(np.complex64)[..., 0]
 
     @property
@@ -58,8 +59,7 @@ class Slopes:
         if scale == 1:
             return self
         size = self.grey.shape[1] // scale, self.grey.shape[0] // scale
-        grey = cv2.resize(self.grey, size, interpolation=cv2.INTER_AREA)
-        usable = cv2.resize(self.usable.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
+        grey, usable = filters.reduce_by_area(self.grey, size), filters.reduce_mask(self.usable, size)
         return Slopes(grey, usable, self.noise / scale, scale)
 
 
@@ -178,24 +178,61 @@ def _contours(regions: Regions) -> list[np.ndarray]:
     region = np.repeat(np.arange(len(starts)), np.diff(regions.bounds))
     column, row = (regions.pixels - low[region]).T
     place = row * width[region] + column
-    contours = []
+    masks = []
     for first, last, lines, samples in zip(starts, regions.bounds[1:], height, width, strict=True):
-        mask = np.zeros(lines * samples, dtype=np.uint8)
-        mask[place[first:last]] = 1
-        contours.append(_longest_contour(mask.reshape(lines, samples), last - first >= OPENED_PIXELS))
-    return [contour + corner for contour, corner in zip(contours, low, strict=True)]
+        mask = np.zeros(lines * samples, dtype=bool)
+        mask[place[first:last]] = True
+        mask = mask.reshape(lines, samples)
+        masks.append(_without_threads(mask) if last - first >= OPENED_PIXELS else mask)
+    return [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
 
 
-def _longest_contour(mask: np.ndarray, opened: bool) -> np.ndarray:
-    """Return the contour of a mask; ``opened`` cuts off threads by which a region leaks into its surroundings."""
-    if opened:
-        core = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SQUARE)
-        mask = core if core.any() else mask
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return max(contours, key=len)[:, 0]
+def _without_threads(mask: np.ndarray) -> np.ndarray:
+    """Return the largest part of a mask without the threads by which it leaks into its surroundings."""
+    core = filters.opened(mask, 3)
+    if not core.any():
+        return mask
+    parts, count = ndimage.label(core, np.ones((3, 3)))
+    return core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
 
 
-_SQUARE = np.ones((3, 3), np.uint8)
+#: Steps (column, row) to the 8 neighbours, clockwise on the screen from that on the right.
+_AROUND = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
+
+
+def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return column and row ``(k, 2)`` of the outermost pixels of connected masks, in order around each.
+
+    The masks have a border of False. Moore's tracing: from each pixel on to the first neighbour clockwise after the
+    last one that was outside; all masks are followed together, step by step.
+    """
+    width = np.array([mask.shape[1] for mask in masks], dtype=np.int64)
+    begin = np.r_[0, np.cumsum([mask.size for mask in masks])[:-1]].astype(np.int64)
+    canvas = np.concatenate([mask.ravel() for mask in masks])
+    step = _AROUND[:, 0] + _AROUND[:, 1] * width[:, None]
+    start = begin + np.array([mask.argmax() for mask in masks], dtype=np.int64)
+    going, pixel = np.arange(len(masks)), start.copy()
+    outside = np.full(len(masks), 4)  # the neighbour on the left of the first pixel of the first row
+    first_turn = np.full(len(masks), -1)
+    regions, pixels = [], []
+    while len(going):
+        turn = (outside[:, None] + np.arange(1, 9)) % 8
+        near = canvas[pixel[:, None] + np.take_along_axis(step[going], turn, axis=1)]
+        on = turn[np.arange(len(going)), near.argmax(axis=1)]
+        alone = ~near.any(axis=1)
+        around = (pixel == start[going]) & (on == first_turn[going])
+        regions.append(going[~around])
+        pixels.append(pixel[~around])
+        first_turn[going] = np.where(first_turn[going] < 0, on, first_turn[going])
+        stay = ~(around | alone)
+        going, pixel, on = going[stay], pixel[stay], on[stay]
+        pixel = pixel + step[going, on]
+        outside = (on + np.where(on % 2 == 0, 6, 5)) % 8
+    region, place = np.concatenate(regions), np.concatenate(pixels)
+    order = np.argsort(region, kind="stable")
+    region, place = region[order], place[order] - begin[region[order]]
+    row, column = np.divmod(place, width[region])
+    return np.split(np.column_stack([column, row]), np.cumsum(np.bincount(region, minlength=len(masks)))[:-1])
 
 
 def _evenly_spaced(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import cv2
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ..targets.ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
 from .outlines import Outlines, Slopes, edges_along
@@ -276,8 +276,8 @@ def fit_polygons(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes
     closed = count / np.maximum(outlines.count, 1)
     good = (closed >= CLOSED_SHARE) & (area > 1.0) & (rmse <= size_tolerance(POLYGON_TOLERANCE, size))
     for row in np.flatnonzero(good):
-        hull = cv2.convexHull(xy[row, : count[row]].astype(np.float32))
-        good[row] = area[row] >= SOLIDITY * cv2.contourArea(hull)
+        hull = ConvexHull(xy[row, : count[row]])
+        good[row] = area[row] >= SOLIDITY * hull.volume  # of two dimensions: the area
     covariance = _floor(variance[:, None, None] * np.eye(2))
     return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
 

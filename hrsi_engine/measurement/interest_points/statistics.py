@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ...block.block import Raster
+from ...foundation.pixel_filters import enlarge, filter_separably
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from .windows import GRID_PX, SATURATED_SHARE, Area, DetectionWindow, read_window
 
@@ -22,7 +22,7 @@ HALO_PX = STATISTICS_CELL_PX * (CELLS_AVERAGED // 2 + 1)  # what the local mean 
 SAMPLE_PX, SAMPLES_PER_SIDE = 512, 4
 NOISE_FLOOR = 4.0  # local deviations below so many times the noise are noise
 CONTRAST_FLOOR = 0.15  # or below this share of the image's median deviation
-_LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
+_BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _saturation(samples: list[DetectionWindow]) -> float | None:
 
 def _noise(window: DetectionWindow) -> float:
     """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
-    curved = np.abs(cv2.filter2D(window.grey, cv2.CV_32F, _LAPLACIAN)) / 6.0
+    curved = np.abs(filter_separably(window.grey, _BENT, _BENT)) / 6.0
     lines, samples = (length // STATISTICS_CELL_PX * STATISTICS_CELL_PX for length in curved.shape)
     cells = curved[:lines, :samples].reshape(
         lines // STATISTICS_CELL_PX, STATISTICS_CELL_PX, samples // STATISTICS_CELL_PX, STATISTICS_CELL_PX
@@ -104,10 +104,7 @@ def _cell_sums(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndar
 def _local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and deviation of the usable pixels in the cells around each cell."""
     kernel = np.ones(CELLS_AVERAGED)
-    sums = [
-        cv2.sepFilter2D(layer, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
-        for layer in _cell_sums(window)
-    ]
+    sums = [filter_separably(layer, kernel, kernel, "constant") for layer in _cell_sums(window)]
     return _moments(*sums)
 
 
@@ -122,4 +119,4 @@ def _interpolate(cells: np.ndarray) -> np.ndarray:
     """Return cell values at every pixel, bilinear between the cells' middles."""
     known = np.isfinite(cells)
     filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
-    return cv2.resize(filled, None, fx=STATISTICS_CELL_PX, fy=STATISTICS_CELL_PX, interpolation=cv2.INTER_LINEAR)
+    return enlarge(filled, STATISTICS_CELL_PX)

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ...block.block import Raster
+from ...foundation.pixel_filters import box_mean, dilate, opened
 
 CORE_PX = 1536  # with a halo of 256: windows of 2048 x 2048
 GRID_PX = 32  # windows begin at multiples of this: cells of the statistics, pyramid factors
 SATURATED_SHARE = 1e-4  # of the pixels at the largest grey value, above which that value is saturation
+FILLED_FROM_PX = 31  # side of the square around an invalid pixel whose valid ones stand for it
 SATURATED_AREA_PX = 3  # side of the smallest saturated area: single glints stay
 
 
@@ -101,9 +102,7 @@ def saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:
     """Return the mask of areas of saturated pixels, with the pixels beside them."""
     if saturation is None:
         return np.zeros(grey.shape, dtype=bool)
-    full = (grey >= saturation).astype(np.uint8)
-    square = np.ones((SATURATED_AREA_PX, SATURATED_AREA_PX), np.uint8)
-    return cv2.dilate(cv2.morphologyEx(full, cv2.MORPH_OPEN, square), square).astype(bool)
+    return dilate(opened(grey >= saturation, SATURATED_AREA_PX), SATURATED_AREA_PX)
 
 
 def _fill(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -111,7 +110,6 @@ def _fill(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     if valid.all() or not valid.any():
         return grey
     grey = np.where(valid, grey, np.float32(0.0))
-    weight = valid.astype(np.float32)
-    blurred = [cv2.boxFilter(layer, cv2.CV_64F, (31, 31), normalize=False) for layer in (grey, weight)]
-    near = blurred[0] / np.maximum(blurred[1], 1.0)
+    mean, share = (box_mean(layer.astype(np.float64), FILLED_FROM_PX) for layer in (grey, valid))
+    near = mean / np.maximum(share, FILLED_FROM_PX**-2.0)
     return np.where(valid, grey, near.astype(np.float32))

@@ -13,7 +13,6 @@ serve all images, so that a place in several images ties them too. Per image
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ import numpy as np
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.streams import open_calls
 from ...foundation.threads import thread_count
 from ...surface.dem import HeightSurface
 from ..window_matching.least_squares_matching import match_patches
@@ -187,8 +187,8 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     margin = task.step * (options.window_px // 2 + 1)
     inside = np.all((expected > margin) & (expected < np.array(task.image.size) - 1.0 - margin), axis=1)
     rows = np.flatnonzero(inside)
-    with ThreadPoolExecutor(thread_count(options.threads)) as pool:
-        matches = list(pool.map(lambda row: _match_place(task, expected[row], options), rows))
+    with open_calls(threads=thread_count(options.threads)) as calls:
+        matches = list(calls.answers(lambda row: _match_place(task, expected[row], options), rows))
     chosen = [match for match in matches if match is not None]
     rows = rows[[match is not None for match in matches]]
     if not rows.size:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
+from ...foundation.pixel_filters import SCHARR, blur, box_mean, erode, slopes
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .predicted_patches import read_reduced
 
@@ -81,16 +81,12 @@ def _best_spot(
         return None
     # The smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.
     # Gradient lengths count by their square root: one bright roof is no better than a whole field pattern.
-    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    gx, gy = cv2.Scharr(smooth, cv2.CV_32F, 1, 0), cv2.Scharr(smooth, cv2.CV_32F, 0, 1)
+    gx, gy = slopes(blur(grey, 1.0), *SCHARR)
     damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
-    xx, yy, xy = (
-        cv2.boxFilter(a * b * damp**2, cv2.CV_32F, (window_px, window_px)) for a, b in ((gx, gx), (gy, gy), (gx, gy))
-    )
+    xx, yy, xy = (box_mean(a * b * damp**2, window_px) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
     least = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
-    square = np.ones((window_px, window_px), np.uint8)
-    whole = cv2.erode(valid.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    texture = np.where(whole > 0, np.maximum(least, 0.0), 0.0)[margin:-margin, margin:-margin]
+    whole = erode(valid, window_px, outside=False)
+    texture = np.where(whole, np.maximum(least, 0.0), 0.0)[margin:-margin, margin:-margin]
     row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)
     if texture[row, column] <= 0.0:
         return None

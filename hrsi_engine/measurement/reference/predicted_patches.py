@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
+from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
 from ...surface.dem import HeightSurface, Status, intersect_surface
 
 BLUR = 0.45  # standard deviation of the low-pass filter, in pixels of the coarser image
@@ -50,8 +50,8 @@ def read_reduced(
             continue
         pixels, mask = part
         if factor > 1:
-            share = cv2.resize(mask.astype(np.float32), (width, count), interpolation=cv2.INTER_AREA)
-            pixels = cv2.resize(np.where(mask, pixels, 0.0), (width, count), interpolation=cv2.INTER_AREA)
+            share = reduce_by_area(mask.astype(np.float32), (width, count))
+            pixels = reduce_by_area(np.where(mask, pixels, np.float32(0.0)), (width, count))
             mask = share > VALID
         grey[row : row + count], valid[row : row + count] = pixels, mask
     return grey, valid
@@ -94,14 +94,13 @@ def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> t
         return nothing
     rest = step / factor
     if rest > 1.05:
-        grey = cv2.GaussianBlur(grey, (0, 0), BLUR * np.sqrt(rest**2 - 1.0) + 0.2)
+        grey = blur(grey, BLUR * np.sqrt(rest**2 - 1.0) + 0.2)
     offset = (factor - 1) / 2.0
-    at = [
+    column, row = (
         ((np.where(known, c, -1e6) - start - offset) / factor).astype(np.float32) for c, start in ((x, left), (y, top))
-    ]
-    pixels = cv2.remap(grey, *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    inner = cv2.erode(valid.astype(np.float32), np.ones((3, 3), np.uint8))
-    mask = cv2.remap(inner, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0) > VALID
+    )
+    pixels = interpolate(grey, column, row, order=3)
+    mask = interpolate(erode(valid, 3).astype(np.float32), column, row, order=1, outside=0.0) > VALID
     return np.where(mask, pixels, np.float32(0.0)), mask
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from ...foundation.pixel_filters import erode, slopes
 from ..interest_points.corners import gaussian_kernels
 from ..interest_points.outlines import SLOPE_PX, bilinear, slope_noise
 
@@ -34,10 +34,9 @@ class EdgePoints:
 def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
     """Return the sub-pixel edge points of grey values (float32) away from unusable pixels."""
     smooth, slope = gaussian_kernels(SLOPE_PX)
-    by_x = cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REFLECT)
-    by_y = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=cv2.BORDER_REFLECT)
+    by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
-    clear = cv2.erode(usable.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    clear = erode(usable, 5)
     threshold = max(
         EDGE_SLOPE_TO_NOISE * noise * slope_noise(), WEAKEST_EDGE_SHARE * float(strength[clear].max(initial=0.0))
     )

@@ -1,11 +1,48 @@
-"""What SIFT needs of satellite images: 8 bit with the contrast where the image has its own, and good distances."""
+"""SIFT of satellite images: 8 bit with the contrast where the image has its own, and good distances of descriptors."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from ...foundation.pixel_filters import erode, opencv_is_wanted
+from .sift_arrays import sift_arrays
+
 SIFT_CONTRAST = 0.01  # SIFT's contrast threshold: low, for satellite images of 11 bit and little texture
+CLEAR_PX = 9  # side of the square around a feature that must be valid
 TILE_STRETCH_PERCENT = (1.0, 99.0)
+
+
+class SiftFeatures(NamedTuple):
+    """Positions ``(n, 2)`` (column, row), strengths ``(n,)`` and descriptors ``(n, 128)`` uint8."""
+
+    xy: np.ndarray
+    strength: np.ndarray
+    descriptors: np.ndarray
+
+
+def sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeatures:
+    """Return the strongest SIFT features (Lowe 2004) of a window: by OpenCV where it is there, else by NumPy."""
+    byte = stretch_to_byte(grey, valid)
+    if byte is None:
+        return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
+    usable = erode(valid, CLEAR_PX)
+    if opencv_is_wanted():
+        return _by_opencv(byte, usable, most)
+    return SiftFeatures(*sift_arrays(byte, usable, most, SIFT_CONTRAST))
+
+
+def _by_opencv(byte: np.ndarray, usable: np.ndarray, most: int) -> SiftFeatures:
+    import cv2
+
+    sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=SIFT_CONTRAST, enable_precise_upscale=True)
+    points, descriptors = sift.detectAndCompute(byte, None if usable.all() else usable.view(np.uint8))
+    if not points:
+        return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
+    xy = np.array([point.pt for point in points], dtype=np.float64)
+    strength = np.array([point.response for point in points])
+    return SiftFeatures(xy, strength, np.clip(descriptors, 0, 255).astype(np.uint8))
 
 
 def stretch_to_byte(grey: np.ndarray, valid: np.ndarray) -> np.ndarray | None:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
+from ...foundation.pixel_filters import blur, interpolate
 from .epipolar import HEIGHT_STEP_M, MIN_STRETCH, transfer
 from .types import ImageTile, TilePairGeometry
 
@@ -98,12 +98,11 @@ class TileFrame:
         seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2)
         by_row, by_column = _between_nodes(rows, count[1]), _between_nodes(columns, count[0])
         x, y = (np.nan_to_num(by_row @ seen[..., k] @ by_column.T, nan=-1e4).astype(np.float32) for k in (0, 1))
-        grey, valid = self.second.pixels, self.second.valid.astype(np.uint8)
+        grey = self.second.pixels
         if self.scale > 1.2:  # the second image is finer: smooth away what the first cannot show
-            grey = cv2.GaussianBlur(grey, (0, 0), 0.5 * float(np.sqrt(self.scale**2 - 1.0)))
-        pixels = cv2.remap(grey, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        known = cv2.remap(valid, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0) > 0
-        return ImageTile(pixels, known, (-self.pad_px, -self.pad_px), 1.0)
+            grey = blur(grey, 0.5 * float(np.sqrt(self.scale**2 - 1.0)))
+        known = interpolate(self.second.valid.view(np.uint8), x, y, order=0, outside=0) > 0
+        return ImageTile(interpolate(grey, x, y, order=3), known, (-self.pad_px, -self.pad_px), 1.0)
 
 
 def _between_nodes(length: int, nodes: int) -> np.ndarray:

@@ -6,11 +6,15 @@ features of a whole window: few windows are enough to learn what is not known ye
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
+
+from ...foundation.pixel_filters import box_mean, erode, largest_within, slopes
+from ..window_matching.cross_correlation import correlation_surface
 
 FINDER_HALF_PX = 12  # half the side of the windows
 MOST = 36
+SOBEL = np.array([1.0, 2.0, 1.0]) / 4.0, np.array([-1.0, 0.0, 1.0]) / 2.0
+CORNER_SQUARE_PX = 7  # side of the square over which slopes make a corner
 QUALITY = 0.02  # of the strongest corner, below which a place is not distinct
 FOUND_LEAST_CORRELATION = 0.6
 RIVAL_PEAK_SHARE = 0.9  # a second peak this high makes the first one doubtful
@@ -19,12 +23,22 @@ RIVAL_AWAY_PX = 4
 
 def distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = MOST) -> np.ndarray:
     """Return columns and rows ``(n, 2)`` of distinct corners whose window lies on valid pixels, evenly spread."""
-    usable = cv2.erode(valid.astype(np.uint8), np.ones((2 * FINDER_HALF_PX + 1,) * 2, np.uint8), borderValue=0)
+    usable = erode(valid, 2 * FINDER_HALF_PX + 1, outside=False)
     if not usable.any():
         return np.empty((0, 2), dtype=np.int64)
+    by_x, by_y = slopes(pixels, *SOBEL)
+    xx, yy, xy = (box_mean(product, CORNER_SQUARE_PX) for product in (by_x * by_x, by_y * by_y, by_x * by_y))
+    strength = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)  # the smaller eigenvalue (Shi, Tomasi 1994)
+    strong = strength > QUALITY * strength[usable].max()
+    rows, columns = np.nonzero(usable & strong & (strength >= largest_within(strength, 1.5)))
+    order = np.argsort(-strength[rows, columns], kind="stable")
+    candidates = np.column_stack([columns, rows])[order]
     distance = np.sqrt(pixels.size / (2.0 * most))
-    places = cv2.goodFeaturesToTrack(pixels, most, QUALITY, distance, mask=usable, blockSize=7)
-    return np.empty((0, 2), dtype=np.int64) if places is None else places.reshape(-1, 2).astype(np.int64)
+    chosen: list[np.ndarray] = []
+    while len(candidates) and len(chosen) < most:
+        chosen.append(candidates[0])
+        candidates = candidates[np.linalg.norm(candidates - candidates[0], axis=1) >= distance]
+    return np.array(chosen, dtype=np.int64).reshape(-1, 2)
 
 
 def seek(
@@ -53,7 +67,7 @@ def seek(
             place[1] - FINDER_HALF_PX : place[1] + FINDER_HALF_PX + 1,
             place[0] - FINDER_HALF_PX : place[0] + FINDER_HALF_PX + 1,
         ]
-        surface = cv2.matchTemplate(other[low[1] : high[1], low[0] : high[0]], window, cv2.TM_CCOEFF_NORMED)
+        surface = correlation_surface(window, other[low[1] : high[1], low[0] : high[0]])
         peak = _clear_peak(surface)
         if peak is not None:
             found.append(number)

@@ -8,15 +8,15 @@ is no point at all.
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
+from ...foundation.pixel_filters import box_mean, filter_separably
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from ..interest_points.corners import far_from_unusable, local_maxima, structure_tensor
 from .options import TileMatchOptions
 from .types import ImageTile
 
-_LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)  # Immerkaer 1996: sum of squares 36
+_BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 NOISE_CELL_PX = 32
 LARGEST_EXPECTED_SIGMA_PX = 0.1
 WEAKEST_CORNER_SHARE = 0.02  # of the median strength of the corners: below, noise that the estimate did not see
@@ -31,7 +31,7 @@ def tile_noise(tile: ImageTile) -> float:
     rows, columns = (length // NOISE_CELL_PX * NOISE_CELL_PX for length in tile.pixels.shape)
     if not rows or not columns:
         return 0.0
-    curved = np.abs(cv2.filter2D(tile.pixels, cv2.CV_32F, _LAPLACIAN)) / 6.0
+    curved = np.abs(filter_separably(tile.pixels, _BENT, _BENT)) / 6.0
     shape = rows // NOISE_CELL_PX, NOISE_CELL_PX, columns // NOISE_CELL_PX, NOISE_CELL_PX
     cells = curved[:rows, :columns].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
     whole = tile.valid[:rows, :columns].reshape(shape).all(axis=(1, 3))
@@ -53,9 +53,9 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     rows, columns = np.nonzero(local_maxima(strength, options.spacing_px))
     noise = tile_noise(tile)
     # What noise alone leaves of a match's precision, px: the tensor is averaged over the matching window
-    side = (2 * smallest + 1, 2 * smallest + 1)
-    xx, xy, yy = (cv2.boxFilter(layer, cv2.CV_32F, side)[rows, columns].astype(np.float64) for layer in tensor)
-    pixels = side[0] * side[1]
+    side = 2 * smallest + 1
+    xx, xy, yy = (box_mean(layer, side)[rows, columns].astype(np.float64) for layer in tensor)
+    pixels = side**2
     # the derivatives' own noise (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
     own = noise**2 / (8.0 * np.pi)
     xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)

@@ -25,7 +25,7 @@ from .windows import (
     Results,
 )
 
-MATCHED_AT_A_TIME = 256  # windows in memory
+MATCHED_AT_A_TIME = 32  # windows whose pixels stay in the processor's cache
 
 
 def match_in_parts(
@@ -44,14 +44,9 @@ def _match_part(
     weight = options.weights().ravel()
     line = np.arange(-options.half, options.half + 1, dtype=np.float64)
     offset = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    # The design matrices ``(n, pixels, 8)`` of templates; affine terms count offsets in half windows
-    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
-    grey = first.grey[rows, columns].astype(np.float64)
-    gx, gy = (slope[rows, columns].astype(np.float64) for slope in first.slopes)
-    dx, dy = (offset / offset.max()).T
-    mean = (grey @ weight / weight.sum())[:, None]
-    A = np.stack([gx, gy, gx * dx, gx * dy, gy * dx, gy * dy, grey - mean, np.ones_like(grey)], axis=-1)
-    N = np.einsum("npi,p,npj->nij", A, weight, A)
+    A = _designs(first, centre, offset, weight)
+    weighted = A * weight
+    N = weighted @ A.transpose(0, 2, 1)
     diagonal = np.sqrt(np.einsum("nii->ni", N))
     positive = diagonal.min(axis=1) > 0.0
     safe = np.where(positive[:, None], diagonal, 1.0)
@@ -61,21 +56,38 @@ def _match_part(
     inverse = np.full_like(N, np.nan)
     inverse[solvable] = np.linalg.inv(N[solvable])
     begin = xy.copy()
-    solution, seen = np.zeros((len(centre), TERMS)), np.zeros(A.shape[:2])
+    solution, seen = np.zeros((len(centre), TERMS)), np.zeros((len(centre), len(offset)))
     going = np.flatnonzero(solvable)
     for _ in range(options.most):
         going = _leave_outside(second, xy, affine, status, going, options.half)
         if not len(going):
             break
-        seen[going] = _sample(second.coefficients, xy[going, None] + offset @ affine[going].transpose(0, 2, 1))
-        right = np.einsum("npi,p,np->ni", A[going], weight, seen[going])
-        solution[going] = np.einsum("nij,nj->ni", inverse[going], right)
+        at = xy[going, :, None] + affine[going] @ offset.T
+        seen[going] = _sample(second.coefficients, at[:, 0], at[:, 1])
+        right = weighted[going] @ seen[going, :, None]
+        solution[going] = (inverse[going] @ right)[..., 0]
         going = _move(xy, affine, begin, status, solution, going, options)
     matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
     _figures(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]
     covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
+
+
+def _designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the design matrices of templates, transposed ``(n, 8, pixels)``; affine terms count in half windows."""
+    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
+    place = rows * first.grey.shape[1] + columns
+    dx, dy = (offset / offset.max()).T
+    A = np.empty((len(centre), TERMS, len(offset)))
+    gx, gy = A[:, 0], A[:, 1]
+    gx[:], gy[:] = (slope.ravel().take(place) for slope in first.slopes)
+    for term, values in enumerate((gx * dx, gx * dy, gy * dx, gy * dy), start=2):
+        A[:, term] = values
+    grey = first.grey.ravel().take(place).astype(np.float64)
+    A[:, 6] = grey - (grey @ weight / weight.sum())[:, None]
+    A[:, 7] = 1.0
+    return A
 
 
 def _leave_outside(
@@ -88,17 +100,28 @@ def _leave_outside(
     return going[inside]
 
 
-def _sample(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the spline's values at positions ``(…, 2)`` that are 1 … size - 3 cells inside."""
-    cell = np.floor(at).astype(np.int64)
-    t = at - cell
-    s = 1.0 - t
-    weights = (s**3 / 6.0, 2.0 / 3.0 - 0.5 * t**2 * (2.0 - t), 2.0 / 3.0 - 0.5 * s**2 * (2.0 - s), t**3 / 6.0)
-    total = np.zeros(at.shape[:-1])
-    for j in range(4):
-        line = sum(weights[i][..., 0] * coefficients[cell[..., 1] + j - 1, cell[..., 0] + i - 1] for i in range(4))
-        total += weights[j][..., 1] * line
+def _sample(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the spline's values, float32, at columns ``x`` and rows ``y`` that are 1 … size - 3 cells inside."""
+    column, row = x.astype(np.int64), y.astype(np.int64)
+    across, down = (_spline_weights((at - whole).astype(np.float32)) for at, whole in ((x, column), (y, row)))
+    width = coefficients.shape[1]
+    flat = np.ravel(coefficients)
+    place = (row - 1) * width + (column - 1)
+    total = np.zeros(x.shape, np.float32)
+    for j, below in enumerate(down):
+        line = across[0] * flat[j * width :].take(place)
+        for i in (1, 2, 3):
+            line += across[i] * flat[j * width + i :].take(place)
+        line *= below
+        total += line
     return total
+
+
+def _spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the four weights of the cubic B-spline at the fraction t of a cell, float32."""
+    s = 1.0 - t
+    t2, s2 = t * t, s * s
+    return s2 * s / 6.0, 2.0 / 3.0 - 0.5 * t2 * (1.0 + s), 2.0 / 3.0 - 0.5 * s2 * (1.0 + t), t2 * t / 6.0
 
 
 def _move(
@@ -145,8 +168,8 @@ def _figures(
     """Write correlation, gain and RMS residual."""
     mean = (seen @ weight / weight.sum())[:, None]
     spread = ((seen - mean) ** 2) @ weight
-    product = np.einsum("np,p,np->n", A[:, :, 6], weight, seen)
+    product = (A[:, 6] * seen) @ weight
     figures[rows, 0] = product / np.sqrt(np.maximum(N[:, 6, 6] * spread, 1e-30))
     figures[rows, 1] = solution[:, 6]
-    residual = seen - np.einsum("npi,ni->np", A, solution)
+    residual = seen - (solution[:, None] @ A)[:, 0]
     figures[rows, 2] = np.sqrt(residual**2 @ weight / weight.sum())

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy import fft
 
+from ...foundation.pixel_filters import SCHARR, blur, erode, slopes
 from ...foundation.robust_scale import robust_sigma
+from .cross_correlation import window_sums
 
 SMOOTHING = 0.8  # standard deviation in pixels of the Gaussian below the gradients
-SUPPORT = np.ones((5, 5), np.uint8)  # pixels that a gradient is made of
+GRADIENT_SUPPORT_PX = 5  # side of the pixels that a gradient is made of
 
 
 class Peak(NamedTuple):
@@ -34,9 +35,9 @@ class Peak(NamedTuple):
 
 def orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the field of doubled gradient directions, complex64 of the same shape; 0 where not all is valid."""
-    smooth = cv2.GaussianBlur(np.asarray(grey, dtype=np.float32), (0, 0), SMOOTHING)
-    gradient = cv2.Scharr(smooth, cv2.CV_32F, 1, 0) + 1j * cv2.Scharr(smooth, cv2.CV_32F, 0, 1)
-    inside = cv2.erode(valid.astype(np.uint8), SUPPORT, borderType=cv2.BORDER_CONSTANT, borderValue=1) > 0
+    by_column, by_row = slopes(blur(np.asarray(grey, dtype=np.float32), SMOOTHING), *SCHARR)
+    gradient = by_column + 1j * by_row
+    inside = erode(valid, GRADIENT_SUPPORT_PX)
     length = np.abs(gradient)
     typical = float(np.median(length[inside])) if inside.any() else 0.0
     if typical <= 0.0:
@@ -56,9 +57,7 @@ def correlation_sums(template: np.ndarray, search: np.ndarray) -> np.ndarray:
 
 def window_energy(search: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Return the sum of squares of the search field below the template at every shift."""
-    total = cv2.integral(np.square(np.abs(search)).astype(np.float64))
-    lines, samples = shape
-    return total[lines:, samples:] - total[:-lines, samples:] - total[lines:, :-samples] + total[:-lines, :-samples]
+    return window_sums(np.square(np.abs(search)), shape)
 
 
 def scores(template: np.ndarray, search: np.ndarray) -> np.ndarray:

@@ -182,4 +182,23 @@ def _metres(values: np.ndarray) -> str:
     return " / ".join("-" if np.isnan(value) else f"{value:.2f}" for value in values)
 
 
-ON_GROUND_TRUTH = (control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction)
+def sources_of_heights(evidence: Evidence) -> Iterator[Reason]:
+    """Laser points or a DEM that contradict as a whole what holds the block otherwise; groups nobody can decide on."""
+    for one in evidence.result.heights:
+        undecided = list(one.undecided)
+        if not one.contradicts and not undecided:
+            continue
+        middle = float(np.median([group.offset_m for group in one.groups if group.wrong]))
+        who = "all of its heights" if one.contradicts else f"the heights of {list_ids(undecided)}"
+        done = "took part, as it cannot be told which are wrong" if undecided else "were left out"
+        yield Reason(
+            "sources-disagree", Level.DOUBTFUL,
+            f"{one.source}: {who} lie {middle:+.1f} m (median) off what holds the block otherwise; they {done}",
+            "check what the heights of laser points, DEM and GCPs refer to: above a geoid and above the ellipsoid they "
+            "differ by tens of metres",
+        )  # fmt: skip
+
+
+ON_GROUND_TRUTH = (
+    control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction, sources_of_heights,
+)  # fmt: skip

@@ -26,7 +26,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
 OF_RESIDUALS = frozenset({
     "not-converged", "residuals-too-large", "correction-too-large", "control-misfit", "control-left-out",
     "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
-    "extrapolation",
+    "extrapolation", "sources-disagree",
 })  # fmt: skip
 
 
@@ -145,8 +145,9 @@ def describe_reached(report: Mapping[str, Any]) -> str:
     ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
     """
     images, ties, check = len(report["images"]), report["ties"], report["check"]
-    count = f"{images} image{'s' if images > 1 else ''}"
-    text = f"{count} tied to {brief(ties['rmse_px'])} px" if ties["points"] else count
+    tied = sum(part["image_count"] for part in report["parts"] if part["ties"])
+    text = f"{tied} of {images} images" if 0 < tied < images else _count(images, "image")
+    text += f" tied to {brief(ties['rmse_px'])} px" if tied else ""
     gcps = report["control"]["points"]
     text += f"; {_count(gcps, 'GCP')}, {_count(check['points'], 'check point')}"
     accuracy = _tell_checks(check) if check["points"] else _predict(report)

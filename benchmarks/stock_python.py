@@ -1,0 +1,136 @@
+"""Matching with what a stock QGIS brings, beside OpenCV and numba: `stock_python.py [--docs] [PART OF A NAME …]`.
+
+Every algorithm that looks at pixels runs twice in a process of its own, the second time with OpenCV, numba, Dask and
+rasterio out of reach: the real blocks, and a simulated one. `--docs` puts the table into docs/matching.md. The real
+data lie in HRSI_TEST_DATA (see CONTRIBUTING.md); the two runs follow one another, and their processor time counts.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from tie_points_accuracy import SAMPLES, paths, sift_rmse
+
+from hrsi.benchmarks.pages import put_between
+from hrsi.hrsi_engine import open_image
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "matching.md"
+#: What Python runs first: its finder of packages then sees none of those that a stock QGIS lacks.
+HIDE_PACKAGES = """
+from importlib.machinery import PathFinder
+
+absent = {"cv2", "numba", "llvmlite", "dask", "distributed", "rasterio"}
+seen = PathFinder.find_spec
+PathFinder.find_spec = lambda name, *place: None if name.split(".")[0] in absent else seen(name, *place)
+"""
+RMSE, POINTS = ("ties", "rmse_px"), ("images", "img_01", "points")
+SIMULATED = ("--images", "3", "--along=-12,0,12", "--size", "700", "--gcps", "6", "--checks", "20", "--ties", "0",
+             "--relief", "60", "--seed", "41")  # fmt: skip
+
+
+class Task(NamedTuple):
+    """A command line, what of the report counts as found, and the sample whose SIFT tracks judge the refined RPCs."""
+
+    name: str
+    words: tuple[str, ...]
+    found: tuple[str, ...]
+    fit: tuple[str, ...] = ()
+    sample: str = ""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the table; write it into the page where asked."""
+    head = "| | found | stock | share | CPU s | stock | ratio | fit (px) | stock | SIFT tracks (px) | stock |"
+    rows = [head, "|---|" + "---:|" * 10]
+    chosen = [word for word in arguments if word != "--docs"] or [""]
+    with tempfile.TemporaryDirectory() as work:
+        folder = Path(work)
+        (folder / "sitecustomize.py").write_text(HIDE_PACKAGES)
+        run_words(("simulate", *SIMULATED, "--output-dir", str(folder / "block")), folder, stock=False)
+        for task in tasks(folder / "block"):
+            if not any(word in task.name for word in chosen):
+                continue
+            rows.append(compare(task, folder))
+            print(rows[-1], flush=True)
+    if "--docs" in arguments:
+        put_between(PAGE, "stock python", "\n".join(rows))
+
+
+def tasks(block: Path) -> list[Task]:
+    """Return what is run: every algorithm that looks at pixels."""
+    images = tuple(str(path) for path in sorted(block.glob("image_*.tif")))
+    dem = ("--dem", str(block / "dem.tif"), "--height-datum", "ellipsoidal")
+    points = ("--gcps", str(block / "ground_points.csv"), "--image-points", str(block / "image_points.csv"))
+    ventoux, triplet = paths(SAMPLES["Ventoux"]), paths(SAMPLES["triplet"])
+    real = [
+        Task(f"triangulate, {name}", ("triangulate", *paths(sample)), ("ties", "points"), RMSE, name)
+        for name, sample in SAMPLES.items()
+    ]
+    return [
+        *real,
+        Task("triangulate, simulated", ("triangulate", *images, *points, *dem), ("ties", "points"), RMSE),
+        Task("tie-points, simulated", ("tie-points", *images, *dem), ("ties", "points")),
+        Task("evaluate, triplet", ("evaluate", *triplet), ("tracks", "points")),
+        Task("match, Ventoux", ("match", *ventoux), ("correspondences",)),
+        Task("interest-points harris, triplet", ("interest-points", triplet[0], "--detector", "harris"), POINTS),
+        Task("interest-points centres, triplet", ("interest-points", triplet[0], "--detector", "centres"), POINTS),
+    ]  # fmt: skip
+
+
+def compare(task: Task, folder: Path) -> str:
+    """Return the row of a task: both ways, and their ratios."""
+    found, seconds, fit, tracks = [], [], [], []
+    for stock in (False, True):
+        out = folder / f"{task.name}-{stock}".replace(" ", "-")
+        seconds.append(run_words((*task.words, "--output-dir", str(out)), folder, stock))
+        report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+        found.append(value(report, task.found) or 0)
+        fit.append(f"{value(report, task.fit):.3f}" if task.fit else "")
+        tracks.append(judged(report, task.sample))
+    share, ratio = found[1] / max(found[0], 1), seconds[1] / seconds[0]
+    return (
+        f"| {task.name} | {found[0]} | {found[1]} | {share:.3f} | {seconds[0]:.1f} | {seconds[1]:.1f} | {ratio:.2f} | "
+        f"{fit[0]} | {fit[1]} | {tracks[0]} | {tracks[1]} |"
+    )
+
+
+def run_words(words: Sequence[str], folder: Path, stock: bool) -> float:
+    """Run a command; return its processor time in seconds."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    if stock:
+        environment["PYTHONPATH"] = str(folder)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-m", "hrsi", *words, "--quiet", "--threads", "1"]
+    done = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 3):
+        raise RuntimeError(f"{' '.join(words)}: {done.stderr}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def value(report: dict, names: Sequence[str]) -> float:
+    """Return an entry of a report."""
+    for name in names:
+        report = report[name]
+    return report  # type: ignore[return-value]
+
+
+def judged(report: dict, sample: str) -> str:
+    """Return the RMSE of the sample's independent SIFT tracks by the refined RPCs."""
+    if not sample:
+        return ""
+    images = [open_image(path) for path in paths(SAMPLES[sample])]
+    refined = [open_image(report["images"][image.id]["output"]).rpc for image in images]
+    return sift_rmse(images, refined).partition(" ")[2].partition(" ")[0]
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,260 @@
+"""An adjustment that follows its user: what a few points say now changes the whole block at once.
+
+At the minimum the other points' equations stay as they are. The reduced equations S da = n of the cameras therefore
+change by nothing but what the edited points j put into them::
+
+    S' = S - sum S_j(before) + sum S_j(now)        n' = n - sum n_j(before) + sum n_j(now)
+
+and da' = S'^-1 n' is a step of Gauss-Newton over the whole block with the measurements as they are now, at the price of
+some points: the camera corrections are so nearly linear that no second one is needed. Weights, priors and what was left
+out stay as the adjustment found them; nothing is tested anew. It is what recursive least squares does with a batch of
+observations that are taken away and added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block.block import Block
+from ..foundation.errors import SolveError
+from ..foundation.progress import Progress, silent
+from ..ground.geodesy import moved_ground
+from .delivery import delivered_values, drift_gain
+from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
+from .gauss_newton import Weighting
+from .intersection import fixed_cameras, start_positions
+from .observations import Observations, select
+from .options import AdjustOptions
+from .problem import find_determined
+from .solver import run_adjuster
+
+
+class _Share(NamedTuple):
+    """What some points put into the equations, weighted as ``weighting`` says, seen from ``ground``."""
+
+    observations: Observations
+    weighting: Weighting
+    ground: np.ndarray
+
+
+class _Watched(NamedTuple):
+    """Points by the cameras delivered: equations, state, weights (n,) and normals there."""
+
+    equations: NormalEquations
+    state: State
+    weight: np.ndarray
+    normals: Normals
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedBlock:
+    """The block with the edited points as they are now.
+
+    Parameters
+    ----------
+    values : (images, p) ndarray
+        Parameters of the model of the adjustment that is followed.
+    ground : (points, 3) ndarray
+        Positions of the watched points of that adjustment's block; NaN for all others, and for those edited.
+    edited_ground : (k, 3) ndarray
+        Positions of the points of the block of edited points; NaN for what cannot be computed.
+    """
+
+    values: np.ndarray
+    ground: np.ndarray
+    edited_ground: np.ndarray
+
+
+class Follower:
+    """Goes on from an adjustment (``result``), however many points are edited, as often as wanted.
+
+    The positions of known points are followed, and those of points with the ids ``watched``.
+    """
+
+    def __init__(
+        self,
+        block: Block,
+        options: AdjustOptions | None = None,
+        progress: Progress = silent,
+        watched: Collection[str] = (),
+    ) -> None:
+        """Adjust a block; raises what `adjust` raises."""
+        self.result, adjuster = run_adjuster(block, options, progress)
+        self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
+        self._gain = drift_gain(self._problem, self._loop, self._last)
+        self._ids = block.points.ids[self._problem.observations.points]
+        self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
+        self._system: CameraSystem = camera_system(self._pattern)
+        self._taken_out: tuple[np.ndarray, Pattern, Normals | None] | None = None
+        self._watched = self._watched_points(watched)
+
+    def follow(self, edited: Collection[str], block: Block) -> FollowedBlock:
+        """Return the block with some points as they are now.
+
+        Parameters
+        ----------
+        edited : collection of str
+            Ids of all points that are others than in the adjustment: moved, measured anew, added or removed.
+        block : Block
+            The images of the adjustment in their order, and those of the edited points that there are now.
+
+        Returns
+        -------
+        FollowedBlock
+            Cameras and positions.
+
+        Raises
+        ------
+        SolveError
+            The equations are singular now.
+        """
+        is_edited = np.isin(self._ids, list(edited))
+        now = self._now(block)
+        self._widen(now.observations)
+        prior, values = self._loop.prior_weight, self._last.state.values
+        blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
+        for part, sign in ((self._normals_before(is_edited), -1.0), (self._normals(now), 1.0)):
+            if part is not None:
+                blocks, right = blocks + sign * part.blocks, right + sign * part.right
+        try:
+            step = self._system.solve_near(blocks, prior, 0.0, right)
+        except np.linalg.LinAlgError as error:
+            raise SolveError(f"the equations are singular without what was edited ({error})") from error
+        estimated = values + step
+        delivered = delivered_values(estimated, self._gain)
+        return FollowedBlock(
+            delivered[self._problem.observations.camera_of_image],
+            self._watched_ground(delivered, edited),
+            self._edited_ground(block, now, delivered),
+        )
+
+    # ---- equations -------------------------------------------------------------------------------------------------
+
+    def _before(self, edited: np.ndarray) -> _Share:
+        """Return what the points ``edited (m,)`` said in the adjustment."""
+        observations, weighting = self._problem.observations, self._last.weighting
+        priors = weighting.points
+        mixed = priors.mixed[edited] if priors.correlated else priors.mixed
+        of_edited = PointPriors(priors.target[edited], priors.weight[edited], priors.observed[edited], mixed)
+        rows = edited[observations.point]
+        return _Share(
+            observations.without(~edited),
+            Weighting(self._last.weight[rows], of_edited, weighting.contributes[edited]),
+            self._last.state.ground[edited],
+        )
+
+    def _now(self, block: Block) -> _Share:
+        """Return what the points of a block say; a measurement that is as it was weighs what it weighed."""
+        whole = self._problem.observations
+        observations = self._with_cameras(select(block, self._problem.options.check_as_ties))
+        weight = 1.0 / observations.sigma_px**2
+        survey = observations.survey_weight.copy()
+        names = block.points.ids[observations.points]
+        for row, (point, image) in enumerate(
+            zip(observations.point.tolist(), observations.image.tolist(), strict=True)
+        ):
+            same = self._row_of.get((names[point], image))
+            if same is not None and (whole.xy[same] == observations.xy[row]).all():
+                weight[row] = self._last.weight[same]
+        for point, name in enumerate(names.tolist()):
+            same = self._place_of.get(name)
+            if same is not None and np.array_equal(whole.survey_weight[same], survey[point]):
+                priors = self._last.weighting.points
+                survey[point] = np.where(priors.observed[same] & (survey[point] > 0.0), priors.weight[same], 0.0)
+        start = self._start(block, observations, weight, survey)
+        priors_now = PointPriors.of(observations, start, survey)
+        contributes = observations.contributing_points & find_determined(observations, weight, survey)
+        return _Share(observations, Weighting(weight, priors_now, contributes), start)
+
+    def _start(self, block: Block, observations: Observations, weight: np.ndarray, survey: np.ndarray) -> np.ndarray:
+        """Return approximate positions ``(m, 3)``: those of the adjustment, of other points where their rays meet."""
+        if not observations.count:
+            return np.empty((0, 3))
+        start = start_positions(observations)
+        place = np.array([self._place_of.get(name, -1) for name in block.points.ids[observations.points].tolist()])
+        start[place >= 0] = self._last.state.ground[place[place >= 0]]
+        if (place >= 0).all():
+            return start
+        state, priors = State(self._last.state.values, start), PointPriors.of(observations, start, survey)
+        ground = fixed_cameras(observations, self._problem.camera).intersect(state, weight, priors)
+        return np.where(np.isfinite(ground).all(axis=1)[:, None], ground, start)
+
+    def _normals(self, share: _Share) -> Normals | None:
+        """Return what points put into the reduced equations, None without any."""
+        if not share.observations.count:
+            return None
+        equations = NormalEquations(share.observations, self._problem.camera, self._pattern, threads=1)
+        state = State(self._last.state.values, share.ground)
+        return equations.normals(state, share.weighting.image, share.weighting.points, share.weighting.contributes)
+
+    def _normals_before(self, edited: np.ndarray) -> Normals | None:
+        """Return what the points ``edited (m,)`` put into the equations before; the last answer is kept."""
+        same = self._taken_out is not None and np.array_equal(self._taken_out[0], edited)
+        if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
+            self._taken_out = edited, self._pattern, self._normals(self._before(edited))
+        return self._taken_out[2]
+
+    def _widen(self, observations: Observations) -> None:
+        """Make room in the reduced equations for pairs of cameras that had no common point before."""
+        pattern = self._pattern.joined_by(observations)
+        if pattern.blocks == self._pattern.blocks:
+            return
+        blocks = np.zeros((pattern.blocks, *self._blocks.shape[1:]))
+        blocks[pattern.find(self._pattern.rows, self._pattern.columns)] = self._blocks
+        self._pattern, self._blocks, self._system = pattern, blocks, camera_system(pattern)
+
+    # ---- positions -------------------------------------------------------------------------------------------------
+
+    def _watched_points(self, others: Collection[str]) -> _Watched | None:
+        """Return the known points and some others, seen by the delivered cameras; None without any."""
+        problem, points = self._problem, self._problem.observations.points
+        wanted = problem.block.known[points] | np.isin(self._ids, list(others))
+        wanted &= np.isfinite(self.result.ground[points]).all(axis=1)
+        if not wanted.any():
+            return None
+        before = self._before(wanted)
+        equations, weighting = fixed_cameras(before.observations, problem.model), before.weighting
+        delivered = delivered_values(self._last.state.values, self._gain)
+        state = State(delivered, self.result.ground[points[wanted]])
+        normals = equations.normals(state, weighting.image, weighting.points, weighting.contributes)
+        return _Watched(equations, state, weighting.image, normals)
+
+    def _watched_ground(self, delivered: np.ndarray, edited: Collection[str]) -> np.ndarray:
+        """Return the positions of the watched points ``(points, 3)`` by other cameras, NaN for edited ones."""
+        ground = np.full_like(self.result.ground, np.nan)
+        if self._watched is not None:
+            equations, state, weight, normals = self._watched
+            steps = equations.point_steps(state, weight, normals, delivered - state.values)
+            ground[equations.observations.points] = moved_ground(state.ground, steps)
+            ground[np.isin(self._problem.block.points.ids, list(edited))] = np.nan
+        return ground
+
+    def _edited_ground(self, block: Block, now: _Share, delivered: np.ndarray) -> np.ndarray:
+        """Return the positions of a block's points ``(k, 3)`` by the cameras as they are now."""
+        ground = np.full((len(block.points), 3), np.nan)
+        if now.observations.count:
+            ground[now.observations.points] = fixed_cameras(now.observations, self._problem.model).intersect(
+                State(delivered, now.ground), now.weighting.image, now.weighting.points
+            )
+        return ground
+
+    # ---- looking up ------------------------------------------------------------------------------------------------
+
+    def _with_cameras(self, observations: Observations) -> Observations:
+        return replace(observations, camera_of_image=self._problem.observations.camera_of_image)
+
+    @cached_property
+    def _place_of(self) -> dict[str, int]:
+        return {name: index for index, name in enumerate(self._ids.tolist())}
+
+    @cached_property
+    def _row_of(self) -> dict[tuple[str, int], int]:
+        """Where each measurement stands, by the point's id and the image's index."""
+        observations = self._problem.observations
+        keys = zip(self._ids[observations.point].tolist(), observations.image.tolist(), strict=True)
+        return {key: row for row, key in enumerate(keys)}

@@ -1,0 +1,119 @@
+"""What an earlier adjustment says of its cameras together: a prior with the correlations between them.
+
+An adjustment ends with the reduced normal matrix S of its cameras (`equations`), priors included, at the values c. For
+whatever is measured later on other points, that is all that the earlier observations say: their cost beyond its minimum
+is
+
+    (x - c)' S (x - c) / 2
+
+as far as the equations are linear. S has a block for every pair of cameras that share a point and nothing else, while
+its inverse, the covariance, is full: so S is what is kept. Added to the normal equations of the new points it makes of
+two adjustments the one of everything at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ..foundation.errors import InputError, list_ids
+from .equations import Normals, Pattern
+from .observations import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class JointCameras:
+    """What is known of k images with c cameras of p parameters, the drift that their model does not follow included.
+
+    images : (k,) ids
+    camera : (k,) number of each image's camera
+    parameters : (p,) names
+    values : (c, p) where S stands
+    rows, columns, blocks : (b,), (b,), (b, p, p) of the upper half of S, diagonal blocks first in each row
+    fixed : (c, p) parameters that were not estimated
+    squares : (c, p, p) weighted squares of the derivatives at the measurements (`delivery`)
+    gcps : (k,) GCPs that hold the part of the block in which an image is
+    """
+
+    images: tuple[str, ...]
+    camera: np.ndarray
+    parameters: tuple[str, ...]
+    values: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    blocks: np.ndarray
+    fixed: np.ndarray
+    squares: np.ndarray
+    gcps: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class JointPrior:
+    """Earlier cameras as a prior of those of a new block; ``camera (c,)`` says which of its cameras each is."""
+
+    known: JointCameras
+    camera: np.ndarray
+
+    @classmethod
+    def of(cls, known: JointCameras, observations: Observations) -> JointPrior:
+        """Return the prior for a block; raises `InputError` where it has not all of the images."""
+        place = {image.id: index for index, image in enumerate(observations.images)}
+        missing = [name for name in known.images if name not in place]
+        if missing:
+            raise InputError(f"the block has no image {list_ids(missing)}, of which an earlier adjustment tells")
+        camera = np.empty(len(known.values), dtype=np.int64)
+        camera[known.camera] = observations.camera_of_image[[place[name] for name in known.images]]
+        return cls(known, camera)
+
+    @property
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cameras that it connects, with each of them itself: rows and columns, ``row <= column``."""
+        rows, columns = self.camera[self.known.rows], self.camera[self.known.columns]
+        return np.minimum(rows, columns), np.maximum(rows, columns)
+
+    def require_parameters(self, parameters: tuple[str, ...]) -> None:
+        """Raise `InputError` where the cameras are others than those that are known."""
+        if parameters != self.known.parameters:
+            raise InputError(
+                f"the earlier cameras have the parameters {', '.join(self.known.parameters)}, the block's are "
+                f"{', '.join(parameters)}: give `model` and `sigma_drift` as of the earlier adjustment, or let "
+                "`earlier_cameras` be free"
+            )
+
+    def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
+        """Add the prior to reduced normal equations at ``values (cameras, p)``."""
+        known, (rows, columns) = self.known, self.pairs
+        turned = (self.camera[known.rows] > self.camera[known.columns])[:, None, None]
+        blocks = np.where(turned, known.blocks.transpose(0, 2, 1), known.blocks)
+        merged = (rows == columns) & (known.rows != known.columns)  # two cameras that are one now
+        blocks[merged] += blocks[merged].transpose(0, 2, 1)
+        np.add.at(normals.blocks, pattern.find(rows, columns), blocks)
+        np.subtract.at(normals.right, self.camera, self._gradient(values))
+
+    def cost(self, values: np.ndarray) -> float:
+        """Return half the weighted sum of squares at ``values (cameras, p)``."""
+        return 0.5 * float(np.sum((values[self.camera] - self.known.values) * self._gradient(values)))
+
+    def share(self, cofactors: np.ndarray, pattern: Pattern) -> float:
+        """Return how many of the parameters come from the prior: the trace of S Q, for ``cofactors`` on the pattern."""
+        known = self.known
+        rows, columns = self.pairs
+        both = np.einsum(
+            "bij,bij->b",
+            np.where((self.camera[known.rows] > self.camera[known.columns])[:, None, None],
+                     known.blocks.transpose(0, 2, 1), known.blocks),
+            cofactors[pattern.find(rows, columns)],
+        )  # fmt: skip
+        return float(np.sum(np.where(known.rows == known.columns, both, 2.0 * both)))
+
+    def _gradient(self, values: np.ndarray) -> np.ndarray:
+        """Return S (x - c), ``(c, p)``."""
+        known, away = self.known, values[self.camera] - self.known.values
+        size, cameras = known.values.size, len(known.values)
+        start = np.searchsorted(known.rows, np.arange(cameras + 1))
+        upper = sparse.bsr_matrix((known.blocks, known.columns, start), shape=(size, size))
+        above = np.where((known.rows == known.columns)[:, None, None], 0.0, known.blocks)
+        lower = sparse.bsr_matrix((above, known.columns, start), shape=(size, size)).T
+        return np.asarray(upper @ away.ravel() + lower @ away.ravel()).reshape(away.shape)

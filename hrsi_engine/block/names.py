@@ -1,0 +1,98 @@
+"""Columns of names that repeat: each name once, and a number a row.
+
+A block of ten million measurements names a thousand images, and every point three times. As texts these columns would
+take more memory than all numbers, and finding the distinct names again more time than the adjustment has for a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+class RepeatedNames:
+    """A column of texts as distinct names and their numbers; NumPy's functions take it for the array of texts.
+
+    Parameters
+    ----------
+    names : (k,) ndarray of str
+        Distinct; not each needs to occur.
+    number : (n,) ndarray of int
+        Which of them stands in a row.
+    """
+
+    dtype = np.dtype(str)
+    ndim = 1
+
+    def __init__(self, names: np.ndarray, number: np.ndarray) -> None:
+        self.names, self.number = names, number
+
+    @property
+    def shape(self) -> tuple[int]:
+        return (len(self.number),)
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def __getitem__(self, rows: Any) -> Any:
+        number = self.number[rows]
+        return RepeatedNames(self.names, number) if isinstance(number, np.ndarray) else self.names[number]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        texts = self.names[self.number]
+        return texts if dtype is None else texts.astype(dtype)
+
+    def __eq__(self, other: object) -> Any:
+        return (self.names == other)[self.number] if isinstance(other, str) else np.asarray(self) == other
+
+    def __ne__(self, other: object) -> Any:
+        return ~(self == other)
+
+    __hash__ = None  # type: ignore[assignment]  # as an array
+
+    def tolist(self) -> list[str]:
+        """Return the texts, equal ones as one object.
+
+        Returns
+        -------
+        list of str
+            One a row.
+        """
+        names = self.names.tolist()
+        return [names[number] for number in self.number.tolist()]
+
+
+def unique_ids(ids: np.ndarray | RepeatedNames) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct ids, sorted, and the index of each row's id; quick where equal ids stand together."""
+    if isinstance(ids, RepeatedNames):
+        used = np.zeros(len(ids.names), dtype=bool)
+        used[ids.number] = True
+        distinct, place = np.unique(ids.names[used], return_inverse=True)
+        new = np.zeros(len(used), dtype=np.int64)
+        new[used] = place
+        return distinct, new[ids.number]
+    if not len(ids):
+        return ids, np.zeros(0, dtype=np.int64)
+    head = np.r_[True, ids[1:] != ids[:-1]]
+    distinct, inverse = np.unique(ids[head], return_inverse=True)
+    return distinct, inverse.astype(np.int64)[np.cumsum(head) - 1]
+
+
+def isin(ids: np.ndarray | RepeatedNames, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
+    """Return which rows have one of the wanted names: (n,) bool."""
+    if isinstance(ids, RepeatedNames):
+        return np.isin(ids.names, wanted)[ids.number]
+    return np.isin(ids, wanted)
+
+
+def join_names(columns: Sequence[np.ndarray | RepeatedNames]) -> Any:
+    """Return columns of names under each other; numbered where one of them is."""
+    if not any(isinstance(column, RepeatedNames) for column in columns):
+        return np.concatenate(columns)
+    parts = [unique_ids(column) for column in columns]
+    names, place = np.unique(np.concatenate([distinct for distinct, _ in parts]), return_inverse=True)
+    ends = np.cumsum([len(distinct) for distinct, _ in parts])
+    number = [place[end - len(distinct) : end][inverse] for end, (distinct, inverse) in zip(ends, parts, strict=True)]
+    return RepeatedNames(names, np.concatenate(number))

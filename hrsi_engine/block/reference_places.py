@@ -1,0 +1,46 @@
+"""Places of a reference orthoimage: their position in plan is known from it, and they are measured on images.
+
+All of an orthoimage was placed by the same orbit, GCPs and mosaic: most of its error is the same everywhere in a scene
+(`SHARED_BY_ALL` of its standard deviation), some changes from part to part with strips and seams (`SHARED_BY_PART`),
+and the rest from place to place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+SHARED_BY_ALL, SHARED_BY_PART = 0.8, 0.4  # of a reference's standard deviation
+OF_A_PLACE = float(np.sqrt(1.0 - SHARED_BY_ALL**2 - SHARED_BY_PART**2))
+
+
+@dataclass(frozen=True, eq=False)
+class ReferencePlaces:
+    """Places that hold a block in plan.
+
+    Parameters
+    ----------
+    ids : (k,) ndarray of str
+        Their names in the block.
+    ground : (k, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres; the height is where to begin.
+    sigma_m : float
+        Standard deviation of each horizontal coordinate of the reference.
+    over_rpcs : bool
+        Whether the RPCs' own accuracy counts for nothing against it, as against surveyed GCPs.
+    name : str
+        What reports call it.
+    """
+
+    ids: np.ndarray
+    ground: np.ndarray
+    sigma_m: float
+    over_rpcs: bool = False
+    name: str = "reference"
+
+    def select(self, ids: np.ndarray) -> ReferencePlaces:
+        """Return the places with some ids, in their order."""
+        order = np.argsort(self.ids)
+        rows = order[np.searchsorted(self.ids, ids, sorter=order)]
+        return replace(self, ids=self.ids[rows], ground=self.ground[rows])

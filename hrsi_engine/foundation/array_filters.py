@@ -1,0 +1,157 @@
+"""Filters of images by NumPy and SciPy, for a Python without OpenCV; `pixel_filters` says what each one does."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage, sparse
+
+MARGIN_PX = 3  # what cubic convolution needs beyond the last pixel
+SAMPLED_AT_A_TIME = 1 << 14  # positions: their weights stay in the processor's cache
+CUBIC = -0.75  # slope of cubic convolution at the next pixel (Keys 1981), as OpenCV has it
+
+
+class ArrayFilters:
+    """By NumPy and SciPy; `pixel_filters` has the same names."""
+
+    @staticmethod
+    def filter_separably(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
+        for axis, kernel in ((1, along_row), (0, along_column)):
+            if len(kernel) > 1 or kernel[0] != 1:
+                result = _roomy(image.shape, image.dtype)
+                ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
+                image = result
+        return np.ascontiguousarray(image)
+
+    @staticmethod
+    def blur(image: np.ndarray, sigma_px: float, border: str) -> np.ndarray:
+        reach = round(8.0 * sigma_px + 1.0) // 2
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
+        kernel /= kernel.sum()
+        return ArrayFilters.filter_separably(image, kernel, kernel, border)
+
+    @staticmethod
+    def box_mean(image: np.ndarray, side: int) -> np.ndarray:
+        return np.asarray(ndimage.uniform_filter(image, side, mode="mirror"))
+
+    @staticmethod
+    def erode(mask: np.ndarray, side: int, outside: bool) -> np.ndarray:
+        if mask.all():  # as most masks are
+            half = side // 2
+            return (
+                np.pad(mask[half : mask.shape[0] - half, half : mask.shape[1] - half], half)[
+                    : mask.shape[0], : mask.shape[1]
+                ]
+                if not outside
+                else mask.copy()
+            )
+        return ndimage.minimum_filter(mask.view(np.uint8), side, mode="constant", cval=int(outside)).view(bool)
+
+    @staticmethod
+    def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
+        reach = int(radius_px)
+        rows, columns = image.shape
+        around = np.pad(image, reach, constant_values=-np.inf)
+        largest = image.copy()
+        along_row = around[:, reach : reach + columns].copy()  # of each pixel and so many to both sides
+        width = 0
+        for away in range(reach, -1, -1):  # rows above and below: the farthest ones are the shortest chords of the disc
+            chord = int(np.sqrt(radius_px**2 - away**2))
+            while width < chord:
+                width += 1
+                for side in (reach - width, reach + width):
+                    np.maximum(along_row, around[:, side : side + columns], out=along_row)
+            for start in {reach - away, reach + away}:
+                np.maximum(largest, along_row[start : start + rows], out=largest)
+        return largest
+
+    @staticmethod
+    def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        by_column, by_row = (_area_shares(old, new) for old, new in zip(image.shape[::-1], size, strict=True))
+        return np.ascontiguousarray((by_column @ (by_row @ image).T).T)
+
+    @staticmethod
+    def reduce_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        columns, rows = (
+            np.minimum(np.floor(np.arange(new) * (old / new)).astype(np.int64), old - 1)
+            for old, new in zip(mask.shape[::-1], size, strict=True)
+        )
+        return mask[rows[:, None], columns]
+
+    @staticmethod
+    def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
+        by_row, by_column = (_between_pixels(length, factor) for length in image.shape)
+        return np.ascontiguousarray((by_column @ (by_row @ image).T).T)
+
+    @staticmethod
+    def interpolate(image: np.ndarray, x: np.ndarray, y: np.ndarray, order: int, outside: float | None) -> np.ndarray:
+        if outside is None:
+            padded = np.pad(image, MARGIN_PX, mode="edge")
+        else:
+            padded = np.pad(image, MARGIN_PX, constant_values=outside)
+        shape, result = x.shape, np.empty(x.size, image.dtype)
+        x, y = x.ravel(), y.ravel()
+        for start in range(0, len(x), SAMPLED_AT_A_TIME):
+            part = slice(start, start + SAMPLED_AT_A_TIME)
+            result[part] = _interpolate_part(padded, image.shape, x[part], y[part], order)
+        return result.reshape(shape)
+
+
+def _roomy(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """Return an empty image whose columns do not all fall on the same lines of the processor's cache."""
+    spare = 24 if shape[1] % 256 == 0 else 0
+    return np.empty((shape[0], shape[1] + spare), dtype)[:, : shape[1]]
+
+
+def _area_shares(old: int, new: int) -> sparse.csr_matrix:
+    """Return the matrix ``(new, old)`` of the shares that old pixels have in new, larger ones."""
+    edge = np.linspace(0.0, old, new + 1)
+    first = np.floor(edge[:-1]).astype(np.int64)
+    pixel = first[:, None] + np.arange(int(np.ceil(old / new)) + 1)
+    share = np.minimum(pixel + 1.0, edge[1:, None]) - np.maximum(pixel, edge[:-1, None])
+    share = np.where(pixel < old, np.maximum(share, 0.0), 0.0) * (new / old)
+    row = np.broadcast_to(np.arange(new)[:, None], pixel.shape)
+    entries = share.astype(np.float32).ravel(), (row.ravel(), np.minimum(pixel, old - 1).ravel())
+    return sparse.csr_matrix(entries, shape=(new, old))
+
+
+def _between_pixels(length: int, factor: int) -> sparse.csr_matrix:
+    """Return the matrix of linear interpolation from pixels to ``factor`` times as many."""
+    position = np.clip((np.arange(length * factor) + 0.5) / factor - 0.5, 0.0, length - 1.0)
+    first = np.minimum(position.astype(np.int64), max(length - 2, 0))
+    second = np.minimum(first + 1, length - 1)
+    share = (position - first).astype(np.float32)
+    row = np.arange(len(position))
+    entries = np.r_[1.0 - share, share].astype(np.float32), (np.r_[row, row], np.r_[first, second])
+    return sparse.csr_matrix(entries, shape=(len(position), length))
+
+
+def _interpolate_part(
+    padded: np.ndarray, shape: tuple[int, ...], x: np.ndarray, y: np.ndarray, order: int
+) -> np.ndarray:
+    x, y = np.clip(x, -1.0, shape[1]), np.clip(y, -1.0, shape[0])
+    column, row = (np.rint(at) if order == 0 else np.floor(at) for at in (x, y))
+    flat, width = padded.ravel(), padded.shape[1]
+    base = (row.astype(np.int64) + MARGIN_PX) * width + column.astype(np.int64) + MARGIN_PX
+    if order == 0:
+        return flat.take(base)
+    of_column, of_row = (_weights(at - whole, order) for at, whole in ((x, column), (y, row)))
+    first = 0 if order == 1 else -1  # of the neighbours, from the pixel at or before the position
+    base += first * (width + 1)
+    total = np.zeros(len(x), np.float32)
+    for j, down in enumerate(of_row):
+        line = np.zeros(len(x), np.float32)
+        for i, across in enumerate(of_column):
+            line += across * flat.take(base + (j * width + i))
+        total += down * line
+    return total
+
+
+def _weights(t: np.ndarray, order: int) -> list[np.ndarray]:
+    """Return the weights of two pixels (linear) or four (cubic convolution) at the fraction t of a pixel."""
+    t = t.astype(np.float32)
+    if order == 1:
+        return [1.0 - t, t]
+    s = 1.0 - t
+    inner = [((CUBIC + 2.0) * u - (CUBIC + 3.0)) * u * u + 1.0 for u in (t, s)]
+    outer = [((CUBIC * u - 5.0 * CUBIC) * u + 8.0 * CUBIC) * u - 4.0 * CUBIC for u in (1.0 + t, 1.0 + s)]
+    return [outer[0], *inner, outer[1]]

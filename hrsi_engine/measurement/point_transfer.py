@@ -1,0 +1,120 @@
+"""A point measured on one image is measured on another, by the least-squares matcher that tie points are measured by.
+
+The second image is resampled into the geometry of the first around where the cameras put the point, so that turn, scale
+and slope of the view are gone. The window is looked for along the line on which the point lies at the heights that are
+possible (`search_windows`), measured to a part of a pixel there (`match_patches`), and measured back from the second
+image to the first: what does not come back, fits poorly, or has a rival is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ..block.block import Raster
+from .window_matching.least_squares_matching import match_patches
+from .window_matching.window_search import search_windows
+from .window_matching.windows import DONE, LsmOptions, MatchImage
+
+SMOOTH_PX = 0.7  # of both windows before they are compared, as for tie points
+SEARCH_HALF_PX = 15
+ACROSS_PX = 6.0  # that the cameras may be off across the line of possible heights, beyond ``margin_px``
+LEAST_CORRELATION = 0.7
+RIVAL_SHARE = 0.9  # of the best correlation, that another place along the line must not reach
+CLOSURE_PX = 0.5  # between a point and where measuring it back puts it
+LARGEST_TRANSFER_SIGMA_PX = 0.3
+LEAST_TEXTURE = 1e-6
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Where a point is on another image: ``xy`` (sample, line), sigma (px), correlation; or the ``refusal``."""
+
+    xy: tuple[float, float] = (np.nan, np.nan)
+    sigma_px: float = np.nan
+    correlation: float = np.nan
+    refusal: str = ""
+
+
+def transfer_point(
+    first: Raster, xy: np.ndarray, second: Raster, line: np.ndarray, by_first: np.ndarray, margin_px: float = 0.0
+) -> Transfer:
+    """Measure a point of one image on another.
+
+    Parameters
+    ----------
+    first, second : Raster
+        Pixels of the images.
+    xy : (2,) ndarray
+        Where the point is on the first (sample, line).
+    line : (2, 2) ndarray
+        Where the second shows it at the lowest and at the highest height that it may have.
+    by_first : (2, 2) ndarray
+        Derivatives of positions on the second image by those on the first.
+    margin_px : float
+        How far the cameras may be off, in pixels of the second image.
+
+    Returns
+    -------
+    Transfer
+        The position on the second image, or why there is none.
+    """
+    scale = np.sqrt(abs(np.linalg.det(by_first)))
+    if not np.isfinite(line).all() or not scale > 0.0:
+        return Transfer(refusal="the cameras do not tell where it is")
+    middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
+    along = float(np.hypot(*span)) / 2.0 + (margin_px + ACROSS_PX) / scale
+    across = (margin_px + ACROSS_PX) / scale
+    half = int(np.ceil(along)) + 2 * SEARCH_HALF_PX + 4
+    centre = np.round(xy)
+    template = _window(first, centre, np.eye(2), SEARCH_HALF_PX + 2 * LsmOptions().half)
+    shown = _window(second, middle, by_first, half)
+    if template is None or shown is None:
+        return Transfer(refusal="the image does not show it")
+    origin = np.array([[template.grey.shape[1] // 2, template.grey.shape[0] // 2]])
+    direction = span / max(float(np.hypot(*span)), 1e-9) if np.hypot(*span) > 0.0 else np.array([1.0, 0.0])
+    peak = search_windows(
+        template, shown, origin, np.array([[half, half]], dtype=np.float64), direction[None],
+        np.array([[along, across]]), SEARCH_HALF_PX,
+    )  # fmt: skip
+    if peak.correlation[0] < LEAST_CORRELATION:
+        return Transfer(refusal=f"nothing like it is found (correlation {max(peak.correlation[0], 0.0):.2f})")
+    if peak.rival[0] > RIVAL_SHARE * peak.correlation[0]:
+        return Transfer(refusal="two places look like it")
+    found = match_patches(template, shown, origin, peak.xy, np.eye(2)[None])
+    at = found.xy[0] + found.affine[0] @ (np.asarray(xy) - centre)
+    sigma_px = float(found.sigma_px[0]) * scale
+    if found.status[0] != DONE or not sigma_px < LARGEST_TRANSFER_SIGMA_PX or found.correlation[0] < LEAST_CORRELATION:
+        return Transfer(refusal="it cannot be measured there: too little texture, or the images differ")
+    back_from = np.round(found.xy)
+    there = origin[0] + np.linalg.solve(found.affine[0], back_from[0] - found.xy[0])
+    back = match_patches(shown, template, back_from.astype(np.int64), there[None], np.linalg.inv(found.affine))
+    if back.status[0] != DONE or np.hypot(*(back.xy[0] - there)) > CLOSURE_PX:
+        return Transfer(refusal="measured back it is another place")
+    position = middle + by_first @ (at - half)
+    return Transfer((float(position[0]), float(position[1])), sigma_px, float(found.correlation[0]))
+
+
+def _window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int) -> MatchImage | None:
+    """Return pixels around a place, ``middle + by_window @ offset`` for whole offsets up to ``half``; None outside."""
+    corners = middle + np.array([[i, j] for i in (-half, half) for j in (-half, half)]) @ by_window.T
+    low, high = np.floor(corners.min(axis=0)).astype(int) - 3, np.ceil(corners.max(axis=0)).astype(int) + 4
+    inside_low, inside_high = np.maximum(low, 0), np.minimum(high, raster.size)
+    if (inside_high - inside_low < 2 * SEARCH_HALF_PX).any():
+        return None
+    grey, valid = raster.read(*inside_low.tolist(), *(inside_high - inside_low).tolist())
+    offset = np.arange(-half, half + 1)
+    grid = np.stack(np.meshgrid(offset, offset), axis=-1) @ by_window.T + middle - inside_low
+    at = [grid[..., 1], grid[..., 0]]
+    # The second image is low-passed where its pixels are smaller than the first one's
+    finer = float(np.sqrt(abs(np.linalg.det(by_window))))
+    source = np.where(valid, grey, float(np.mean(grey[valid])) if valid.any() else 0.0).astype(np.float64)
+    if finer > 1.05:
+        source = ndimage.gaussian_filter(source, 0.45 * np.sqrt(finer**2 - 1.0))
+    pixels = ndimage.map_coordinates(source, at, order=3, mode="nearest")
+    usable = ndimage.map_coordinates(valid.astype(np.float64), at, order=1, mode="constant", cval=0.0) > 0.999
+    if not usable[half, half] or float(np.std(pixels[usable])) < LEAST_TEXTURE:
+        return None
+    return MatchImage(pixels.astype(np.float32), usable, SMOOTH_PX)

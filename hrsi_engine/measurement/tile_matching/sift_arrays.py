@@ -1,0 +1,259 @@
+"""SIFT (Lowe 2004) by NumPy and SciPy, for a Python without OpenCV: the same scales, tests and directions as OpenCV's.
+
+The image is enlarged by 2 and smoothed step by step; features are extrema of the differences of neighbouring scales in
+place and scale, moved to the vertex of a paraboloid; edges and low contrast are dropped. A descriptor is a histogram of
+gradient directions, relative to the feature's own, over 4 x 4 parts of its surroundings. What differs is how those
+are sampled: here on a grid of 20 x 20 places that turns and grows with the feature, so that the share of each place
+in each part is one matrix for all features.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from ...foundation.pixel_filters import blur
+
+OCTAVE_LAYERS = 3  # scales of an octave
+FIRST_SIGMA_PX, TAKEN_SIGMA_PX = 1.6, 0.5  # of the first scale, and what the image itself is taken to have
+EDGE_RATIO = 10.0  # of the principal curvatures, above which a feature lies on an edge
+BORDER_PX = 5
+MOST_MOVES = 5  # from pixel to pixel on the way to the extremum
+DIRECTION_BINS, SAME_DIRECTION = 36, 0.8  # histogram of directions, and the share of its peak for another feature
+DIRECTION_REACH, DIRECTION_SIGMA = 4.5, 1.5  # in scales
+DESCRIPTOR_PARTS, TURNS = 4, 8  # of a descriptor
+PART_SCALES = 3.0  # side of a part in scales
+PART_PLACES = 4
+LARGEST_SHARE = 0.2  # of one number in a descriptor's length
+DESCRIBED_AT_A_TIME = 256
+
+
+class _Extrema(NamedTuple):
+    """Features of an octave: layer and pixel they are next to, position (octave's pixels), scale, contrast."""
+
+    layer: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    xy: np.ndarray
+    sigma: np.ndarray
+    contrast: np.ndarray
+
+
+def sift_arrays(
+    grey: np.ndarray, usable: np.ndarray, most: int, contrast: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return positions ``(n, 2)``, strengths ``(n,)`` and descriptors ``(n, 128)`` uint8 of the strongest.
+
+    ``grey`` has 8 bit; features lie on usable pixels; ``contrast`` is the least, as a share of the range.
+    """
+    octaves = []
+    for size_px, scales in _octaves(grey):
+        found = _extrema(scales, contrast)
+        xy = found.xy * size_px
+        column, row = np.clip(np.rint(xy).astype(np.int64), 0, np.array(grey.shape[::-1]) - 1).T
+        keep = usable[row, column]
+        octaves.append((size_px, scales, _Extrema(*(values[keep] for values in found))))
+    strengths = np.concatenate([found.contrast for _, _, found in octaves])
+    least = np.partition(strengths, -most)[-most] if len(strengths) > most else 0.0
+    described = []
+    for size_px, scales, found in octaves:
+        strong = _Extrema(*(values[found.contrast >= least] for values in found))
+        for layer in np.unique(strong.layer).tolist():
+            part = _Extrema(*(values[strong.layer == layer] for values in strong))
+            feature, angle = _directions(scales[layer], part)
+            descriptors = _describe(scales[layer], part.xy[feature], part.sigma[feature], angle)
+            described.append((part.xy[feature] * size_px, part.contrast[feature], descriptors))
+    if not described:
+        return np.empty((0, 2)), np.empty(0), np.empty((0, DESCRIPTOR_PARTS * DESCRIPTOR_PARTS * TURNS), np.uint8)
+    xy, strength, descriptors = (np.concatenate(column) for column in zip(*described, strict=True))
+    order = np.argsort(-strength, kind="stable")[:most]
+    return xy[order], strength[order], descriptors[order]
+
+
+def _octaves(grey: np.ndarray) -> Iterator[tuple[float, list[np.ndarray]]]:
+    """Yield the side of each octave's pixels in those of the image, and its smoothed images, float32."""
+    rows, columns = grey.shape
+    first = np.empty((2 * rows, 2 * columns), np.float32)
+    first[::2, ::2] = grey
+    first[::2, 1:-1:2] = (first[::2, :-2:2] + first[::2, 2::2]) / 2.0
+    first[::2, -1] = first[::2, -2]
+    first[1:-1:2] = (first[:-2:2] + first[2::2]) / 2.0
+    first[-1] = first[-2]
+    first = blur(first, np.sqrt(FIRST_SIGMA_PX**2 - 4.0 * TAKEN_SIGMA_PX**2))
+    sigma = FIRST_SIGMA_PX * 2.0 ** (np.arange(OCTAVE_LAYERS + 3) / OCTAVE_LAYERS)
+    for octave in range(max(round(np.log2(min(first.shape)) - 2.0), 1)):
+        scales = [first]
+        for before, after in pairwise(sigma):
+            scales.append(blur(scales[-1], np.sqrt(after**2 - before**2)))
+        yield 0.5 * 2.0**octave, scales
+        first = np.ascontiguousarray(scales[OCTAVE_LAYERS][::2, ::2])
+        if min(first.shape) <= 2 * BORDER_PX + 2:
+            return
+
+
+def _extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
+    """Return the features of an octave."""
+    difference = np.stack([after - before for before, after in pairwise(scales)])
+    layer, row, column = _peaks(difference, 0.5 * contrast * 255.0 / OCTAVE_LAYERS)
+    settled = np.zeros(len(layer), dtype=bool)
+    offset = np.zeros((len(layer), 3))
+    value, edge = np.zeros(len(layer)), np.full(len(layer), np.inf)
+    going = np.arange(len(layer))
+    for _ in range(MOST_MOVES):
+        slope, curvature, here = _derivatives(difference, layer[going], row[going], column[going])
+        regular = np.abs(np.linalg.det(curvature)) > 1e-12
+        going, slope, curvature, here = going[regular], slope[regular], curvature[regular], here[regular]
+        step = -np.linalg.solve(curvature, slope[..., None])[..., 0]  # column, row, layer
+        near = np.all(np.abs(step) < 0.5, axis=1)
+        done = going[near]
+        settled[done], offset[done] = True, step[near]
+        value[done] = np.abs(here + 0.5 * np.sum(slope * step, axis=1))[near]
+        trace = curvature[near, 0, 0] + curvature[near, 1, 1]
+        determinant = curvature[near, 0, 0] * curvature[near, 1, 1] - curvature[near, 0, 1] ** 2
+        with np.errstate(divide="ignore"):
+            edge[done] = np.where(determinant > 0.0, trace**2 / determinant, np.inf)
+        moved = going[~near]
+        move = np.rint(np.clip(step[~near], -1e6, 1e6)).astype(np.int64)
+        column[moved], row[moved], layer[moved] = (
+            at[moved] + move[:, k] for k, at in enumerate((column, row, layer))
+        )  # fmt: skip
+        inside = (layer[moved] >= 1) & (layer[moved] <= OCTAVE_LAYERS)
+        for at, length in ((row, difference.shape[1]), (column, difference.shape[2])):
+            inside &= (at[moved] >= BORDER_PX) & (at[moved] < length - BORDER_PX)
+        going = moved[inside]
+        if not len(going):
+            break
+    good = settled & (value * OCTAVE_LAYERS >= contrast * 255.0) & (edge < (EDGE_RATIO + 1.0) ** 2 / EDGE_RATIO)
+    _, once = np.unique(np.column_stack([layer, row, column])[good], axis=0, return_index=True)  # moved to one place
+    rows = np.flatnonzero(good)[once]
+    return _Extrema(
+        layer[rows], row[rows], column[rows], np.column_stack([column, row])[rows] + offset[rows, :2],
+        FIRST_SIGMA_PX * 2.0 ** ((layer[rows] + offset[rows, 2]) / OCTAVE_LAYERS), value[rows],
+    )  # fmt: skip
+
+
+def _peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return layer, row and column of pixels that are the largest or smallest of the 27 around them."""
+    found = []
+    inner = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+    columns = difference.shape[2]
+    beside = [dy * columns + dx for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    for layer in range(1, OCTAVE_LAYERS + 1):
+        flat = [difference[k].ravel() for k in (layer, layer - 1, layer + 1)]
+        middle = difference[layer]
+        for sign in (1.0, -1.0):
+            # Most pixels fall at their neighbours along the row; those left are compared with all others one by one
+            here = middle[inner]
+            left = middle[BORDER_PX:-BORDER_PX, BORDER_PX - 1 : -BORDER_PX - 1]
+            right = middle[BORDER_PX:-BORDER_PX, BORDER_PX + 1 : columns - BORDER_PX + 1]
+            if sign > 0.0:
+                candidate = (here > least) & (here >= left) & (here >= right)
+            else:
+                candidate = (here < -least) & (here <= left) & (here <= right)
+            row, column = np.nonzero(candidate)
+            at = (row + BORDER_PX) * columns + column + BORDER_PX
+            for values in flat:
+                for step in beside:
+                    at = at[sign * flat[0].take(at) >= sign * values.take(at + step)]
+            found.append((np.full(len(at), layer), *np.divmod(at, columns)))
+    layer_of, row, column = (np.concatenate(part) for part in zip(*found, strict=True))
+    return layer_of, row, column
+
+
+def _derivatives(
+    difference: np.ndarray, layer: np.ndarray, row: np.ndarray, column: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return slopes ``(n, 3)`` and second derivatives ``(n, 3, 3)`` by column, row and layer, and values ``(n,)``."""
+
+    def at(dx: int = 0, dy: int = 0, ds: int = 0) -> np.ndarray:
+        return difference[layer + ds, row + dy, column + dx].astype(np.float64)
+
+    axes = {0: {"dx": 1}, 1: {"dy": 1}, 2: {"ds": 1}}
+    here = at()
+    slope, curvature = np.empty((len(layer), 3)), np.empty((len(layer), 3, 3))
+    for a, along in axes.items():
+        after, before = at(**along), at(**{name: -1 for name in along})
+        slope[:, a], curvature[:, a, a] = (after - before) / 2.0, after + before - 2.0 * here
+        for b in range(a):
+            corners = [
+                at(**{name: s for name in along}, **{name: t for name in axes[b]}) * s * t
+                for s in (1, -1) for t in (1, -1)
+            ]  # fmt: skip
+            curvature[:, a, b] = curvature[:, b, a] = sum(corners) / 4.0
+    return slope, curvature, here
+
+
+# ---- directions and descriptors ------------------------------------------------------------------------------------
+
+
+def _gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return length and direction (radians, counterclockwise from the rows) of the gradients next to positions.
+
+    0 beyond the image.
+    """
+    rows, columns = image.shape
+    column, row = np.rint(x).astype(np.int64), np.rint(y).astype(np.int64)
+    inside = (column > 0) & (row > 0) & (column < columns - 1) & (row < rows - 1)
+    at = np.where(inside, row * columns + column, columns + 1)
+    flat = image.ravel()
+    by_x = flat.take(at + 1) - flat.take(at - 1)
+    by_y = flat.take(at - columns) - flat.take(at + columns)
+    return np.where(inside, np.hypot(by_x, by_y), np.float32(0.0)), np.arctan2(by_y, by_x)
+
+
+def _directions(image: np.ndarray, features: _Extrema) -> tuple[np.ndarray, np.ndarray]:
+    """Return features and their directions (radians): the peaks of the histogram of gradients around each."""
+    line = np.linspace(-DIRECTION_REACH, DIRECTION_REACH, 15)
+    dx, dy = (offset.ravel() for offset in np.meshgrid(line, line))
+    near = np.exp(-0.5 * (dx**2 + dy**2) / DIRECTION_SIGMA**2).astype(np.float32)
+    histogram = np.zeros((len(features.xy), DIRECTION_BINS))
+    for start in range(0, len(histogram), DESCRIBED_AT_A_TIME):
+        part = slice(start, start + DESCRIBED_AT_A_TIME)
+        xy, sigma = features.xy[part], features.sigma[part, None]
+        length, angle = _gradients(image, xy[:, :1] + sigma * dx, xy[:, 1:] + sigma * dy)
+        bin_of = np.rint(angle * (DIRECTION_BINS / (2.0 * np.pi))).astype(np.int64) % DIRECTION_BINS
+        place = bin_of + DIRECTION_BINS * np.arange(len(xy))[:, None]
+        sums = np.bincount(place.ravel(), (length * near).ravel(), DIRECTION_BINS * len(xy))
+        histogram[part] = sums.reshape(-1, DIRECTION_BINS)
+    smooth = ndimage.correlate1d(histogram, (1.0, 4.0, 6.0, 4.0, 1.0), axis=1, mode="wrap")
+    before, after = np.roll(smooth, 1, axis=1), np.roll(smooth, -1, axis=1)
+    peak = (smooth > before) & (smooth > after) & (smooth >= SAME_DIRECTION * smooth.max(axis=1, keepdims=True))
+    feature, bin_of = np.nonzero(peak)
+    low, here, high = (values[feature, bin_of] for values in (before, smooth, after))
+    fraction = 0.5 * (low - high) / (low - 2.0 * here + high)
+    return feature, (bin_of + fraction) * (2.0 * np.pi / DIRECTION_BINS)
+
+
+def _describe(image: np.ndarray, xy: np.ndarray, sigma: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Return descriptors ``(n, 128)`` of 8 bit: row of parts, column of parts, direction."""
+    reach = (DESCRIPTOR_PARTS + 1) / 2.0
+    line = (np.arange(PART_PLACES * (DESCRIPTOR_PARTS + 1)) + 0.5) / PART_PLACES - reach
+    across, down = (offset.ravel() for offset in np.meshgrid(line, line))
+    middle = np.arange(DESCRIPTOR_PARTS) - (DESCRIPTOR_PARTS - 1) / 2.0
+    in_row, in_column = (np.maximum(1.0 - np.abs(offset[:, None] - middle), 0.0) for offset in (down, across))
+    share = (in_row[:, :, None] * in_column[:, None, :]).reshape(len(across), -1)
+    share *= np.exp(-(across**2 + down**2) / (0.5 * DESCRIPTOR_PARTS**2))[:, None]
+    share = share.astype(np.float32)
+    result = np.empty((len(xy), DESCRIPTOR_PARTS * DESCRIPTOR_PARTS * TURNS), np.uint8)
+    for start in range(0, len(xy), DESCRIBED_AT_A_TIME):
+        part = slice(start, start + DESCRIBED_AT_A_TIME)
+        side = (PART_SCALES * sigma[part])[:, None]
+        cosine, sine = np.cos(angle[part])[:, None] * side, np.sin(angle[part])[:, None] * side
+        length, direction = _gradients(
+            image, xy[part, :1] + cosine * across + sine * down, xy[part, 1:] - sine * across + cosine * down
+        )
+        turn = (direction - angle[part, None].astype(np.float32)) * np.float32(TURNS / (2.0 * np.pi))
+        numbers = np.empty((len(length), DESCRIPTOR_PARTS * DESCRIPTOR_PARTS, TURNS), np.float32)
+        for k in range(TURNS):
+            away = np.abs((turn - np.float32(k) + np.float32(TURNS / 2)) % np.float32(TURNS) - np.float32(TURNS / 2))
+            numbers[:, :, k] = (length * np.maximum(np.float32(1.0) - away, np.float32(0.0))) @ share
+        numbers = numbers.reshape(len(numbers), -1)
+        limit = LARGEST_SHARE * np.linalg.norm(numbers, axis=1, keepdims=True)
+        numbers = np.minimum(numbers, limit)
+        norm = np.maximum(np.linalg.norm(numbers, axis=1, keepdims=True), 1e-12)
+        result[part] = np.minimum(np.rint(512.0 * numbers / norm), 255.0)
+    return result

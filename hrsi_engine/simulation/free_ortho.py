@@ -1,0 +1,142 @@
+"""An orthoimage as everybody can have it: pixels of 10 m, from another time of the year, some metres beside the truth.
+
+Most of what Sentinel-2 and its like lie off is the same for all of a scene; some changes from part to part, where a
+mosaic has its seams or the orbit was adjusted by itself, and the rest, the heights it was rectified with, from place to
+place. The shares of the variance are 64, 16 and 20 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from .landscape import SPECTRAL_BANDS
+from .options import FreeOrthoSpec
+from .render import ORTHO_BLUR_PX, OrthoRenderer, orthophoto
+from .scene import Scene
+from .terrain import fractal_relief
+
+OF_ALL, OF_PARTS = 0.8, 0.4  # of the error
+MOSAIC_PARTS, ERROR_NODES = 3, 32  # along each side of the scene
+ERROR_ROUGHNESS = 0.3  # Hurst's exponent of what changes from place to place
+CORNER_FROM = 0.5  # of half the scene, beyond which its north-eastern corner begins
+OTHER_DATE = 1
+ORTHO_BANDS = tuple(range(1, len(SPECTRAL_BANDS)))  #: blue, green, red, near infrared
+
+
+class OrthoErrors(NamedTuple):
+    """How far an orthoimage lies beside the truth: east and north ``(2, rows, columns)`` at nodes over the scene."""
+
+    at_nodes_m: np.ndarray
+    half_extent_m: float
+    corner_m: np.ndarray
+
+    @property
+    def mean_m(self) -> tuple[float, float]:
+        """East and north in the mean of the scene, without its corner."""
+        east, north = self.at_nodes_m.mean(axis=(1, 2))
+        return float(east), float(north)
+
+    def at(self, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        """Return stated - true place.
+
+        Parameters
+        ----------
+        east, north : ndarray
+            Chart metres, of any shape.
+
+        Returns
+        -------
+        (2, ...) ndarray
+            East and north in metres.
+        """
+        count = self.at_nodes_m.shape[1]
+        row, column = (0.5 * (count - 1) * (1.0 + axis / self.half_extent_m) for axis in (north, east))
+        off = np.stack(
+            [ndimage.map_coordinates(one, [row, column], order=1, mode="nearest") for one in self.at_nodes_m]
+        )
+        corner = np.minimum(east, north) > CORNER_FROM * self.half_extent_m
+        return np.asarray(off + self.corner_m.reshape(2, *(1 for _ in corner.shape)) * corner)
+
+
+def draw_ortho_errors(half_extent_m: float, spec: FreeOrthoSpec, seed: list[int]) -> OrthoErrors:
+    """Return the errors of an orthoimage.
+
+    Parameters
+    ----------
+    half_extent_m : float
+        Half the side of the scene.
+    spec : FreeOrthoSpec
+        How large they are.
+    seed : list of int
+        The same seed gives the same errors.
+
+    Returns
+    -------
+    OrthoErrors
+        As a function of the place.
+    """
+    rng = np.random.default_rng(seed)
+    sigma = spec.error_m / np.sqrt(2.0)
+    part = np.minimum(np.arange(ERROR_NODES) * MOSAIC_PARTS // ERROR_NODES, MOSAIC_PARTS - 1)
+    of_parts = rng.normal(0.0, OF_PARTS, (2, MOSAIC_PARTS, MOSAIC_PARTS))[:, part][:, :, part]
+    of_places = np.sqrt(1.0 - OF_ALL**2 - OF_PARTS**2) * np.stack(
+        [fractal_relief(ERROR_NODES, ERROR_ROUGHNESS, rng) for _ in range(2)]
+    )
+    of_all = rng.normal(0.0, OF_ALL, (2, 1, 1))
+    direction = rng.uniform(-np.pi, np.pi)
+    corner = spec.corner_m * np.array([np.cos(direction), np.sin(direction)])
+    return OrthoErrors(sigma * (of_all + of_parts + of_places), half_extent_m, corner)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeOrthoRenderer(OrthoRenderer):
+    """The ground from above at another time, beside where it is."""
+
+    errors: OrthoErrors
+
+    def ground_of(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the chart positions that pixels at stated ones show.
+
+        Parameters
+        ----------
+        east, north : ndarray
+            Chart metres, as the orthoimage states them.
+
+        Returns
+        -------
+        tuple of ndarray
+            East and north.
+        """
+        off = self.errors.at(east, north)
+        return east - off[0], north - off[1]
+
+
+def free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErrors) -> tuple[FreeOrthoRenderer, ...]:
+    """Return the bands of a free orthoimage: blue, green, red, near infrared.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is seen.
+    spec : FreeOrthoSpec
+        Pixels and change.
+    errors : OrthoErrors
+        By how much it lies beside the truth.
+
+    Returns
+    -------
+    tuple of FreeOrthoRenderer
+        They render windows.
+    """
+    plain = orthophoto(scene, spec.pixel_m)
+    blur_m = ORTHO_BLUR_PX * spec.pixel_m
+    made = []
+    for band in ORTHO_BANDS:
+        texture = scene.texture.blur(blur_m, band, OTHER_DATE, spec.change)
+        painter = replace(plain.painter, texture=texture)
+        made.append(FreeOrthoRenderer(scene, painter, plain.west_m, plain.north_m, plain.gsd_m, errors))
+    return tuple(made)

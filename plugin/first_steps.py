@@ -1,0 +1,195 @@
+"""The tour at the first start: an example block is measured, adjusted, and its residual arrows are seen on the map.
+
+The example is simulated in a second or two: nothing has to be downloaded, and its images have pixels to measure on.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from qgis.core import QgsApplication, QgsCoordinateTransform, QgsProject, QgsSettings, QgsTask, QgsVectorLayer
+from qgis.PyQt.QtCore import Qt
+from qgis.PyQt.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from ..hrsi_engine.foundation.errors import HrsiError
+from ..processing_algorithms import point_session, run
+from .dependencies import missing_package_message
+from .points_panel.dock import PointsDock
+from .translation import tr
+
+SKIPPED_FOR_EVER = "hrsi/first_steps_done"  #: the setting that says that nobody wants to see it again
+IMAGES = 3
+EXAMPLE: dict[str, Any] = {
+    "images": IMAGES, "along": "-12,0,12", "size": 500, "gcps": 6, "checks": 12, "ties": 40, "relief": 40.0, "seed": 5,
+}  # fmt: skip
+SHOWN_LAYERS = ("images", "residuals_utm")  # from below
+
+#: What is done, and what the button says that does it.
+STEPS = (
+    (
+        "1. Load the example: three simulated satellite images, six GCPs and twelve check points. "
+        "One GCP is not measured on one image yet.",
+        "Load the example",
+    ),
+    (
+        "2. Measure it: the framed view shows where the camera puts the GCP (blue ring). Click near the disc; "
+        "its centre is found to a few hundredths of a pixel.",
+        "Show me the point",
+    ),
+    (
+        "3. Adjust: the cameras of all images are refined at once. The verdict says whether the result can be used.",
+        "Adjust",
+    ),
+    (
+        "4. See what is left over: the block is saved, and residual arrows come on the map, red where a point does "
+        "not fit.",
+        "Show the arrows",
+    ),
+)
+
+
+class FirstSteps(QDialog):
+    """Four steps, each with a button that does it; the main window stays free."""
+
+    def __init__(self, dock: PointsDock, folder: str = "", canvas: Any = None, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle(tr("HRSI: first steps"))
+        self.setModal(False)
+        self._dock, self._canvas = dock, canvas
+        self.folder = Path(folder or Path(QgsApplication.qgisSettingsDirPath()) / "hrsi" / "example")
+        self.missing: tuple[str, str] = ("", "")  # GCP and image that are to be measured
+        self._task: QgsTask | None = None
+        layout = QVBoxLayout(self)
+        self.texts, self.buttons = [], []
+        for (text, button), act in zip(STEPS, (self.load, self.show_point, self.adjust, self.show_arrows), strict=True):
+            label, does_it = QLabel(tr(text)), QPushButton(tr(button))
+            label.setWordWrap(True)
+            does_it.clicked.connect(lambda _checked=False, act=act: act())
+            layout.addWidget(label)
+            layout.addWidget(does_it, 0, Qt.AlignmentFlag.AlignRight)
+            self.texts.append(label)
+            self.buttons.append(does_it)
+        self.note = QLabel()
+        self.note.setWordWrap(True)
+        layout.addWidget(self.note)
+        self.skip, self.later = QPushButton(tr("Do not show this again")), QPushButton(tr("Close"))
+        self.skip.clicked.connect(lambda _checked=False: self._skip())
+        self.later.clicked.connect(lambda _checked=False: self.close())
+        ends = QHBoxLayout()
+        for widget in (self.skip, self.later):
+            ends.addWidget(widget)
+        layout.addLayout(ends)
+        self.resize(430, self.sizeHint().height())
+        dock.edited.connect(self.refresh)
+        dock.adjusted.connect(lambda _well: self.refresh())
+        self.refresh()
+
+    def step(self) -> int:
+        """Return the step that is next: 0 to 3, 4 at the end."""
+        session = self._dock.session
+        if not self.missing[0] or self.missing[0] not in session.points:
+            return 0
+        if self.missing not in session.measured:
+            return 1
+        return 2 if session.adjusted is None else 3
+
+    def refresh(self) -> None:
+        """Offer the step that is next, and those before it again."""
+        for number, (text, button) in enumerate(zip(self.texts, self.buttons, strict=True)):
+            button.setEnabled(number <= self.step() and self._task is None)
+            font = text.font()
+            font.setBold(number == self.step())
+            text.setFont(font)
+
+    def load(self) -> None:
+        """Simulate the example in the background, and open it in the panel."""
+        if not self._dock.may_leave():
+            return
+        self.note.setText(tr("making the images …"))
+        self._task = _Simulation(self.folder)
+        self._task.taskCompleted.connect(self._open)
+        self._task.taskTerminated.connect(lambda: self._fail(self._task.failure if self._task else ""))
+        self.refresh()
+        QgsApplication.taskManager().addTask(self._task)
+
+    def _open(self) -> None:
+        self._task = None
+        images = [str(self.folder / f"image_{number}.tif") for number in range(1, IMAGES + 1)]
+        session = point_session.new_session(
+            images, str(self.folder / "ground_points.csv"), str(self.folder / "image_points.csv")
+        )
+        self.missing = next(key for key in session.measured if session.points.get(key[0], None) is not None
+                            and session.points[key[0]].role == "gcp")  # fmt: skip
+        del session.measured[self.missing]  # before anybody has edited anything
+        self._dock.show_session(session, self.missing[0])
+        self._dock.show()
+        self.note.setText("")
+        self.refresh()
+
+    def _fail(self, reason: str) -> None:
+        self._task = None
+        self.note.setText(reason or tr("cancelled"))
+        self.refresh()
+
+    def show_point(self) -> None:
+        """Show the GCP where it is to be measured."""
+        self._dock.show()
+        self._dock.choose(self.missing[0])
+        self._dock.frame_image(self.missing[1])
+        self.note.setText(tr("Click in the framed view of {}").format(self.missing[1]))
+
+    def adjust(self) -> None:
+        """Adjust, as the panel's own button does."""
+        self._dock.adjust()
+
+    def show_arrows(self) -> None:
+        """Save the block, and load its residuals."""
+        path = str(self.folder / "block.gpkg")
+        self._dock.save_as(path)
+        project = QgsProject.instance()
+        for name in SHOWN_LAYERS:
+            layer = QgsVectorLayer(f"{path}|layername={name}", name, "ogr")
+            if layer.isValid():
+                layer.loadDefaultStyle()
+                project.addMapLayer(layer)
+        if self._canvas is not None and layer.isValid() and not math.isnan(layer.extent().width()):
+            of_map = self._canvas.mapSettings().destinationCrs()
+            extent = QgsCoordinateTransform(layer.crs(), of_map, project).transformBoundingBox(layer.extent())
+            extent.scale(1.3)
+            self._canvas.setExtent(extent)
+            self._canvas.refresh()
+        self.note.setText(tr("That was all. The panel's New… begins a block of your own; the toolbox has the rest."))
+
+    def _skip(self) -> None:
+        QgsSettings().setValue(SKIPPED_FOR_EVER, True)
+        self.close()
+
+
+class _Simulation(QgsTask):
+    """Makes the example; ``failure`` says why there is none."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(tr("HRSI: making the example"), QgsTask.Flag.CanCancel)
+        self._folder, self.failure = folder, ""
+
+    def run(self) -> bool:
+        try:
+            run("simulate", output_dir=str(self._folder), overwrite=True, progress=self._progress, **EXAMPLE)
+        except HrsiError as error:
+            self.failure = str(error)
+        except ImportError as error:
+            self.failure = missing_package_message(error) or repr(error)
+        except Exception as error:  # in a thread of QGIS it would vanish
+            self.failure = f"{type(error).__name__}: {error}"
+        return not self.failure
+
+    def _progress(self, fraction: float, message: str = "") -> bool:
+        self.setProgress(100.0 * fraction)
+        return not self.isCanceled()
+
+
+def is_tour_wanted() -> bool:
+    """Return whether nobody has said yet that the tour is not wanted."""
+    return not QgsSettings().value(SKIPPED_FOR_EVER, False, type=bool)

@@ -1,0 +1,35 @@
+"""What the plugin is in a QGIS whose Python is too old: a message that says so. Nothing here needs a newer one."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from qgis.core import Qgis, QgsMessageLog
+
+
+def old_python_message() -> str:
+    """Return what is missing, and which QGIS brings it."""
+    version = ".".join(map(str, sys.version_info[:3]))
+    return (
+        f"HRSI needs Python 3.11 or later, and this QGIS ({Qgis.QGIS_VERSION}) runs on Python {version}. "
+        "QGIS for Windows brings Python 3.12 since 3.34.6; on Linux it is the Python of the system, "
+        "3.11 or later from Debian 12 and Ubuntu 24.04 on."
+    )
+
+
+class OldPythonPlugin:
+    """Tells the message in the log, and in the desktop above the map; ``iface`` is None in ``qgis_process``."""
+
+    def __init__(self, iface: Any) -> None:
+        self.iface = iface
+
+    def initProcessing(self) -> None:
+        QgsMessageLog.logMessage(old_python_message(), "HRSI", Qgis.MessageLevel.Critical)
+
+    def initGui(self) -> None:
+        self.initProcessing()
+        self.iface.messageBar().pushMessage("HRSI", old_python_message(), Qgis.MessageLevel.Critical, 0)
+
+    def unload(self) -> None:
+        """Nothing was added."""

@@ -1,0 +1,136 @@
+"""Images that join a search for tie points: earlier images and their tie points, beside which new ones are found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...hrsi_engine.block.block import Image, ImagePoints
+from ...hrsi_engine.block.names import join_names, unique_ids
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.output_dir import read_report
+from ...hrsi_engine.io.point_files import read_measured, read_points
+from ...hrsi_engine.io.rasters import open_image
+from ...hrsi_engine.measurement.tie_points import TiePoints
+from ..declarations.tie_points import LAYER, LAYERS_FILE
+from ..files.image_files import require_ids
+
+FIRST_LETTER = "T"  # of the ids of tie points: a number follows
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierTies:
+    """What an earlier search found: images, measurements, positions (tracks, 3) in the order of ids, its report."""
+
+    images: tuple[Image, ...] = ()
+    points: ImagePoints | None = None
+    ground: np.ndarray | None = None
+    report: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def ids(self) -> list[str]:
+        """Ids of the images."""
+        return [image.id for image in self.images]
+
+    def with_new(self, found: TiePoints) -> TiePoints:
+        """Return the earlier points with those found now behind them, numbered on."""
+        if self.points is None or self.ground is None:
+            return found
+        new, kept = joined_to(found.image_points, self.points)
+        tables = [self.points, new]
+        columns = {
+            name: np.concatenate([getattr(table, name) for table in tables])
+            for name in ("xy", "sigma_px", "kind", "quality")
+        }
+        points = ImagePoints(
+            np.asarray(join_names([table.ids for table in tables])),
+            np.asarray(join_names([table.image_ids for table in tables])), source=found.image_points.source, **columns,
+        )  # fmt: skip
+        ids = np.concatenate([unique_ids(self.points.ids)[0], kept.ids])
+        placed = np.concatenate([self.ground, found.ground[kept.track]])[np.argsort(ids)]
+        return found._replace(image_points=points.select(np.argsort(points.ids, kind="stable")), ground=placed)
+
+
+class NewTracks(NamedTuple):
+    """Tracks that are points of their own: their new ids, and which of those found they are, in the same order."""
+
+    ids: np.ndarray
+    track: np.ndarray
+
+
+def joined_to(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, NewTracks]:
+    """Return new tie points without what is known, joined to the earlier points that they meet, others numbered on.
+
+    A track that stands on an earlier image where one earlier point does is that point, seen by further images: without
+    such points nothing would tie an image to pairs of others along their epipolar lines. One that meets several points,
+    or has another place on an image of the one that it meets, stays a point of its own.
+    """
+    known, row = _places(earlier), _places(new)
+    order = np.argsort(known)
+    place = order[np.minimum(np.searchsorted(known, row, sorter=order), len(order) - 1)]
+    met = known[place] == row
+    names, track = unique_ids(new.ids)
+    old_names, old_track = unique_ids(earlier.ids)
+    first, last = np.full(len(names), len(old_names)), np.full(len(names), -1)
+    np.minimum.at(first, track[met], old_track[place[met]])
+    np.maximum.at(last, track[met], old_track[place[met]])
+    joined = first == last
+    # Another place on an image where the earlier point has one already
+    images = np.unique(np.concatenate([unique_ids(table.image_ids)[0] for table in (earlier, new)]))
+    image, old_image = (np.searchsorted(images, np.asarray(table.image_ids)) for table in (new, earlier))
+    there = np.isin(first[track] * len(images) + image, old_track * len(images) + old_image)
+    joined[track[there & ~met]] = False
+    taken = [int(name[1:]) for name in map(str, old_names) if name[:1] == FIRST_LETTER and name[1:].isdecimal()]
+    number = max(taken, default=0) + np.cumsum(~joined)
+    width = max((len(str(name)) - 1 for name in old_names), default=0)
+    own = np.char.add(FIRST_LETTER, np.char.zfill(number.astype(str), width))
+    ids = np.where(joined, old_names[np.where(joined, first, 0)], own)
+    fresh = ~(met & joined[track])
+    renamed = ImagePoints(ids[track], new.image_ids, new.xy, new.sigma_px, new.kind, new.quality, new.source)
+    return renamed.select(fresh), NewTracks(own[~joined], np.flatnonzero(~joined))
+
+
+def _places(points: ImagePoints) -> np.ndarray:
+    """Return image and position of each measurement, to a thousandth of a pixel."""
+    texts = np.char.mod("%.3f", points.xy)
+    return np.char.add(
+        np.char.add(np.asarray(points.image_ids), " "), np.char.add(np.char.add(texts[:, 0], " "), texts[:, 1])
+    )
+
+
+def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTies:
+    """Return what an earlier search left in its output directory; nothing where none is named."""
+    if folder is None:
+        return EarlierTies()
+    report = read_report(os.path.join(folder, "report.json"))
+    if report is None or report.get("algorithm") != "tie-points" or not isinstance(report.get("images"), dict):
+        raise InputError(f"{folder}: is no result of tie-points: name the output directory of an earlier search")
+    paths = {str(name): str(image.get("path")) for name, image in report["images"].items()}
+    require_ids([*paths.values(), *(image.path for image in images)], [*paths, *(image.id for image in images)])
+    missing = [path for path in paths.values() if not path.startswith("/vsi") and not os.path.exists(path)]
+    if missing:
+        raise InputError(f"{missing[0]}: an image of the earlier search is not there any more: put it back")
+    layers = os.path.join(folder, LAYERS_FILE)
+    measured = read_measured(f"{layers}|layername=image_points", image_ids=list(paths)).image
+    placed = read_points(f"{layers}|layername={LAYER}").ground
+    if measured is None or placed is None:
+        raise InputError(f"{layers}: holds no tie points: find those of the earlier images again")
+    ids, _ = unique_ids(measured.ids)  # points may have been removed by hand, or their positions
+    ground = np.full((len(ids), 3), np.nan)
+    order = np.argsort(placed.ids)
+    row = order[np.minimum(np.searchsorted(placed.ids, ids, sorter=order), len(order) - 1)]
+    same = placed.ids[row] == ids
+    ground[same] = placed.ground[row[same]]
+    return EarlierTies(tuple(open_image(path) for path in paths.values()), measured, ground, report)
+
+
+def with_earlier(report: dict[str, Any], earlier: dict[str, Any]) -> dict[str, Any]:
+    """Return the report of a search with the pairs of an earlier one, and what held its images."""
+    if not earlier:
+        return report
+    held = {**report.get("held", {}), **earlier.get("held", {})}
+    return {**report, "pairs": [*earlier.get("pairs", []), *report["pairs"]], "held": held}

@@ -1,0 +1,119 @@
+"""A point that is measured on some images is found on others: where to look, by the cameras as they are known now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...hrsi_engine.adjustment.intersection import intersect
+from ...hrsi_engine.adjustment.observations import subset
+from ...hrsi_engine.block.block import assemble
+from ...hrsi_engine.block.points import GroundPoints, Role
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.progress import Progress, advance, silent
+from ...hrsi_engine.ground.geodesy import moved_ground
+from ...hrsi_engine.io.rasters import close_images
+from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
+from ...hrsi_engine.refinement.models import MODELS
+from .rows import TIE, KnownPoint
+from .session import PointSession
+from .tables import image_points
+
+HILLS_M = 30.0  # beyond the heights of the points: hills between them, and roofs
+UNKNOWN_HEIGHTS_M = 300.0  # to both sides, where no point tells of heights
+VENDOR_PX = 30.0  # that cameras may be off before anything is adjusted
+ADJUSTED_PX = 2.0
+DIFFERENCE_PX = 20.0  # over which the derivatives between images are taken
+NEWTON_STEPS = 4
+
+
+def ground_seen(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
+    """Return lon, lat, height ``(3,)`` of what an image shows at a place, by the last adjustment if there is one."""
+    target, image = np.array(xy, dtype=np.float64), session.images[image_id]
+    ground = image.rpc.localize(target[None], np.array([height_m])).ground
+    for _ in range(NEWTON_STEPS):
+        seen = session.project(image_id, ground)[0]
+        aside = [moved_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+        by_ground = np.column_stack([session.project(image_id, place)[0] - seen for place in aside])
+        east, north = np.linalg.solve(by_ground, target - seen)
+        ground = moved_ground(ground, np.array([[east, north, 0.0]]))
+    return np.asarray(ground[0])
+
+
+def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, float]) -> KnownPoint:
+    """Return a tie point at what an image shows at a place, at the middle height of the points."""
+    lon, lat, height = ground_seen(session, image_id, xy, session.middle_height_m()).tolist()
+    return KnownPoint(name, lon, lat, height, TIE)
+
+
+def place_tie(session: PointSession, name: str) -> KnownPoint:
+    """Return a tie point where its rays meet; as it is where it has but one, or they do not meet."""
+    point = session.points[name]
+    known = GroundPoints.create([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
+    block = assemble(list(session.images.values()), [known], [image_points(session, {name})])
+    observations = subset(block, block.rays_per_point() >= 2)
+    if not observations.count:
+        return point
+    shown = session.shown
+    model = MODELS["none"] if shown is None else shown.model
+    values = np.array([() if shown is None else shown.corrections[image.id] for image in block.images])
+    lon, lat, height = intersect(observations, model, values, block.points.ground)[0].tolist()
+    return KnownPoint(name, lon, lat, height, TIE) if np.isfinite((lon, lat, height)).all() else point
+
+
+def find_transfers(
+    session: PointSession, name: str, images: Sequence[str] = (), progress: Progress = silent
+) -> dict[str, Transfer]:
+    """Measure a point, by matching, on the images (default: all) that should show it and where it is not measured.
+
+    It is matched from the image on which it was measured first. Raises `InputError` where it is measured on none.
+    """
+    here = [image for (other, image) in session.measured if other == name]
+    if not here:
+        raise InputError(f"{name}: it is not measured on any image yet: click on it in one first")
+    first = session.images[here[0]]
+    if first.raster is None:
+        raise InputError(f"{first.id} has no pixels: there is nothing to match")
+    wanted = [row.image for row in session.measurements(name) if row.is_inside and row.measured is None]
+    wanted = [image for image in wanted if not images or image in images]
+    found = {}
+    try:
+        for number, image_id in enumerate(wanted):
+            advance(progress, number / len(wanted), f"{name} on {image_id}")
+            found[image_id] = _transfer(session, name, first.id, image_id)
+    finally:
+        close_images()  # as after a click
+    return found
+
+
+def _transfer(session: PointSession, name: str, first_id: str, second_id: str) -> Transfer:
+    first, second = session.images[first_id].raster, session.images[second_id].raster
+    if first is None or second is None:
+        return Transfer(refusal="no pixels")
+    measured = session.measured[(name, first_id)]
+    xy = measured.sample, measured.line
+    lowest, middle, highest = _heights(session, name)
+
+    def second_by(place: tuple[float, float], height_m: float) -> np.ndarray:
+        return session.project(second_id, ground_seen(session, first_id, place, height_m)[None])[0]
+
+    line = np.array([second_by(xy, lowest), second_by(xy, highest)])
+    sides = [second_by((xy[0] + i, xy[1] + j), middle) for i, j in ((DIFFERENCE_PX, 0.0), (0.0, DIFFERENCE_PX))]
+    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / DIFFERENCE_PX
+    margin_px = VENDOR_PX if session.shown is None else ADJUSTED_PX
+    return transfer_point(first, np.array(xy), second, line, by_first, margin_px)
+
+
+def _heights(session: PointSession, name: str) -> tuple[float, float, float]:
+    """Return the lowest, the likeliest and the highest height (m) that a point may have."""
+    point = session.points[name]
+    rays = sum(other == name for other, _ in session.measured)
+    if point.role != TIE or rays > 1:
+        margin = 2.0 * HILLS_M / 3.0
+        return point.height - margin, point.height, point.height + margin
+    heights = [one.height for one in session.points.values() if one.role != TIE]
+    middle = session.middle_height_m()
+    if not heights:
+        return middle - UNKNOWN_HEIGHTS_M, middle, middle + UNKNOWN_HEIGHTS_M
+    return min(heights) - HILLS_M, middle, max(heights) + HILLS_M
