@@ -32,8 +32,9 @@ seen = PathFinder.find_spec
 PathFinder.find_spec = lambda name, *place: None if name.split(".")[0] in absent else seen(name, *place)
 """
 RMSE, POINTS = ("ties", "rmse_px"), ("images", "img_01", "points")
+WINDOWS, MEDIAN = ("all", "after", "windows"), ("all", "after", "median_px")
 SIMULATED = ("--images", "3", "--along=-12,0,12", "--size", "700", "--gcps", "6", "--checks", "20", "--ties", "0",
-             "--relief", "60", "--seed", "41")  # fmt: skip
+             "--relief", "60", "--seed", "41", "--ortho")  # fmt: skip
 
 
 class Task(NamedTuple):
@@ -55,6 +56,9 @@ def main(arguments: Sequence[str]) -> None:
         folder = Path(work)
         (folder / "sitecustomize.py").write_text(HIDE_PACKAGES)
         run_words(("simulate", *SIMULATED, "--output-dir", str(folder / "block")), folder, stock=False)
+        images, dem = simulated(folder / "block")
+        run_words(("orthorectify", *images, *dem, "--extent", "overlap", "--output-dir", str(folder / "ortho")), folder,
+                  stock=False)  # fmt: skip
         for task in tasks(folder / "block"):
             if not any(word in task.name for word in chosen):
                 continue
@@ -64,11 +68,18 @@ def main(arguments: Sequence[str]) -> None:
         put_between(PAGE, "stock python", "\n".join(rows))
 
 
+def simulated(block: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the images of the simulated block, and the options that name its DEM."""
+    images = tuple(str(path) for path in sorted(block.glob("image_*.tif")))
+    return images, ("--dem", str(block / "dem.tif"), "--height-datum", "ellipsoidal")
+
+
 def tasks(block: Path) -> list[Task]:
     """Return what is run: every algorithm that looks at pixels."""
-    images = tuple(str(path) for path in sorted(block.glob("image_*.tif")))
-    dem = ("--dem", str(block / "dem.tif"), "--height-datum", "ellipsoidal")
-    points = ("--gcps", str(block / "ground_points.csv"), "--image-points", str(block / "image_points.csv"))
+    images, dem = simulated(block)
+    measured = str(block / "image_points.csv")
+    points = ("--gcps", str(block / "ground_points.csv"), "--image-points", measured)
+    orthos = tuple(str(block.parent / "ortho" / f"{Path(image).stem}_ortho.tif") for image in images)
     ventoux, triplet = paths(SAMPLES["Ventoux"]), paths(SAMPLES["triplet"])
     real = [
         Task(f"triangulate, {name}", ("triangulate", *paths(sample)), ("ties", "points"), RMSE, name)
@@ -79,6 +90,10 @@ def tasks(block: Path) -> list[Task]:
         Task("triangulate, simulated", ("triangulate", *images, *points, *dem), ("ties", "points"), RMSE),
         Task("tie-points, simulated", ("tie-points", *images, *dem), ("ties", "points")),
         Task("evaluate, triplet", ("evaluate", *triplet), ("tracks", "points")),
+        Task("gcps-from-reference, simulated",
+             ("gcps-from-reference", *images, "--reference", str(block / "orthophoto.tif"), *dem), ("measurements",)),
+        Task("measure-targets, simulated", ("measure-targets", *images, "--points", measured), ("measured",)),
+        Task("ortho-check, simulated", ("ortho-check", *orthos), WINDOWS, MEDIAN),
         Task("match, Ventoux", ("match", *ventoux), ("correspondences",)),
         Task("interest-points harris, triplet", ("interest-points", triplet[0], "--detector", "harris"), POINTS),
         Task("interest-points centres, triplet", ("interest-points", triplet[0], "--detector", "centres"), POINTS),
@@ -106,7 +121,7 @@ def run_words(words: Sequence[str], folder: Path, stock: bool) -> float:
     """Run a command; return its processor time in seconds."""
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     if stock:
-        environment["PYTHONPATH"] = str(folder)
+        environment["PYTHONPATH"] = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-m", "hrsi", *words, "--quiet", "--threads", "1"]
     done = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=False)

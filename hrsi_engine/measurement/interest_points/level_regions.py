@@ -15,7 +15,7 @@ import numpy as np
 
 from ...foundation.pixel_filters import blur, opencv_is_wanted, reduce_by_area, reduce_mask, slopes
 from .corners import gaussian_kernels
-from .stable_regions import MserLimits, mser_by_labels, mser_by_opencv
+from .stable_regions import MserLimits, mser_by_opencv, mser_by_tree
 
 BRIGHT, DARK, EVEN = 1, -1, 0
 REGION_SCALES = (1, 4)
@@ -25,7 +25,6 @@ STABLE_STEPS = 4  # levels outwards and inwards over which a region must change 
 LARGEST_CHANGE = 0.7  # of its area over them
 EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE = 16, 1.0  # of 255 steps of the slope
 HALF_SLOPE = 0.5  # standard deviations per pixel in the middle of those steps
-FEWEST_DIFFERENT = 0.2  # share of the area by which nested regions differ
 EVEN_WITHIN_PX = 1.5  # an even region ends so far inside its edge
 SMALLEST_AT_SCALE_PX = 12  # smaller ones are found at the finer scale
 FEWEST_PIXELS = 12
@@ -104,8 +103,8 @@ def _reduce(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, 
 
 def _stable(steps: np.ndarray, stable_steps: int, largest_change: float, reach: float) -> tuple[list, np.ndarray]:
     """Return pixels and boxes of the maximally stable regions that are brighter than their surroundings."""
-    limits = MserLimits(stable_steps, FEWEST_PIXELS, int(reach**2), largest_change, FEWEST_DIFFERENT)
-    find = mser_by_opencv if opencv_is_wanted() else mser_by_labels
+    limits = MserLimits(stable_steps, FEWEST_PIXELS, int(reach**2), largest_change)
+    find = mser_by_opencv if opencv_is_wanted() else mser_by_tree
     pixels = find(steps, limits)
     boxes = [(*low, *(high - low + 1)) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in pixels)]
     return pixels, np.array(boxes, dtype=np.int64).reshape(-1, 4)

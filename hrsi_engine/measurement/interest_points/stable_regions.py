@@ -1,7 +1,10 @@
-"""Maximally stable extremal regions (Matas et al. 2002): by OpenCV, or where it is missing by labels level by level.
+"""Maximally stable extremal regions (Matas et al. 2002): by OpenCV, or where it is missing by a tree of all regions.
 
 A region is a connected part of the pixels that are at least as bright as a level. As the level falls, regions grow and
-merge; one is stable where it has grown least since some levels before, as a share of what it was then.
+merge, which makes a tree: a node is a region at the level of its darkest pixels, its parent the region that it grows
+into, its main part the largest of those that it grew from. A region changes by ``(outer - inner) / area``: the areas,
+up to so many levels further down the tree and up its main parts. It is stable where it changes no more than its parent
+and than any of the regions that it grew from.
 """
 
 from __future__ import annotations
@@ -9,102 +12,147 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
-
-LEVELS_PER_DELTA = 2  # every so many levels of a delta are labelled
+from scipy import sparse
+from scipy.sparse import csgraph
 
 
 class MserLimits(NamedTuple):
-    """Levels over which a region must change little; its area in pixels; largest change; difference of nested ones."""
+    """Levels to both sides over which a region must change little; its area in pixels; the largest change."""
 
     delta: int
     fewest: int
     most: int
     largest_change: float
-    different: float
 
 
 def mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
-    """Return column and row ``(k, 2)`` of the pixels of each stable region that is brighter than its surroundings."""
+    """Return column and row ``(k, 2)`` of the pixels of each stable region that is brighter than its surroundings.
+
+    Pixels at the edges of the image belong to none.
+    """
     import cv2
 
     finder = cv2.MSER_create(
-        delta=limits.delta, min_area=limits.fewest, max_area=limits.most, max_variation=limits.largest_change,
-        min_diversity=limits.different,
-    )  # fmt: skip
+        delta=limits.delta, min_area=limits.fewest, max_area=limits.most, max_variation=limits.largest_change
+    )
     finder.setPass2Only(True)
     return list(finder.detectRegions(image)[0])
 
 
-class _Level(NamedTuple):
-    """The regions of a level: labels of the pixels (0: darker); area of each, its main part at the level before (0:
-    none), how much it grew, and the area of the last stable region in it."""
-
-    labels: np.ndarray
-    area: np.ndarray
-    main: np.ndarray
-    change: np.ndarray
-    reported: np.ndarray
-
-
-def mser_by_labels(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
-    """As `mser_by_opencv`, at every few levels."""
-    step = max(limits.delta // LEVELS_PER_DELTA, 1)
-    found: list[np.ndarray] = []
-    levels: list[_Level] = []
-    for threshold in range(int(image.max()), int(image.min()) - 1, -step):
-        levels.append(_next_level(image >= threshold, levels, limits))
-        if len(levels) >= 3:
-            found += _stable_of(levels[-3], levels[-2], levels[-1], limits)
-        if len(levels) > LEVELS_PER_DELTA + 1:
-            del levels[0]
+def mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
+    """As `mser_by_opencv`, which decides otherwise here and there where two regions change alike."""
+    inside = np.ascontiguousarray(image[1:-1, 1:-1])
+    if not inside.size:
+        return []
+    tree = _tree_of(inside)
+    pixels, begin = _pixels_by_region(tree)
+    found = []
+    for region in np.flatnonzero(_is_stable(tree, limits)).tolist():
+        place = pixels[begin[region] : begin[region] + tree.area[region]]
+        row, column = np.divmod(place, inside.shape[1])
+        found.append(np.column_stack([column + 1, row + 1]).astype(np.int32))
     return found
 
 
-def _next_level(mask: np.ndarray, before: list[_Level], limits: MserLimits) -> _Level:
-    """Return the regions of a level, after those of higher levels."""
-    labels, count = ndimage.label(mask)
-    area = np.bincount(labels.ravel(), minlength=count + 1)
-    area[0] = 0
-    main, reported = np.zeros(count + 1, np.int64), np.zeros(count + 1)
-    change = np.full(count + 1, np.inf)
-    if before:
-        last = before[-1]
-        one_pixel = np.zeros(len(last.area), np.int64)
-        place = np.flatnonzero(last.labels)
-        one_pixel[last.labels.ravel()[place]] = place
-        into = labels.ravel()[one_pixel[1:]]
-        order = np.argsort(last.area[1:], kind="stable")  # the largest part comes last and stays
-        main[into[order]] = 1 + order
-        np.maximum.at(reported, into, last.reported[1:])
-    if len(before) >= LEVELS_PER_DELTA:
-        part = main
-        for level in reversed(before[-LEVELS_PER_DELTA + 1 :]) if LEVELS_PER_DELTA > 1 else ():
-            part = level.main[part]
-        then = before[-LEVELS_PER_DELTA].area[part]
-        known = then > 0
-        change[known] = (area[known] - then[known]) / then[known]
-    change[(area < limits.fewest) | (area > limits.most)] = np.inf
-    return _Level(labels, area, main, change, reported)
+class _Tree(NamedTuple):
+    """All regions of an image, those at brighter levels first.
+
+    depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself where none;
+    entered : (pixels,) the first region that holds each pixel
+    """
+
+    depth: np.ndarray
+    area: np.ndarray
+    parent: np.ndarray
+    main: np.ndarray
+    entered: np.ndarray
 
 
-def _stable_of(inner: _Level, level: _Level, outer: _Level, limits: MserLimits) -> list[np.ndarray]:
-    """Return the pixels of the regions of a level that change less than the same at the levels beside it."""
-    into = np.zeros(len(level.area), np.int64)  # region of the outer level whose main part each one is
-    into[outer.main[1:]] = np.arange(1, len(outer.main))
-    after = np.where(into > 0, outer.change[into], np.inf)
-    stable = (level.change <= limits.largest_change) & (level.change <= after)
-    stable &= level.change < inner.change[level.main]
-    stable &= level.reported <= (1.0 - limits.different) * level.area
-    stable[0] = False
-    if not stable.any():
-        return []
-    level.reported[stable] = level.area[stable]
-    np.maximum.at(outer.reported, into, level.reported)
-    labels = level.labels.ravel()
-    place = np.flatnonzero(stable[labels])
-    order = np.argsort(labels[place], kind="stable")
-    place = place[order]
-    bounds = np.flatnonzero(np.diff(labels[place])) + 1
-    row, column = np.divmod(place, level.labels.shape[1])
-    return np.split(np.column_stack([column, row]).astype(np.int32), bounds)
+def _tree_of(image: np.ndarray) -> _Tree:
+    """Return the tree of an image of at most 256 levels: level by level, its pixels join the regions beside them."""
+    depth = (image.max() - image).ravel()
+    first, second = _neighbours(image.shape)
+    later = depth[first] < depth[second]  # two neighbours are joined when the darker one enters
+    first, second = np.where(later, second, first), np.where(later, first, second)
+    order = np.argsort(depth[first], kind="stable")
+    first, second = first[order], second[order]
+    pixels = np.argsort(depth, kind="stable")
+    levels = range(int(depth.max()) + 1)
+    new_at = np.searchsorted(depth[pixels], np.arange(len(levels) + 1))
+    pairs_at = np.searchsorted(depth[first], np.arange(len(levels) + 1))
+
+    count, entered, place = 0, np.full(depth.size, -1), np.empty(depth.size, np.int64)
+    regions = np.empty((5, depth.size), np.int64)  # not more than pixels; all but a few never used, and take no memory
+    level_of, area, parent, main, holder = regions  # holder: one that holds it, the largest yet at the end of the way
+    for level in levels:
+        new, pairs = pixels[new_at[level] : new_at[level + 1]], slice(pairs_at[level], pairs_at[level + 1])
+        place[new] = np.arange(len(new))
+        beside = second[pairs]
+        is_new = entered[beside] < 0
+        old, which = np.unique(_largest_yet(holder, entered[beside[~is_new]]), return_inverse=True)
+        to = np.empty(len(beside), np.int64)
+        to[is_new], to[~is_new] = place[beside[is_new]], len(new) + which
+        size = len(new) + len(old)
+        touching = sparse.csr_matrix((np.ones(len(to), np.int8), (place[first[pairs]], to)), (size, size))
+        made, region = csgraph.connected_components(touching, directed=False)
+        own, into = region[: len(new)], region[len(new) :] + count
+        nodes = np.arange(count, count + made)
+        entered[new] = count + own
+        level_of[nodes], area[nodes] = level, np.bincount(own, minlength=made)
+        np.add.at(area, into, area[old])
+        parent[nodes] = main[nodes] = holder[nodes] = nodes
+        parent[old] = holder[old] = into
+        by_area = np.argsort(area[old], kind="stable")  # the largest part comes last and stays
+        main[into[by_area]] = old[by_area]
+        count += made
+    return _Tree(level_of[:count], area[:count], parent[:count], main[:count], entered)
+
+
+def _neighbours(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return all pairs of pixels that share a side."""
+    pixel = np.arange(shape[0] * shape[1]).reshape(shape)
+    first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
+    return first, np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
+
+
+def _largest_yet(holder: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return the largest regions yet that hold some; the ways to them are short from now on."""
+    at = region
+    while not np.array_equal(further := holder[at], at):
+        holder[at] = holder[further]
+        at = further
+    holder[region] = at
+    return at
+
+
+def _is_stable(tree: _Tree, limits: MserLimits) -> np.ndarray:
+    """Return which regions are stable ``(n,)``."""
+    itself = np.arange(len(tree.area))
+    inner = outer = itself
+    for _ in range(limits.delta):  # a step of the tree is a level at least
+        further = tree.main[inner]
+        inner = np.where(tree.depth - tree.depth[further] <= limits.delta, further, inner)
+        further = tree.parent[outer]
+        outer = np.where(tree.depth[further] - tree.depth <= limits.delta, further, outer)
+    change = (tree.area[outer] - tree.area[inner]) / tree.area
+    has_parent, large = tree.parent != itself, tree.area >= limits.fewest
+    before = np.full(len(change), np.inf)  # the least change of those that it grew from
+    np.minimum.at(before, tree.parent[has_parent & large], change[has_parent & large])
+    stable = large & (tree.area <= limits.most) & (change <= limits.largest_change)
+    return stable & (change <= before) & (change <= change[tree.parent])
+
+
+def _pixels_by_region(tree: _Tree) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels in an order in which those of each region stand together, and where they begin ``(n,)``."""
+    begin = np.zeros(len(tree.area), np.int64)
+    taken = np.bincount(tree.entered, minlength=len(tree.area))  # a region's own pixels come first
+    by_level = np.split(np.arange(len(tree.area)), np.flatnonzero(np.diff(tree.depth)) + 1)
+    for nodes in reversed(by_level):  # parents before their parts
+        parts = nodes[tree.parent[nodes] != nodes]
+        parts = parts[np.argsort(tree.parent[parts], kind="stable")]
+        parents = tree.parent[parts]
+        before = np.cumsum(tree.area[parts]) - tree.area[parts]
+        _, first, which = np.unique(parents, return_index=True, return_inverse=True)
+        begin[parts] = begin[parents] + taken[parents] + before - before[first][which]
+        np.add.at(taken, parents, tree.area[parts])  # parts from other levels come behind
+    return np.argsort(begin[tree.entered], kind="stable"), begin
