@@ -1675,8 +1675,9 @@ def orthorectify(
         Pixel size, in units of the CRS (degrees for EPSG:4326); by default the finest pixel of the
         block on the ground, rounded (at least 1e-09).
     extent : str, optional
-        each: what the image shows; union or overlap: of all images; or west,south,east,north in the
-        CRS. Widened to whole pixels (default each).
+        each: what the image shows; union or overlap: of all images; or a box in the CRS of the
+        orthoimages, or in the one that stands in brackets behind it. Widened to whole pixels (default
+        each).
     resampling : str, optional
         GDAL's resampling kernel (one of near, bilinear, cubic, cubicspline, lanczos, average, rms,
         mode, max, min, med, q1, q3; default cubic).

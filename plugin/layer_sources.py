@@ -6,23 +6,30 @@ copied to a temporary GeoPackage. This happens in the main thread, before the al
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from qgis.core import (
     NULL,
+    QgsCoordinateReferenceSystem,
     QgsProcessingContext,
     QgsProcessingException,
     QgsProcessingFeatureSourceDefinition,
     QgsProcessingFeedback,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameters,
     QgsProcessingUtils,
     QgsProperty,
     QgsProviderRegistry,
     QgsRasterLayer,
+    QgsRectangle,
     QgsVectorFileWriter,
     QgsVectorLayer,
 )
+
+_NUMBERS = re.compile(r"[-+0-9.eE,\s]+")  #: a box without the name of a CRS
 
 
 def raster_source(value: Any, context: QgsProcessingContext) -> str:
@@ -68,6 +75,24 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
         return str(value)
     source = None if selected_only else _file_source(layer)
     return source or _copy(layer, name, selected_only, context, feedback)
+
+
+def given_box(
+    definition: QgsProcessingParameterDefinition, value: Any, context: QgsProcessingContext
+) -> tuple[QgsRectangle, QgsCoordinateReferenceSystem]:
+    """Return a box as QGIS gives it (``xmin,xmax,ymin,ymax [CRS]``, a rectangle, a layer), and its CRS if it names one.
+
+    The box is null where the value is none.
+    """
+    box = QgsProcessingParameters.parameterAsExtent(definition, value, context)
+    if type(value) is QgsRectangle or (isinstance(value, str) and _NUMBERS.fullmatch(value)):
+        return box, QgsCoordinateReferenceSystem()  # QGIS itself would take the project's
+    return box, QgsProcessingParameters.parameterAsExtentCrs(definition, value, context)
+
+
+def crs_text(crs: QgsCoordinateReferenceSystem) -> str:
+    """Return a CRS as the engine takes it: EPSG:code, or WKT where it has none."""
+    return str(crs.authid() if crs.authid().startswith("EPSG:") else crs.toWkt())
 
 
 def _static(value: Any) -> Any:

@@ -20,6 +20,7 @@ from qgis.core import (
     QgsProcessingParameterCrs,
     QgsProcessingParameterDefinition,
     QgsProcessingParameterEnum,
+    QgsProcessingParameterExtent,
     QgsProcessingParameterFeatureSource,
     QgsProcessingParameterFile,
     QgsProcessingParameterFolderDestination,
@@ -27,12 +28,13 @@ from qgis.core import (
     QgsProcessingParameterNumber,
     QgsProcessingParameterRasterLayer,
     QgsProcessingParameterString,
+    QgsProperty,
 )
 
 from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, typed_value
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
-from .layer_sources import point_source, raster_source, raster_sources
+from .layer_sources import crs_text, given_box, point_source, raster_source, raster_sources
 from .translation import tr
 
 SHORT_DIALOG = 12  # fields that a person sees at one glance
@@ -72,12 +74,17 @@ class PointsParameter(_AnyFile, QgsProcessingParameterFeatureSource):
         return "All files (*.*);;Point files (*.gpkg *.csv *.shp *.geojson *.points *.gcp)"
 
 
+class ExtentParameter(_AnyFile, QgsProcessingParameterExtent):
+    """A box on the map, or a word that the engine knows."""
+
+
 class FileParameter(_AnyFile, QgsProcessingParameterFile):
     """A file name, with or without a dot in it, or a word that the engine knows."""
 
 
-#: The dialog's field for parameters that take a word or a file; imported by the dialogs only.
+#: The dialog's fields for parameters that take a word or a file, and a word or a box; imported by the dialogs only.
 WORD_WIDGET = {"widget_wrapper": {"class": f"{__package__}.word_widget.WordWidget"}}
+EXTENT_WIDGET = {"widget_wrapper": {"class": f"{__package__}.extent_widget.ExtentWidget"}}
 
 
 @dataclass(frozen=True)
@@ -196,6 +203,12 @@ def _crs(param: Param) -> QgsProcessingParameterDefinition:
     return QgsProcessingParameterCrs(**_common(param))
 
 
+def _extent(param: Param) -> QgsProcessingParameterDefinition:
+    made = ExtentParameter(**_common(param))
+    made.setMetadata(EXTENT_WIDGET | {"words": list(param.words)})
+    return made
+
+
 def _choice(param: Param) -> QgsProcessingParameterDefinition:
     return QgsProcessingParameterEnum(options=list(param.choices), usesStaticStrings=True, **_common(param))
 
@@ -236,7 +249,20 @@ def _read_crs(param: Param, reading: Reading) -> str:
     crs = reading.call("parameterAsCrs", param)
     if not crs.isValid():
         return str(reading.raw(param))  # the engine says what is wrong with it
-    return crs.authid() if crs.authid().startswith("EPSG:") else crs.toWkt()
+    return crs_text(crs)
+
+
+def _read_extent(param: Param, reading: Reading) -> str:
+    """Return a word as it is, a box as ``W,S,E,N [CRS]``."""
+    value = reading.raw(param)
+    value = value.staticValue() if isinstance(value, QgsProperty) else value
+    if value in param.words:
+        return str(value)
+    box, crs = given_box(reading.algorithm.parameterDefinition(qgis_name(param)), value, reading.context)
+    if box.isNull():
+        return str(value)  # the engine says what is wrong with it
+    sides = (box.xMinimum(), box.yMinimum(), box.xMaximum(), box.yMaximum())
+    return ",".join(map(repr, sides)) + (f" [{crs_text(crs)}]" if crs.isValid() else "")
 
 
 def _read_ids(param: Param, reading: Reading) -> list[str]:
@@ -253,6 +279,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.POINTS: Binding(_points, _read_points),
     Kind.FILE: Binding(_file, _reader("parameterAsFile")),
     Kind.CRS: Binding(_crs, _read_crs),
+    Kind.EXTENT: Binding(_extent, _read_extent),
     Kind.TEXT: Binding(_text, _reader("parameterAsString")),
     Kind.IDS: Binding(_text, _read_ids),
     Kind.GROUPS: Binding(_text, _read_ids),

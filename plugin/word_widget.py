@@ -21,12 +21,13 @@ class WordWrapper(QgsAbstractProcessingParameterWidgetWrapper):
         self._field = LayerOrFile(param.metadata().get("words", ()), layers=is_points)
         self._field.set_value(param.defaultValue())
         self._field.box.editTextChanged.connect(lambda _text: self.widgetValueHasChanged.emit(self))
+        self._field.selected_only.toggled.connect(lambda _on: self.widgetValueHasChanged.emit(self))
         return self._field.widget
 
     def setWidgetValue(self, value: Any, context: QgsProcessingContext) -> None:
         self._field.set_value(value)
 
-    def widgetValue(self) -> str:
+    def widgetValue(self) -> Any:
         return self._field.value()
 
 

@@ -964,6 +964,10 @@
       <translation>Startwert des Zufalls</translation>
     </message>
     <message>
+      <source>Selected features only</source>
+      <translation>Nur gewählte Objekte</translation>
+    </message>
+    <message>
       <source>Sensor</source>
       <translation>Sensor</translation>
     </message>
@@ -1240,6 +1244,10 @@
       <translation>ein nie gespeicherter Block</translation>
     </message>
     <message>
+      <source>a box:</source>
+      <translation>ein Rechteck:</translation>
+    </message>
+    <message>
       <source>adjusting …</source>
       <translation>gleiche aus …</translation>
     </message>
@@ -1290,6 +1298,10 @@
     <message>
       <source>found, correlation {:.2f}</source>
       <translation>gefunden, Korrelation {:.2f}</translation>
+    </message>
+    <message>
+      <source>from the map, a layer, or drawn</source>
+      <translation>aus der Karte, von einem Layer oder gezeichnet</translation>
     </message>
     <message>
       <source>image</source>

@@ -653,8 +653,8 @@ class PointsDock(QDockWidget):
         return answer == buttons.Discard or (answer == buttons.Save and bool(self.save()))
 
 
-def source_of(value: str, name: str) -> str:
-    """Return what the engine opens for a layer id or a file."""
+def source_of(value: Any, name: str) -> str:
+    """Return what the engine opens for a layer, its selected features, or a file."""
     from qgis.core import QgsProcessingContext, QgsProcessingFeedback
 
     from ..layer_sources import point_source

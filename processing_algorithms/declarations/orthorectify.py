@@ -61,9 +61,10 @@ class OrthorectifyOptions:
     )
     extent: str = option(
         "each",
-        "each: what the image shows; union or overlap: of all images; or west,south,east,north in the CRS. Widened to "
-        "whole pixels",
-        metavar="each|union|overlap|W,S,E,N",
+        "each: what the image shows; union or overlap: of all images; or a box in the CRS of the orthoimages, or in "
+        "the one that stands in brackets behind it. Widened to whole pixels",
+        kind=Kind.EXTENT,
+        metavar="each|union|overlap|W,S,E,N [CRS]",
     )
     resampling: str = option("cubic", "GDAL's resampling kernel", choices=RESAMPLING_NAMES)
     error_px: float = option(

@@ -20,6 +20,7 @@ TYPES = {
     Kind.POINTS: "Points",
     Kind.FILE: "Path",
     Kind.CRS: "str",
+    Kind.EXTENT: "str",
     Kind.TEXT: "str",
     Kind.IDS: "str | Iterable[str]",
     Kind.GROUPS: "str | Iterable[str | Iterable[str]]",

@@ -43,6 +43,7 @@ METAVARS: dict[Kind, str] = {
     Kind.POINTS: "FILE[|layername=L]",
     Kind.FILE: "FILE",
     Kind.CRS: "CRS",
+    Kind.EXTENT: "W,S,E,N",
     Kind.TEXT: "TEXT",
     Kind.IDS: "A,B,...",
     Kind.GROUPS: "A+B,C+D,...",

@@ -37,6 +37,7 @@ class Kind(Enum):
     POINTS = "points"  #: a vector layer or CSV (``FILE`` or ``FILE|layername=L``)
     FILE = "file"
     CRS = "crs"  #: a coordinate reference system: EPSG:code or WKT
+    EXTENT = "extent"  #: a word, or a box on the map: ``W,S,E,N``, or ``W,S,E,N [CRS]``
     TEXT = "text"
     IDS = "ids"  #: identifiers, separated by commas
     CHOICE = "choice"
@@ -88,9 +89,10 @@ class Param:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words that it takes besides a file: those in lower case of a metavar like ``auto|none|FILE``."""
+        """Words that it takes besides a file or a box: those in lower case of a metavar like ``auto|none|FILE``."""
         parts = self.metavar.split("|")
-        return tuple(part for part in parts if part.isalnum() and part.islower()) if "FILE" in parts else ()
+        takes_more = "FILE" in parts or self.kind is Kind.EXTENT
+        return tuple(part for part in parts if part.isalnum() and part.islower()) if takes_more else ()
 
     @property
     def key(self) -> str:

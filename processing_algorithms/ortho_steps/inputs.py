@@ -122,14 +122,19 @@ def _crs(given: str | None, ground: np.ndarray) -> str:
     """Return the WKT of the orthoimages' CRS, without a height part."""
     if given is None:
         return map_crs_of(ground)
-    try:
-        crs = pyproj.CRS.from_user_input(given)
-    except pyproj.exceptions.CRSError:
-        raise InputError(f"`crs` {given!r} is no coordinate reference system: give EPSG:code or WKT") from None
+    crs = _named_crs(given, "crs")
     crs = crs.sub_crs_list[0] if crs.sub_crs_list else crs
     if not (crs.is_projected or crs.is_geographic):
         raise InputError(f"`crs` {given!r} is neither projected nor geographic: choose another")
     return str(crs.to_wkt())
+
+
+def _named_crs(name: str, option: str) -> pyproj.CRS:
+    """Return a CRS that an option names."""
+    try:
+        return pyproj.CRS.from_user_input(name)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"`{option}`: {name!r} is no coordinate reference system: give EPSG:code or WKT") from None
 
 
 def _metres_per_unit(wkt: str) -> float:
@@ -168,6 +173,27 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
     ]
 
 
+def _given_box(extent: str, crs: str) -> tuple[float, ...]:
+    """Return west, south, east, north in the orthoimages' CRS of ``W,S,E,N``, or of ``W,S,E,N [CRS]`` what holds it."""
+    numbers, _, named = extent.strip().removesuffix("]").partition("[")
+    try:
+        box = tuple(float(value) for value in numbers.replace(",", " ").split())
+    except ValueError:
+        box = ()
+    if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
+        raise InputError(
+            f"`extent` {extent!r}: give each, union, overlap, or west,south,east,north in the orthoimages' CRS, or in "
+            "another one with its name behind: … [EPSG:4326]"
+        )
+    if not named:
+        return box
+    to_map = pyproj.Transformer.from_crs(_named_crs(named, "extent"), crs, always_xy=True)
+    box = to_map.transform_bounds(*box)
+    if not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
+        raise InputError(f"`extent` {extent!r} is no box in the orthoimages' CRS: give it in that, or another `crs`")
+    return box
+
+
 def _grids(
     images: Sequence[Image], surface: HeightSurface, crs: str, resolution: float, extent: str
 ) -> dict[str, MapGrid]:
@@ -183,12 +209,7 @@ def _grids(
         if box[0] >= box[2] or box[1] >= box[3]:
             raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
-        try:
-            box = tuple(float(value) for value in extent.replace(",", " ").split())
-        except ValueError:
-            box = ()
-        if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
-            raise InputError(f"`extent` {extent!r}: give each, union, overlap, or west,south,east,north in the CRS")
+        box = _given_box(extent, crs)
     grid = MapGrid.around(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 import pytest
 from osgeo import gdal
 
@@ -270,6 +271,21 @@ def test_extent_as_a_box(scene: Path, tmp_path: Path) -> None:
     assert pixels(tmp_path / "a_ortho.tif").shape == (400, 440)
 
 
+def test_extent_in_another_crs(scene: Path, tmp_path: Path) -> None:
+    """A box in degrees holds its corners on the map, and not a pixel more than its curved sides need."""
+    west, south, east, north = map(float, BOX.split(","))
+    to_degrees = pyproj.Transformer.from_crs(32755, 4326, always_xy=True)
+    degrees = to_degrees.transform_bounds(west, south, east, north)
+    extent = ",".join(map(repr, degrees)) + " [EPSG:4326]"
+    bounds = ortho(scene, tmp_path, extent=extent, resolution=0.5, format="gtiff")["images"]["a"]["bounds"]
+    x, y = pyproj.Transformer.from_crs(4326, 32755, always_xy=True).transform(
+        [degrees[k] for k in (0, 0, 2, 2)], [degrees[k] for k in (1, 3, 1, 3)]
+    )
+    wanted = np.array([min(x), min(y), max(x), max(y)])
+    assert np.abs(np.array(bounds) - wanted).max() < 0.51
+    assert bounds[0] <= west and bounds[1] <= south and bounds[2] >= east and bounds[3] >= north
+
+
 def test_terrain_from_points(scene: Path, tmp_path: Path) -> None:
     from hrsi.tests.ortho.test_point_surface import points
 
@@ -383,6 +399,8 @@ def test_coarse_orthoimages_are_means(scene: Path, tmp_path: Path) -> None:
         ({"height": 3.0}, "`dem` and `height` all say"),
         ({"crs": "EPSG:0"}, "`crs`"),
         ({"extent": "1,2,3"}, "`extent`"),
+        ({"extent": f"{BOX} [EPSG:0]"}, "`extent`: 'EPSG:0'"),
+        ({"extent": f"{BOX} [EPSG:4326]"}, "no box in the orthoimages' CRS"),
         ({"extent": "0,0,10,10"}, "holds nothing of a"),
         ({"nodata": "300000"}, "UInt16 pixels, which cannot hold it"),
         ({"nodata": "none"}, "neither a number nor mask"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from osgeo import gdal
-from qgis.core import QgsProcessingContext, QgsProject, QgsRasterLayer
+from qgis.core import QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsRasterLayer, QgsVectorLayer
 from qgis.gui import (
     QgsGui,
     QgsProcessingContextGenerator,
@@ -13,9 +13,12 @@ from qgis.gui import (
     QgsProcessingMultipleInputPanelWidget,
     QgsProcessingParameterWidgetContext,
 )
-from qgis.PyQt.QtWidgets import QDialog, QLineEdit
+from qgis.PyQt.QtCore import QPoint, Qt
+from qgis.PyQt.QtTest import QTest
+from qgis.PyQt.QtWidgets import QCheckBox, QComboBox, QDialog, QFileDialog, QLineEdit, QToolButton
 
 from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.layer_sources import point_source
 from hrsi.tests.qgis.tiny import TINY
 
 
@@ -98,3 +101,36 @@ def test_points_widget_keeps_a_file(qgis_processing, qgis_new_project, tmp_path:
         wrapper, _widget, _algorithm = wrapper_of("GCPS", generator)
         wrapper.setParameterValue(source, generator.context)
         assert wrapper.parameterValue() == source
+
+
+def test_selected_features_of_a_layer_in_a_field_of_words(
+    qgis_processing, qgis_new_project, tmp_path: Path, monkeypatch
+) -> None:
+    """The box to tick is there for a layer with selected features, and only then; the history keeps it."""
+    path = tmp_path / "ties.csv"
+    path.write_text("id,image,sample,line\nA,a,1,2\nB,a,3,4\n", encoding="utf-8")
+    layer = QgsVectorLayer(str(path), "ties", "ogr")
+    QgsProject.instance().addMapLayer(layer)
+    layer.selectByIds([2])
+    from processing.gui.wrappers import WidgetWrapperFactory
+
+    algorithm, generator, dialog = DeclaredAlgorithm(TINY).create(), Generator(), Dialog()
+    wrapper = WidgetWrapperFactory.create_wrapper(algorithm.parameterDefinition("TIE_POINTS"), dialog)
+    widget = wrapper.createWrappedWidget(generator.context)
+    tick, words = widget.findChild(QCheckBox), widget.findChild(QComboBox)
+    assert wrapper.parameterValue() == "auto" and not tick.isVisibleTo(widget)
+    words.setCurrentIndex(words.findText("ties"))
+    assert wrapper.parameterValue() == layer.id() and tick.isVisibleTo(widget)
+    widget.show()
+    QTest.mouseClick(tick, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(8, tick.height() // 2))
+    chosen = wrapper.parameterValue()
+    assert chosen.selectedFeaturesOnly and chosen.source.staticValue() == layer.id()
+    source = point_source(chosen, "tie_points", generator.context, QgsProcessingFeedback())
+    assert [feature["id"] for feature in QgsVectorLayer(source, "", "ogr").getFeatures()] == ["B"]
+    words.setCurrentIndex(words.findText("none"))
+    assert wrapper.parameterValue() == "none" and not tick.isVisibleTo(widget)
+    wrapper.setParameterValue(chosen, generator.context)
+    assert wrapper.parameterValue().selectedFeaturesOnly
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_given: ("/data/other.csv", ""))
+    QTest.mouseClick(widget.findChild(QToolButton), Qt.MouseButton.LeftButton)
+    assert wrapper.parameterValue() == "/data/other.csv"

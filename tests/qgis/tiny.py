@@ -74,6 +74,7 @@ class TinyFields:
     tie_points: str = option("auto", "Tie points", kind=Kind.POINTS, metavar="auto|none|FILE")
     height_datum: str = option("layer", "Heights", metavar="layer|ellipsoidal|FILE")
     ground_crs: str | None = option(None, "CRS of points", kind=Kind.CRS)
+    extent: str = option("each", "What is shown", kind=Kind.EXTENT, metavar="each|union|W,S,E,N [CRS]")
     geoid: str | None = option(None, "Geoid grid", kind=Kind.FILE)
     text: str = option("none", "Text")
     gcp_ids: tuple[str, ...] | None = option(None, "Control points")
