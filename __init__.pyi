@@ -144,6 +144,7 @@ def triangulate(
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
+    stac: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Tie points and GCPs to refined RPCs, residual layers and a report.
@@ -157,7 +158,7 @@ def triangulate(
     Parameters
     ----------
     images : path or Image or sequence of them
-        Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom).
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
@@ -304,6 +305,9 @@ def triangulate(
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
         Write report.html (default yes).
+    stac : bool, optional
+        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        (stac.json) (default no).
     progress : callable, optional
         Called with a fraction and a message; False cancels.
 
@@ -495,6 +499,7 @@ def adjust(
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
+    stac: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Bundle block adjustment from existing image points.
@@ -505,7 +510,7 @@ def adjust(
     Parameters
     ----------
     images : path or Image or sequence of them
-        Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom).
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
@@ -618,6 +623,9 @@ def adjust(
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
         Write report.html (default yes).
+    stac : bool, optional
+        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        (stac.json) (default no).
     progress : callable, optional
         Called with a fraction and a message; False cancels.
 
@@ -688,7 +696,7 @@ def evaluate(
     Parameters
     ----------
     images : path or Image or sequence of them
-        Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom).
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     rpcs : dict of str to path, optional
         A further set of RPCs: its name, and the directory that holds an RPC or an image with RPC for
         each image, under the image's name; given again for each set. The images' own RPCs are the set
@@ -831,6 +839,7 @@ def refine(
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
+    stac: bool = False,
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
@@ -844,7 +853,7 @@ def refine(
     Parameters
     ----------
     images : path or Image or sequence of them
-        Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom).
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
@@ -889,6 +898,9 @@ def refine(
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
         Write report.html (default yes).
+    stac : bool, optional
+        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        (stac.json) (default no).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     progress : callable, optional
@@ -983,7 +995,7 @@ def rpc_info(
     Parameters
     ----------
     images : path or Image or sequence of them
-        Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom).
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional

@@ -40,7 +40,7 @@ from .translation import tr
 SHORT_DIALOG = 12  # fields that a person sees at one glance
 _ABBREVIATIONS = {
     "crs": "CRS", "dem": "DEM", "dir": "directory", "gcp": "GCP", "gcps": "GCPs", "gsd": "GSD", "h": "height",
-    "rpc": "RPC", "rpcs": "RPCs", "utm": "UTM", "xy": "easting and northing",
+    "rpc": "RPC", "rpcs": "RPCs", "stac": "STAC items", "utm": "UTM", "xy": "easting and northing",
 }  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_measurements
+from ..hrsi_engine.io.item_images import item_entry
 from ..hrsi_engine.io.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
@@ -91,7 +92,8 @@ def _report(images: Sequence[Image], found: TiePoints, record: Report) -> Report
     return {
         **record,
         "images": {
-            image.id: {"path": image.path, "observations": int((rows.image_ids == image.id).sum()),
+            image.id: {"path": image.path, **item_entry(image.path),
+                       "observations": int((rows.image_ids == image.id).sum()),
                        "cells": _cells_with_points(image, rows.xy[rows.image_ids == image.id])}
             for image in images
         },

@@ -25,11 +25,13 @@ POINT_LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points
 class RecordedImage:
     """An image of an adjusted block.
 
+    item : what names the STAC item that it comes from
     values, covariance : (p,) and (p, p) of its parameters; None where it was not computed
     """
 
     id: str
     path: str
+    item: str | None
     rpc: RPC
     values: np.ndarray
     covariance: np.ndarray | None
@@ -57,7 +59,8 @@ def read_record(folder: str) -> BlockRecord:
         found = read_json(path, "report")
         images = tuple(
             RecordedImage(
-                str(image["id"]), str(image["path"]), RPC(**image["rpc"]), np.array(image["values"], dtype=np.float64),
+                str(image["id"]), str(image["path"]), image.get("item"), RPC(**image["rpc"]),
+                np.array(image["values"], dtype=np.float64),
                 None if image["covariance"] is None else np.array(image["covariance"], dtype=np.float64),
             )
             for image in found["images"]

@@ -29,6 +29,7 @@ MOST_BYTES = {
     "points": 256 * MIB,  # text of which every line becomes objects: some millions of points
     "matches": 2048 * MIB,  # binary records
     "report": 128 * MIB,  # of ten thousand images and points: some 20 MB
+    "items": 256 * MIB,  # a STAC item with its RPC has some 10 kB: as many images as a block can have
     "names": 32 * MIB,  # a list of images
     "journal": 256 * MIB,  # of what somebody measured by hand, point by point
     "result": 2048 * MIB,  # of one finished part of a search

@@ -1,4 +1,4 @@
-"""What a person names: images as files, patterns, lists, folders or archives as delivered; points as result folders."""
+"""What a person names: images as files, patterns, lists, STAC items, deliveries; points as folders of results."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..foundation.errors import InputError
 from .budgets import require_size
 from .datasets import open_dataset
 from .rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
+from .stac_items import images_of_items
 
 LIST = "@"  #: begins the name of a text file with an image a line
 #: GDAL's way into an archive, by the ending of its name.
@@ -21,7 +22,7 @@ IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix
 
 
 def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
-    """Return the images that names stand for: patterns, folders, archives and lists are replaced by what they hold.
+    """Return the images that names stand for: patterns, folders, archives, lists and items give way to what they hold.
 
     Raises `InputError` for one that holds no image with an RPC.
     """
@@ -36,6 +37,8 @@ def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str,
             found += images
         elif _is_pattern(name):
             found += _matching(name)
+        elif (of_items := images_of_items(name, log)) is not None:
+            found += of_items
         else:
             found.append(name)
     return tuple(found)

@@ -67,15 +67,18 @@ def check_output_dir(
 
 
 def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
-    """Return the files with refined RPCs that an earlier run made in a folder, as its report there tells.
+    """Return the files with refined RPCs, and their STAC items, that an earlier run made in a folder, by its report.
 
     Beside a new report that withholds its RPCs they would pass for the new ones. Images that the earlier run wrote in
     place are no files of its own, and inputs are not among the files either.
     """
     kept = {os.path.realpath(file) for file in inputs}
     found = []
-    for image in _images_of(read_report(os.path.join(path, _REPORT)) or {}):
-        output, source = image.get("output"), image.get("path")
+    report = read_report(os.path.join(path, _REPORT)) or {}
+    outputs = report.get("outputs")
+    told = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
+    told += [(image.get(what), image.get("path")) for image in _images_of(report) for what in ("output", "stac")]
+    for output, source in told:
         if not isinstance(output, str) or not isinstance(source, str):
             continue
         file = os.path.join(path, os.path.basename(output))

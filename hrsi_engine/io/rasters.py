@@ -19,6 +19,7 @@ from ..foundation.errors import InputError
 from ..foundation.in_memory import InMemory
 from .content_marks import content_mark
 from .datasets import gdal_messages, virtual_status
+from .item_images import item_of
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
 from .rpc_files.reading import FoundRpc
 
@@ -59,9 +60,11 @@ class ImageInMemory(InMemory):
 
 
 def image_id(path: str) -> str:
-    """Return an image's id: the file's stem without a trailing ``_RPC``."""
+    """Return an image's id: that of its STAC item, else the file's stem without a trailing ``_RPC``."""
     if isinstance(path, ImageInMemory):
         return path.image.id
+    if (item := item_of(path)) is not None:
+        return item.id
     stem = Path(path).stem
     return stem[: -len(RPC_SUFFIX)] if stem.lower().endswith(RPC_SUFFIX) and len(stem) > len(RPC_SUFFIX) else stem
 
@@ -138,7 +141,9 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
         ), alone
     raster = GdalRaster(path)
     found = rpc_of_dataset(path, raster.dataset)
-    image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, found.sensor)
+    item = item_of(path)
+    sensor = found.sensor or ("" if item is None else item.platform)
+    image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
     return image, found
 
 
@@ -178,7 +183,7 @@ class GdalRaster:
     """
 
     def __init__(self, path: str, band: int = 1) -> None:
-        self.path, self._band = path, band
+        self.path, self._band = str(path), band
         self.stamp = file_stamp(path)
         self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
         if not 1 <= band <= self.dataset.RasterCount:

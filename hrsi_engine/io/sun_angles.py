@@ -22,6 +22,7 @@ from ..camera.rpc import RPC
 from ..foundation.errors import InputError
 from ..ground.sun import SunAngles, sun_at_time
 from .datasets import metadata_of, open_dataset
+from .item_images import item_of
 from .rpc_files.content import read_text, siblings
 
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
@@ -91,8 +92,16 @@ def read_sun(path: str, rpc: RPC | None) -> FoundSun | None:
     return FoundSun(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
 
 
+def read_time(path: str) -> datetime | None:
+    """Return when an image was taken (UTC), by its delivery or its name; None where they do not tell."""
+    told = (_time_in(text) for _source, text in _texts(path))
+    return next((time for time in told if time is not None), None) or _time_of_name(path)
+
+
 def _texts(path: str) -> Iterator[tuple[str, str]]:
-    """Yield what is written about an image, with where: its own metadata, then the files that belong to it."""
+    """Yield what is written about an image, with where: in its STAC item, itself, the files that belong to it."""
+    if (item := item_of(path)) is not None:
+        yield f"the STAC item {item.id}", item.sun_text()
     dataset, _message = open_dataset(path)
     if dataset is not None:
         for domain in _DOMAINS:

@@ -28,6 +28,7 @@ from ..adjustment.joint_prior import JointCameras
 from ..adjustment.result import Adjustment
 from ..foundation.errors import InputError
 from ..io.block_records import POINT_LAYERS
+from ..io.item_images import item_entry
 
 
 def record_of(result: Adjustment) -> dict[str, Any]:
@@ -40,6 +41,7 @@ def record_of(result: Adjustment) -> dict[str, Any]:
         "images": [
             {
                 "id": image.id, "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
+                **item_entry(image.path),
                 "rpc": {part.name: _plain(getattr(image.rpc, part.name)) for part in fields(image.rpc)},
                 "values": values.tolist(), "covariance": own.tolist() if known[k] else None,
             }

@@ -92,7 +92,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
     dict of str to str
         ``HRSI_VERSION`` and the like.
     """
-    accuracy, source = _accuracy(report)
+    accuracy, source = block_accuracy(report)
     return {
         "HRSI_VERSION": report["version"],
         "HRSI_DATE": report["date"],
@@ -106,7 +106,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
     }
 
 
-def _accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], str]:
+def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], str]:
     """Return CE90 and LE90 of the check points; without any, the worst that is predicted for a part of the block."""
     check = report["check"]
     if check["ce90_m"] is not None:

@@ -904,6 +904,10 @@
       <translation>Rolle</translation>
     </message>
     <message>
+      <source>STAC items</source>
+      <translation>STAC-Einträge</translation>
+    </message>
+    <message>
       <source>Save</source>
       <translation>Speichern</translation>
     </message>

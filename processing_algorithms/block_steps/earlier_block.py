@@ -21,6 +21,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
 from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
 from ...hrsi_engine.io.rasters import open_image
+from ...hrsi_engine.io.stac_items import recorded_images
 from ...hrsi_engine.results.block_record import joint_of_arrays
 from ..files.image_files import require_ids
 from ..interface.option_groups import FREE, NO_TIES, JoinedBlockOptions
@@ -60,7 +61,7 @@ def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_point
                 [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
     if options.earlier_cameras != FREE:
         return _observed(record)
-    earlier = tuple(replace(_open(one.path), id=one.id, rpc=one.rpc) for one in record.images)
+    earlier = _open_images(record)
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
     ground, measured = tables[0].ground, tables[1].image
@@ -71,10 +72,14 @@ def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_point
     return EarlierBlock(earlier, (measured,), (known,))
 
 
-def _open(path: str) -> Image:
-    if not os.path.exists(path) and not path.startswith("/vsi"):
-        raise InputError(f"{path}: an image of the earlier block is not there any more: put it back")
-    return open_image(path)
+def _open_images(record: BlockRecord) -> tuple[Image, ...]:
+    """Return the images of a block with their cameras as they were before its adjustment."""
+    paths = recorded_images((one.id, one.path, one.item) for one in record.images)
+    missing = [path for path in paths if not os.path.exists(path) and not path.startswith("/vsi")]
+    if missing:
+        raise InputError(f"{missing[0]}: an image of the earlier block is not there any more: put it back")
+    opened = zip(paths, record.images, strict=True)
+    return tuple(replace(open_image(path), id=one.id, rpc=one.rpc) for path, one in opened)
 
 
 def _observed(record: BlockRecord) -> EarlierBlock:
@@ -83,7 +88,7 @@ def _observed(record: BlockRecord) -> EarlierBlock:
     joint = joint_of_arrays(read_cameras(record.folder), source)
     if set(joint.images) != {one.id for one in record.images}:
         raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
-    images = tuple(replace(_open(one.path), id=one.id, rpc=one.rpc) for one in record.images)
+    images = _open_images(record)
     return EarlierBlock(images, model=record.model, joint=joint)
 
 

@@ -15,6 +15,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_measured, read_points
 from ...hrsi_engine.io.rasters import open_image
+from ...hrsi_engine.io.stac_items import recorded_images
 from ...hrsi_engine.measurement.tie_points import TiePoints
 from ..declarations.tie_points import LAYER, LAYERS_FILE
 from ..files.image_files import require_ids
@@ -109,7 +110,9 @@ def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTie
     report = read_report(os.path.join(folder, "report.json"))
     if report is None or report.get("algorithm") != "tie-points" or not isinstance(report.get("images"), dict):
         raise InputError(f"{folder}: is no result of tie-points: name the output directory of an earlier search")
-    paths = {str(name): str(image.get("path")) for name, image in report["images"].items()}
+    told = report["images"].items()
+    recorded = recorded_images((str(name), str(image.get("path")), image.get("item")) for name, image in told)
+    paths = dict(zip(map(str, report["images"]), recorded, strict=True))
     require_ids([*paths.values(), *(image.path for image in images)], [*paths, *(image.id for image in images)])
     missing = [path for path in paths.values() if not path.startswith("/vsi") and not os.path.exists(path)]
     if missing:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
+from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.array_files import write_arrays
@@ -30,6 +31,7 @@ from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, residuals_epsg
 from ...hrsi_engine.results.lineage import lineage_items, state_accuracy
 from ...hrsi_engine.results.residuals import Residuals, residuals
+from ...hrsi_engine.results.stac import RefinedFiles, has_time, item_collection, item_of_image
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
@@ -49,7 +51,7 @@ from .rpc_outputs import (
 FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
-LAYERS_FILE = "block.gpkg"
+LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 #: What a dry run counts, and the roles of the points.
 COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE}
 
@@ -87,12 +89,19 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
     told = check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs, context.dry_run)
     for notice in told:
         context.log(notice)
+    if output.stac and output.write == WRITE_NOTHING:
+        raise InputError("`stac` tells of refined images: let `write` say where they go, or leave out `stac`")
 
 
 def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
     """Return the names of the files that a block's results are written into."""
     own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, CAMERAS_FILE, *([PAGE_FILE] if output.report else [])]
-    return [*own, *planned_names(images, output.write).values()]
+    items = [STAC_FILE, *(_item_file(image) for image in images)] if output.stac else []
+    return [*own, *items, *planned_names(images, output.write).values()]
+
+
+def _item_file(image: Image) -> str:
+    return f"{image.id}_{STAC_FILE}"
 
 
 def plan_results(
@@ -190,6 +199,8 @@ def write_results(
         report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
         if how == IN_PLACE:
             report["warnings"] += prepare_images(images, refined, changes, items, stage(context.progress, 0.7, 0.95))
+        if output.stac and how != WRITE_NOTHING:
+            _write_items(folder, report, images, refined, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
         delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
@@ -233,6 +244,32 @@ def _write_reports(
     if page:
         write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, find_outline))
     write_report_json(str(folder / REPORT_FILE), report)
+
+
+def _write_items(
+    folder: Path, report: Report, images: Sequence[Image], refined: Sequence[RefinedRPC], output_dir: str
+) -> None:
+    """Write the STAC items of refined images whose files lie in a temporary ``folder``, or are the images."""
+    items = []
+    for image, new in zip(images, refined, strict=True):
+        entry = report["images"][image.id]
+        written = entry["output"]
+        staged = folder / os.path.basename(written)
+        apart = written.upper().endswith(".TXT")  # a sidecar: the pixels stay where they are
+        files = RefinedFiles(
+            output_dir, image.path if apart else written, written if apart else None,
+            {written: str(staged)} if staged.is_file() else {},
+        )  # fmt: skip
+        items.append(item_of_image(image, new, files, report))
+        entry["stac"] = os.path.join(output_dir, _item_file(image))
+        write_report_json(str(folder / _item_file(image)), items[-1])
+    write_report_json(str(folder / STAC_FILE), item_collection(items))
+    report["outputs"]["stac"] = os.path.join(output_dir, STAC_FILE)
+    unknown = [item["id"] for item in items if not has_time(item)]
+    if unknown:
+        report["warnings"].append(
+            f"no file tells when {list_ids(unknown)} was taken: STAC items have a span of time instead"
+        )
 
 
 def _fit_warnings(images: Sequence[Image], refined: Sequence[RefinedRPC]) -> list[str]:

@@ -20,7 +20,9 @@ FREE, OBSERVED = "free", "observed"
 WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
 
 
-def images_option(help: str = "Images with RPC, or RPC files alone (_RPC.TXT, .RPB, XML, .geom)") -> Any:
+def images_option(
+    help: str = "Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json)",
+) -> Any:
     """Return the field of the images, the positional arguments."""
     return option(help=help, kind=Kind.IMAGES, metavar="IMAGE")
 
@@ -105,6 +107,10 @@ class BlockOutput:
     )
     residual_crs: str = option("both", "Coordinate systems of the residual layers", choices=("both", "wgs84", "utm"))
     report: bool = report_option()
+    stac: bool = option(
+        False,
+        "Write a STAC item of each refined image too (ID_stac.json), and all of them in one file (stac.json)",
+    )
     common: Common = nested(Common)
 
 

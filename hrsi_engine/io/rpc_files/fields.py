@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,8 @@ ERRORS = ("err_bias", "err_rand")
 GDAL_NAMES = {name: name.upper() for name in (*ERRORS, *SCALARS)} | {
     name: f"{name.upper()}_COEFF" for name in POLYNOMIALS
 }
+#: RPC field -> its name in a STAC item: GDAL's names, as a field with a prefix.
+STAC_NAMES = {name: f"rpc:{title.lower()}" for name, title in GDAL_NAMES.items()}
 _PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nothing else in the text: nearly all are so
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
@@ -64,6 +67,24 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
     for field in ERRORS:
         numbers[field] = _optional(where, names[field], values.get(field))
     return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
+
+
+def rpc_from_json(where: str, members: Mapping[str, Any], names: Mapping[str, str]) -> RPC:
+    """Return the RPC of a JSON object, by the ``names`` that it has for the fields; raises as `rpc_from_text`."""
+    return rpc_from_text(where, {name: _json_text(members.get(key)) for name, key in names.items()}, names)
+
+
+def _json_text(value: Any) -> Text | None:
+    """Return numbers as text (17 digits: the same doubles); anything else as text that is no number."""
+    if isinstance(value, list):
+        return [str(_json_text(item)) for item in value]
+    return None if value is None else repr(value) if isinstance(value, float) else str(value)
+
+
+def json_members(rpc: RPC, names: Mapping[str, str]) -> dict[str, Any]:
+    """Return an RPC as members of a JSON object, all digits; unknown errors are left out."""
+    told = {names[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
+    return told | {names[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
 
 
 def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:

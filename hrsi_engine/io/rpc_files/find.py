@@ -20,9 +20,10 @@ from ...block.block import Tile
 from ...foundation.errors import InputError
 from ..budgets import require_raster
 from ..datasets import check_advice, metadata_of, open_dataset
+from ..item_images import item_of
 from . import crop, dimap, enmap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings
-from .fields import numbers_of, rpc_from_gdal
+from .fields import STAC_NAMES, numbers_of, rpc_from_gdal, rpc_from_json
 from .reading import FoundRpc, RpcReader, RpcReading
 
 #: Formats of files that hold an RPC and no pixels, in the order in which they win beside an image.
@@ -178,7 +179,28 @@ def _existing(files: dict[str, str], name: str, path: str, reader: RpcReader) ->
 
 
 def _sources(path: str, dataset: gdal.Dataset) -> list[Source]:
-    """Return every source of an image's RPC, the one that wins first."""
+    """Return every source of an image's RPC, the one that wins first: what its STAC item says, if it is of one."""
+    named = _of_item(path, dataset)
+    return [*named, *(source for source in _with_the_image(path, dataset) if source[0] not in dict(named))]
+
+
+def _of_item(path: str, dataset: gdal.Dataset) -> list[Source]:
+    """Return the source that the STAC item of an image names, if any."""
+    item = item_of(path)
+    if item is None:
+        return []
+    if item.rpc_fields:
+        title, where = f"rpc: fields of the STAC item {item.id}", f"{item.source}, item {item.id!r}"
+        return [(title, lambda: FoundRpc(rpc_from_json(where, item.rpc_fields, STAC_NAMES), title))]
+    for file in item.rpc_files:
+        reader, _head = _reader_by_head(file)
+        if reader is not None:
+            return [_side_source(reader, file, path, dataset)]
+    return []
+
+
+def _with_the_image(path: str, dataset: gdal.Dataset) -> list[Source]:
+    """Return the sources in and beside an image, the one that wins first."""
     if dataset.GetDriver().ShortName != "GTiff":
         return _as_gdal_ranks(path, dataset)
     before: list[Source] = []

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
 from .content import positive_size, read_text
-from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
+from .fields import POLYNOMIALS, SCALARS, json_members, rpc_from_json
 from .reading import RpcReader, RpcReading
 
 #: In files from here: they may be replaced.
@@ -33,23 +32,13 @@ def read(path: str) -> RpcReading:
     members = document.get("rpc", document)
     if not isinstance(members, dict):
         raise InputError(f"{path}: the member 'rpc' is not an object: get the file again")
-    values = {name: _text(members.get(RPCM_NAMES[name])) for name in RPCM_NAMES}
     size = positive_size(str(document.get("width")), str(document.get("height")))
-    return RpcReading(rpc_from_text(path, values, RPCM_NAMES), size)
+    return RpcReading(rpc_from_json(path, members, RPCM_NAMES), size)
 
 
 def text_of(rpc: RPC) -> str:
     """Return the content of an rpcm JSON file, all digits; unknown errors are left out."""
-    members = {RPCM_NAMES[name]: getattr(rpc, name) for name in (*SCALARS, *ERRORS) if getattr(rpc, name) is not None}
-    members |= {RPCM_NAMES[name]: getattr(rpc, name).tolist() for name in POLYNOMIALS}
-    return json_text({"written_by": "HRSI", "rpc": members}, indent=1) + "\n"
-
-
-def _text(value: Any) -> str | list[str] | None:
-    """Return numbers as text (17 digits: the same doubles); anything else as text that is no number."""
-    if isinstance(value, list):
-        return [str(_text(item)) for item in value]
-    return None if value is None else repr(value) if isinstance(value, float) else str(value)
+    return json_text({"written_by": "HRSI", "rpc": json_members(rpc, RPCM_NAMES)}, indent=1) + "\n"
 
 
 def _recognises(name: str, head: bytes) -> bool:

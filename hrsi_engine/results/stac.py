@@ -1,0 +1,217 @@
+"""Refined images as items of a SpatioTemporal Asset Catalog (STAC 1.1): an item an image, and all in one collection.
+
+An item has the image's outline on the ground, time and sun of its acquisition, the direction that it was taken from,
+how its RPC came about (``processing``), how accurate it is (``accuracy``), and the files with sizes and checksums
+(``file``). The refined RPC stands in it too, in the fields ``rpc:…`` that `io.stac_items` reads, so that an item is
+enough for who has the pixels elsewhere; what has no field in an extension has the prefix ``hrsi``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from shapely.affinity import translate
+from shapely.geometry import MultiPolygon, Polygon, box, mapping
+from shapely.geometry.polygon import orient
+
+from ..block.block import Image
+from ..block.footprints import footprint
+from ..block.imaging_geometry import rays_up
+from ..block.pointing import middle_gsd_m
+from ..io.item_images import item_of
+from ..io.lineage import file_entry
+from ..io.rpc_files.fields import STAC_NAMES, json_members
+from ..io.stac_items import href_of
+from ..io.sun_angles import read_sun, read_time
+from ..refinement.model import RefinedRPC
+from .lineage import block_accuracy
+
+STAC_VERSION = "1.1.0"
+STAC_EXTENSIONS = {
+    "view": "https://stac-extensions.github.io/view/v1.0.0/schema.json",
+    "proj": "https://stac-extensions.github.io/projection/v2.0.0/schema.json",
+    "processing": "https://stac-extensions.github.io/processing/v1.1.0/schema.json",
+    "accuracy": "https://stac-extensions.github.io/accuracy/v1.0.0/schema.json",
+    "file": "https://stac-extensions.github.io/file/v2.1.0/schema.json",
+}
+#: What an item says of the satellite that holds for the refined image too.
+OF_SATELLITE = ("platform", "constellation", "mission", "instruments", "gsd")
+MEDIA_TYPES = {
+    ".tif": "image/tiff; application=geotiff", ".tiff": "image/tiff; application=geotiff", ".jp2": "image/jp2",
+    ".ntf": "application/vnd.nitf", ".vrt": "application/vnd.gdal.vrt+xml", ".txt": "text/plain",
+    ".rpb": "text/plain", ".xml": "application/xml", ".json": "application/json", ".html": "text/html",
+}  # fmt: skip
+SHA256 = "1220"  # begins a multihash: SHA-256, 32 bytes
+EARLIEST = "1957-10-04T00:00:00Z"  # of an image from space, for one of unknown time
+
+
+@dataclass(frozen=True)
+class RefinedFiles:
+    """Where a refined image's files are.
+
+    Parameters
+    ----------
+    folder : str
+        That the items are written for: addresses below it or near it are relative.
+    image : str
+        Of the file with the pixels.
+    rpc : str, optional
+        Of the file with the refined RPC, where that is another one.
+    staged : mapping of str to str
+        Where files lie now that will lie in the folder, by their paths there; sizes are taken from them.
+    """
+
+    folder: str
+    image: str
+    rpc: str | None
+    staged: Mapping[str, str]
+
+
+def item_of_image(image: Image, refined: RefinedRPC, files: RefinedFiles, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a refined image as a STAC item.
+
+    Parameters
+    ----------
+    image : Image
+        As it was opened.
+    refined : RefinedRPC
+        Its new camera, with ERR_BIAS and ERR_RAND where they are known.
+    files : RefinedFiles
+        Where its files are.
+    report : mapping
+        The run's report, finished but for the times.
+
+    Returns
+    -------
+    dict
+        The item, as JSON takes it.
+    """
+    new, height = replace(image, rpc=refined.rpc), image.middle_height_m
+    outline = _turned(footprint(new, height))
+    assets = {"image": _asset(files.image, files, "data")}
+    if image.size is not None:
+        assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
+    if files.rpc is not None:
+        assets["rpc"] = _asset(files.rpc, files, "metadata", "rpc")
+    if image.raster is None:
+        del assets["image"]
+    assets["report"] = {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}
+    source = item_of(image.path)
+    links = [] if source is None else [
+        {"rel": "derived_from", "href": href_of(source.source, files.folder), "type": "application/geo+json"}
+    ]  # fmt: skip
+    return {
+        "type": "Feature", "stac_version": STAC_VERSION, "stac_extensions": list(STAC_EXTENSIONS.values()),
+        "id": image.id,
+        "geometry": mapping(outline), "bbox": list(_bbox(outline)),
+        "properties": {
+            **_time(image, report["date"]), "created": report["date"],
+            **_satellite(image), **_view(new, height), **_made(image, report), **_accuracy(refined, report),
+            **json_members(refined.rpc, STAC_NAMES),
+        },
+        "links": links, "assets": assets,
+    }  # fmt: skip
+
+
+def item_collection(items: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return items as one document."""
+    return {"type": "FeatureCollection", "features": items}
+
+
+def has_time(item: Mapping[str, Any]) -> bool:
+    """Return whether an item tells when its image was taken."""
+    return item["properties"]["datetime"] is not None
+
+
+def _time(image: Image, date: str) -> dict[str, Any]:
+    """Return when an image was taken; at some time before the run's ``date`` where that is not known."""
+    time = read_time(image.path) if image.path else None
+    if time is not None:
+        return {"datetime": time.strftime("%Y-%m-%dT%H:%M:%SZ")}
+    return {"datetime": None, "start_datetime": EARLIEST, "end_datetime": date}
+
+
+def _satellite(image: Image) -> dict[str, Any]:
+    source = item_of(image.path)
+    kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
+    return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(middle_gsd_m(image), 3), **kept}
+
+
+def _view(image: Image, height: float) -> dict[str, Any]:
+    """Return where the satellite and the sun stood, seen from the middle of the image."""
+    first_sample, last_sample, first_line, last_line = image.domain_px
+    middle = np.array([[0.5 * (first_sample + last_sample), 0.5 * (first_line + last_line)]])
+    east, north, up = rays_up(image.rpc, image.rpc.localize(middle, height).ground)[0].tolist()
+    # The azimuth of a view is that of its way down, from below the satellite to the scene
+    view = {
+        "view:incidence_angle": float(np.degrees(np.arccos(min(up, 1.0)))),
+        "view:azimuth": float(np.degrees(np.arctan2(-east, -north)) % 360.0),
+    }
+    sun = read_sun(image.path, image.rpc) if image.path else None
+    if sun is not None:
+        view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}
+    return {key: round(value, 4) for key, value in view.items()}
+
+
+def _made(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
+    images = len(report["images"])
+    return {
+        "processing:lineage": (
+            f"RPC of {image.path or image.id} refined by HRSI {report['version']} ({report['algorithm']}): model "
+            f"{report['model']}, {images} image{'s' if images > 1 else ''}, verdict {report['verdict']['level']}"
+        ),
+        "processing:software": {"HRSI": report["version"]},
+        "hrsi:model": report["model"],
+        "hrsi:verdict": report["verdict"]["level"],
+        "hrsi:block": list(report["images"]),
+    }
+
+
+def _accuracy(refined: RefinedRPC, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the adjustment predicts for the image, and what check points (else it) say of the block."""
+    told: dict[str, Any] = {}
+    rpc = refined.rpc
+    if rpc.err_bias is not None and rpc.err_rand is not None:
+        each = float(np.hypot(rpc.err_bias, rpc.err_rand))
+        told = {"accuracy:geometric_x_stddev": each, "accuracy:geometric_y_stddev": each,
+                "accuracy:geometric_rmse": float(np.sqrt(2.0)) * each}  # fmt: skip
+    told = {key: round(value, 4) for key, value in told.items() if np.isfinite(value)}
+    block, source = block_accuracy(report)
+    known = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
+    return told | known | ({"hrsi:accuracy_from": source} if known else {})
+
+
+def _asset(path: str, files: RefinedFiles, *roles: str) -> dict[str, Any]:
+    ending = path[path.rfind(".") :].lower()
+    asset: dict[str, Any] = {"href": href_of(path, files.folder), "roles": list(roles)}
+    if ending in MEDIA_TYPES:
+        asset["type"] = MEDIA_TYPES[ending]
+    if path in files.staged:
+        entry = file_entry(files.staged[path])
+        asset["file:size"] = entry["size"]
+        if entry["sha256"] is not None:
+            asset["file:checksum"] = SHA256 + entry["sha256"]
+    return asset
+
+
+def _turned(outline: Polygon) -> Polygon | MultiPolygon:
+    """Return an outline as RFC 7946 has it: counter-clockwise, in two parts where it crosses 180 degrees."""
+    if outline.is_empty:
+        return outline
+    outline = translate(orient(outline), -360.0 * np.floor((outline.bounds[0] + 180.0) / 360.0))
+    if outline.bounds[2] <= 180.0:
+        return outline
+    parts = [outline.intersection(box(-180.0, -90.0, 180.0, 90.0)),
+             translate(outline.intersection(box(180.0, -90.0, 540.0, 90.0)), -360.0)]  # fmt: skip
+    return MultiPolygon([orient(part) for part in parts if part.geom_type == "Polygon"])
+
+
+def _bbox(outline: Polygon | MultiPolygon) -> tuple[float, ...]:
+    """Return west, south, east, north; west is beyond east where the outline crosses 180 degrees."""
+    if outline.geom_type == "Polygon":
+        return tuple(outline.bounds)
+    bounds = [part.bounds for part in outline.geoms]
+    return bounds[0][0], min(b[1] for b in bounds), bounds[-1][2], max(b[3] for b in bounds)
