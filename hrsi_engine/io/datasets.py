@@ -13,8 +13,12 @@ from osgeo import gdal
 
 Told = TypeVar("Told")
 #: How long servers are waited for, in seconds: until they take a connection, and while they send less than some bytes a
-#: second. Whoever sets these options of GDAL, in the environment or by the program, has his own.
-HTTP_PATIENCE = {"GDAL_HTTP_CONNECTTIMEOUT": "10", "GDAL_HTTP_LOW_SPEED_TIME": "15", "GDAL_HTTP_LOW_SPEED_LIMIT": "10"}
+#: second; and how often what a busy one refuses (429, 500, 502, 503, 504) is asked for again,
+#: after how many. Whoever sets these options of GDAL, in the environment or by the program, has his own.
+HTTP_PATIENCE = {
+    "GDAL_HTTP_CONNECTTIMEOUT": "10", "GDAL_HTTP_LOW_SPEED_TIME": "15", "GDAL_HTTP_LOW_SPEED_LIMIT": "10",
+    "GDAL_HTTP_MAX_RETRY": "3", "GDAL_HTTP_RETRY_DELAY": "1",
+}  # fmt: skip
 
 
 _SERVERS = ("http://", "https://", "/vsis3", "/vsigs", "/vsiaz", "/vsioss", "/vsiswift")

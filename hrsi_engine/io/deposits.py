@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..foundation.errors import InputError
+from .datasets import check_advice
 from .replacing import replacing
+from .virtual_files import VIRTUAL, read_fresh, write_virtual
 
 
 class FileDeposit:
@@ -18,11 +20,11 @@ class FileDeposit:
     Parameters
     ----------
     folder : str
-        The folder.
+        On a disk that all see, or in an object store (``/vsis3/…``).
     """
 
     def __init__(self, folder: str) -> None:
-        self._folder = os.path.abspath(folder)
+        self._folder = folder if folder.startswith(VIRTUAL) else os.path.abspath(folder)
         self._count = 0
 
     def put(self, name: str, value: Any) -> Deposited:
@@ -42,11 +44,14 @@ class FileDeposit:
         """
         self._count += 1
         path = os.path.join(self._folder, f"{name}_{self._count}.pickle")
+        data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+        if path.startswith(VIRTUAL):
+            write_virtual(path, [data])
+            return Deposited(path, hashlib.sha256(data).hexdigest())
         try:
             os.makedirs(self._folder, mode=0o700, exist_ok=True)
         except OSError as error:
             raise InputError(f"{self._folder}: cannot be made ({error.strerror}): choose another directory") from error
-        data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
         with replacing(path) as temporary, open(temporary, "wb") as file:
             file.write(data)
         return Deposited(path, hashlib.sha256(data).hexdigest())
@@ -61,11 +66,17 @@ class Deposited:
 
     def __call__(self) -> Any:
         """Read it; raise `InputError` where the file is not there, or is another one than was laid down."""
-        try:
-            with open(self.path, "rb") as file:
-                data = file.read()
-        except OSError as error:
-            raise InputError(f"{self.path}: part of the block cannot be read ({error.strerror})") from None
+        data = read_fresh(self.path) if self.path.startswith(VIRTUAL) else _read(self.path)
+        if data is None:
+            raise InputError(f"{self.path}: part of the block cannot be read: {check_advice(self.path)}")
         if hashlib.sha256(data).hexdigest() != self.sha256:
             raise InputError(f"{self.path}: part of the block was changed by another program: run again")
         return pickle.loads(data)  # noqa: S301  # nosec B301 - the bytes that this run wrote
+
+
+def _read(path: str) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            return file.read()
+    except OSError as error:
+        raise InputError(f"{path}: part of the block cannot be read ({error.strerror})") from None

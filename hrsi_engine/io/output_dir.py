@@ -15,18 +15,18 @@ from typing import Any
 
 from osgeo import gdal
 
-from ..foundation.errors import InputError, OutputError
-from .datasets import gdal_messages, quiet, virtual_status
+from ..foundation.errors import InputError
+from .datasets import quiet, virtual_status
 from .json_files import read_json
 from .layers import remove_old_journal
 from .leftovers import temporary_folder
 from .replacing import COPY_BYTES
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .transactions import Transaction, finish_interrupted
+from .virtual_files import VIRTUAL, remove_virtual, write_virtual
 
 _REPORT = "report.json"
 RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
-VIRTUAL = "/vsi"
 
 
 def check_output_dir(
@@ -76,7 +76,7 @@ def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
     found = []
     report = read_report(os.path.join(path, _REPORT)) or {}
     outputs = report.get("outputs")
-    told = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
+    told: list[tuple[Any, Any]] = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
     told += [(image.get(what), image.get("path")) for image in _images_of(report) for what in ("output", "stac")]
     for output, source in told:
         if not isinstance(output, str) or not isinstance(source, str):
@@ -123,6 +123,8 @@ def stage_folder(
             if transaction is not None:
                 transaction.commit()
             _copy_to_virtual(Path(local), path.rstrip("/"))
+            for needless in discarded:
+                remove_virtual(needless)
         return
     folder = Path(path)
     made = not folder.exists()
@@ -232,18 +234,5 @@ def _report_last(folder: Path) -> list[Path]:
 
 def _copy_to_virtual(local: Path, folder: str) -> None:
     for file in _report_last(local):
-        _copy_file(file, f"{folder}/{file.name}")
-
-
-def _copy_file(file: Path, target: str) -> None:
-    """Copy a file into a virtual file system; raise `OutputError` where that takes no files."""
-    written = False
-    with gdal_messages() as messages, open(file, "rb") as source:
-        handle = gdal.VSIFOpenL(target, "wb")
-        if handle is not None:
-            parts = iter(lambda: source.read(COPY_BYTES), b"")
-            written = all(gdal.VSIFWriteL(part, 1, len(part), handle) == len(part) for part in parts)
-            written &= gdal.VSIFCloseL(handle) == 0
-    if not written:
-        reason = messages[-1] if messages else "it takes no new files"
-        raise OutputError(f"{target}: cannot be written ({reason}): choose another `output_dir`")
+        with open(file, "rb") as source:
+            write_virtual(f"{folder}/{file.name}", iter(lambda: source.read(COPY_BYTES), b""))

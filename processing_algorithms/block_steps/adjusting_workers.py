@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +11,8 @@ from contextlib import contextmanager
 from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere, open_workers
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.deposits import FileDeposit
-from ...hrsi_engine.io.leftovers import temporary_folder
+from ...hrsi_engine.io.leftovers import FOLDER_PREFIX, temporary_folder
+from ...hrsi_engine.io.virtual_files import VIRTUAL, remove_virtual
 from ..interface.option_groups import WorkerOptions
 
 
@@ -22,6 +24,14 @@ def adjusting_workers(options: WorkerOptions, output_dir: str) -> Iterator[Elsew
     """
     if not options.scheduler:
         yield None
+        return
+    if output_dir.startswith(VIRTUAL):
+        parts = os.path.join(output_dir, f"{FOLDER_PREFIX}{secrets.token_hex(8)}")
+        try:
+            with open_workers(options.scheduler, options.certificates, FileDeposit(parts)) as elsewhere:
+                yield elsewhere
+        finally:
+            remove_virtual(parts)
         return
     folder = os.path.abspath(output_dir)
     new = not os.path.exists(folder)

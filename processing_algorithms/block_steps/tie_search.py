@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Sequence
 
 from ...hrsi_engine.block.block import Image
@@ -30,9 +29,8 @@ def find(
     if earlier and options.matches:
         raise InputError("`matches` takes no part where images join a block: leave out `matches` or `add_to`")
     finished = Finished(options.work_dir, output_dir)
-    kept = len(finished.parts) if finished.parts is not None else 0
-    if kept:
-        context.log(f"continues with {kept} finished parts in {finished.parts.folder}")  # type: ignore[union-attr]
+    if kept := len(finished.parts):
+        context.log(f"continues with {kept} finished parts in {finished.parts.folder}")
     scheduler = open_scheduler(options.workers.scheduler, options.threads, options.workers.certificates)
     if options.matches:
         given = read_matches(options.matches, images)
@@ -74,16 +72,13 @@ def held_entries(found: TiePoints) -> Report:
 
 
 class Finished:
-    """Where the finished parts of a search are kept: nowhere where the output directory is no local folder."""
+    """Where the finished parts of a search are kept: a folder on the disk or in an object store."""
 
     def __init__(self, work_dir: str | None, output_dir: str) -> None:
-        if work_dir and work_dir.startswith("/vsi"):
-            raise InputError(f"{work_dir} is no local folder, and nothing can be kept there: name another `work_dir`")
         self._for_later = bool(work_dir)
-        folder = work_dir or os.path.join(output_dir, UNFINISHED)
-        self.parts: FinishedParts | None = None if folder.startswith("/vsi") else FinishedParts(folder)
+        self.parts = FinishedParts(work_dir or f"{output_dir.rstrip('/')}/{UNFINISHED}")
 
     @property
     def discarded(self) -> tuple[str, ...]:
         """The folder that was kept for this run only; it goes when the results are written."""
-        return () if self.parts is None or self._for_later else (str(self.parts.folder),)
+        return () if self._for_later else (str(self.parts.folder),)

@@ -20,6 +20,7 @@ from ...hrsi_engine.io.orthoimages import OrthoFigures, stamp_of, stored_figures
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages import write_page
 from ...hrsi_engine.io.report import write_report_json
+from ...hrsi_engine.io.virtual_files import VIRTUAL
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..interface.declare import Context, Report
@@ -32,6 +33,11 @@ KEPT, MADE = "kept", "made"
 
 def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -> None:
     """Raise `InputError` where the output directory holds something that may not be replaced."""
+    if options.folder.output_dir.startswith(VIRTUAL):
+        raise InputError(
+            f"{options.folder.output_dir}: orthoimages are put together tile by tile, which no object store takes: "
+            "name a local or mounted `output_dir`, and upload what is finished"
+        )
     folder = Path(options.folder.output_dir)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give `output_dir` a directory")

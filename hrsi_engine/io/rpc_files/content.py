@@ -13,7 +13,8 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ..budgets import MOST_BYTES
-from ..datasets import check_advice, quiet, quietly
+from ..datasets import check_advice, quietly
+from ..virtual_files import read_virtual
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
 
@@ -32,24 +33,15 @@ def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
 def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
     """Return the first bytes of a file; raise `InputError` where it cannot be read."""
     if path.startswith("/vsi"):
-        return _read_virtual(path, count)
+        content = read_virtual(path, count)
+        if content is None:
+            raise InputError(f"{path}: cannot be read: {check_advice(path)}")
+        return content
     try:
         with open(path, "rb") as file:
             return file.read(count)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
-
-
-def _read_virtual(path: str, count: int) -> bytes:
-    content = None
-    with quiet():
-        handle = gdal.VSIFOpenL(path, "rb")
-        if handle is not None:
-            content = bytes(gdal.VSIFReadL(1, count, handle) or b"")
-            gdal.VSIFCloseL(handle)
-    if content is None:
-        raise InputError(f"{path}: cannot be read: {check_advice(path)}")
-    return content
 
 
 def read_text(path: str) -> str:
