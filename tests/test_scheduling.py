@@ -11,6 +11,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.scheduling import WorkPart, digest, open_scheduler, run_parts
+from hrsi.hrsi_engine.foundation.threads import one_thread_calls
 from hrsi.hrsi_engine.io import leftovers
 from hrsi.hrsi_engine.io.finished_parts import FinishedParts
 
@@ -123,3 +124,19 @@ def test_what_a_killed_run_was_writing_goes(tmp_path):
     dead.touch()
     assert len(FinishedParts(str(tmp_path))) == 0
     assert not dead.exists()
+
+
+def test_parts_side_by_side_call_blas_with_one_thread_each():
+    threadpoolctl = pytest.importorskip("threadpoolctl")
+
+    def blas_threads(_: object = None) -> dict[str, np.ndarray]:
+        return {"threads": np.array([library["num_threads"] for library in threadpoolctl.threadpool_info()])}
+
+    parts = [WorkPart(f"part {number}", blas_threads, None) for number in range(3)]
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        before = blas_threads()["threads"]
+        with one_thread_calls():  # another run at the same time
+            found = run_parts(parts, [part.key for part in parts], open_scheduler(None, 2))
+            assert all((result["threads"] == 1).all() for result in found.values())
+            assert (blas_threads()["threads"] == 1).all()
+        assert (blas_threads()["threads"] == before).all()

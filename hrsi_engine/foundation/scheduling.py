@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass
 from heapq import heappop, heappush
 from typing import Any, Protocol
@@ -19,7 +20,7 @@ import numpy as np
 from .certificates import CONFIGURED, Certificates
 from .cluster import OnWorker, connected
 from .progress import Progress, advance, silent
-from .threads import thread_count
+from .threads import one_thread_calls, thread_count
 
 PartResult = dict[str, np.ndarray]
 
@@ -199,8 +200,10 @@ def _threads(count: int) -> Scheduler:
         ready = [place[key] for key in order if not missing[key]]  # a heap, for it is in order
         asked, results = set(wanted), dict[str, PartResult]()
         working: dict[Future[PartResult], str] = {}
-        pool = ThreadPoolExecutor(count)
-        try:
+        with ExitStack() as ending:
+            ending.enter_context(one_thread_calls())
+            pool = ThreadPoolExecutor(count)
+            ending.callback(pool.shutdown, wait=True, cancel_futures=True)
             while ready or working:
                 while ready and len(working) < count:
                     key = order[heappop(ready)]
@@ -221,8 +224,6 @@ def _threads(count: int) -> Scheduler:
                         users[need].remove(key)
                         if not users[need]:
                             del results[need]
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
 
     return run
 

@@ -47,7 +47,7 @@ COMPARED_AT_ONCE = 128  # whose overviews' features are in memory
 COMPLETED_PARTNERS = 2  # images besides the reference that a point must be on, to be looked for in others
 COMPLETED_SIGMA_PX = 0.12  # beyond which what is found there then is not taken
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
-CELLS_PER_PART = 12  # of a star job: about a second of work, as is one cell of an image that is matched everywhere
+CELLS_PER_PART = 12  # of a star job: seconds of work, as is one cell of an image that is matched thoroughly everywhere
 DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
 
 
@@ -363,16 +363,11 @@ class TieSearch:
         cells = [cell for row in rows for cell in row]
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []
-        per_part = 1 if plan.is_matched_everywhere(image) else CELLS_PER_PART
+        options = choose_match_options(self.options, image, linked, predicted)
+        per_part = CELLS_PER_PART if linked or not plan.is_matched_everywhere(image) else 1
         for start in range(0, len(cells), per_part):
             chosen = tuple(cells[start : start + per_part])
-            job = StarJob(
-                number,
-                image,
-                chosen,
-                tuple(partners),
-                choose_match_options(self.options, image, linked, predicted),
-            )
+            job = StarJob(number, image, chosen, tuple(partners), options)
             key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
             parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
         return parts

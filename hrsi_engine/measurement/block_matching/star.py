@@ -80,7 +80,8 @@ def match_stars(job: StarJob) -> PartResult:
     ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` the number of the second image, ``sigma_px``, ``quality``,
     ``kind``, ``height_m (n,)`` apparent heights of the pair. Rows with equal ``first_xy`` are one point.
     """
-    return columns_of([row for cell in job.cells for row in _match_cell(job, cell)])
+    options = {partner.number: job.options for partner in job.partners}
+    return columns_of([row for cell in job.cells for row in _match_cell(job, cell, options)])
 
 
 def columns_of(rows: Sequence[Rows]) -> PartResult:
@@ -96,8 +97,11 @@ def columns_of(rows: Sequence[Rows]) -> PartResult:
     return columns | {"partner": np.repeat([row.partner for row in rows], [len(row.matches) for row in rows])}
 
 
-def _match_cell(job: StarJob, cell: Cell) -> Iterator[Rows]:
-    """Match the windows of a cell in turn, each with the partners that still lack points there."""
+def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) -> Iterator[Rows]:
+    """Match the windows of a cell in turn, each with the partners that still lack points there.
+
+    ``options`` are those of each partner: the band that one window tells is taken for the others.
+    """
     lacking = list(job.partners)
     for window, own in zip(cell.windows, cell.own, strict=True):
         if not lacking:
@@ -108,25 +112,33 @@ def _match_cell(job: StarJob, cell: Cell) -> Iterator[Rows]:
         tile = read_tile(job.reference, window, job.step) if seen else None
         if tile is None or tile.valid.mean() < LEAST_VALID:
             continue
-        rows = _thin(_match_window(job, tile, own, seen), cell.most)
+        rows = _thin(_match_window(tile, own, seen, options), cell.most)
         yield from rows
         satisfied = {row.partner for row in rows if len(row.matches) >= cell.enough}
         lacking = [partner for partner in lacking if partner.number not in satisfied]
 
 
 def _match_window(
-    job: StarJob, tile: ImageTile, own: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]]
+    tile: ImageTile,
+    own: ImageWindow,
+    places: Sequence[tuple[Partner, ImageWindow]],
+    options: dict[int, TileMatchOptions],
 ) -> list[Rows]:
     """Match one window with its places in partners, then transfer what only some of them gave."""
     shown = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
     tiles = [(partner, other) for partner, other in shown if other is not None]
     found = []
     for partner, other in tiles:
-        ways = [match_tile(tile, other.times(c), partner.geometry, job.options) for c in partner.geometry.contrasts]
+        how = options[partner.number]
+        ways = [match_tile(tile, other.times(c), partner.geometry, how) for c in partner.geometry.contrasts]
         matches = ways[0] if len(ways) == 1 else _best_of_ways(ways)
+        if matches.band:
+            options[partner.number] = replace(how, bands=(matches.band,))
         found.append(matches.select(own.contains(matches.first_xy)))
     if len(tiles) > 1:
-        found = [_complete(index, tile, tiles, found, job.options) for index in range(len(tiles))]
+        found = [
+            _complete(index, tile, tiles, found, options[partner.number]) for index, (partner, _) in enumerate(tiles)
+        ]
     return [Rows(partner.number, matches) for (partner, _), matches in zip(tiles, found, strict=True) if len(matches)]
 
 
@@ -181,7 +193,7 @@ def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:
     """Return the rows of several matches of the same pair in one."""
     names = ("first_xy", "second_xy", "sigma_px", "quality", "kind", "height_m")
     columns = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
-    return TileMatches(**columns, bias_px=tables[0].bias_px)
+    return TileMatches(**columns, bias_px=tables[0].bias_px, band=tables[0].band)
 
 
 def _thin(rows: list[Rows], most: int) -> list[Rows]:

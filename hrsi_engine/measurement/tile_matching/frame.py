@@ -17,6 +17,7 @@ from .types import ImageTile, TilePairGeometry
 
 FRAME_NODE_PX = 32  # the prediction is exact at nodes so far apart and bilinear between them
 WIDEST_PAD_PX = 512
+NOWHERE_PX = -1e4  # outside any tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +96,11 @@ class TileFrame:
         rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
         count = [max(2, -(-(length - 1) // FRAME_NODE_PX) + 1) for length in (columns, rows)]
         nodes = np.stack(np.meshgrid(*(np.arange(n) * float(FRAME_NODE_PX) for n in count)), axis=-1).reshape(-1, 2)
-        seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2)
+        seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
+        if not np.isfinite(seen).all():
+            seen = np.full_like(seen, NOWHERE_PX)
         by_row, by_column = _between_nodes(rows, count[1]), _between_nodes(columns, count[0])
-        x, y = (np.nan_to_num(by_row @ seen[..., k] @ by_column.T, nan=-1e4).astype(np.float32) for k in (0, 1))
+        x, y = (by_row @ seen[..., k] @ by_column.T for k in (0, 1))
         grey = self.second.pixels
         if self.scale > 1.2:  # the second image is finer: smooth away what the first cannot show
             grey = blur(grey, 0.5 * float(np.sqrt(self.scale**2 - 1.0)))
@@ -109,7 +112,7 @@ def _between_nodes(length: int, nodes: int) -> np.ndarray:
     """Return the matrix of linear interpolation from nodes ``FRAME_NODE_PX`` apart to every pixel."""
     position = np.arange(length) / FRAME_NODE_PX
     node = np.minimum(position.astype(np.int64), nodes - 2)
-    weights = np.zeros((length, nodes))
+    weights = np.zeros((length, nodes), dtype=np.float32)
     weights[np.arange(length), node] = 1.0 - (position - node)
     weights[np.arange(length), node + 1] = position - node
     return weights

@@ -33,3 +33,8 @@ class TileMatchOptions:
     min_correlation: float = 0.35
     largest_rival: float = 0.95
     largest_sigma_px: float = 0.3
+
+    @property
+    def point_choice(self) -> tuple[tuple[int, ...], float, int]:
+        """What the interest points of the first tile depend on."""
+        return self.windows_px, self.spacing_px, self.most_points

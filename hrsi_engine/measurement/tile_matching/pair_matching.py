@@ -57,7 +57,8 @@ def match_tile(
 ) -> TileMatches:
     """Return the interest points of the first tile that are found in the second."""
     options = options or TileMatchOptions()
-    task = _Task(TileFrame(first, second, geometry), options, tile_points(first, options))
+    points = first.once(("points", *options.point_choice), lambda: tile_points(first, options))
+    task = _Task(TileFrame(first, second, geometry), options, points)
     if not len(task.points):
         return no_matches()
     seeds = _seeds(task)
@@ -159,7 +160,8 @@ class _Task:
     def searched(self) -> tuple[MatchImage, MatchImage]:
         """The first window and the resampled second one, as they are searched."""
         first, second = self.frame.first, self.frame.resampled
-        return SEARCH_BAND.image(first.pixels, first.valid), SEARCH_BAND.image(second.pixels, second.valid)
+        own = first.once("searched", lambda: SEARCH_BAND.image(first.pixels, first.valid))
+        return own, SEARCH_BAND.image(second.pixels, second.valid)
 
     @cached_property
     def _images(self) -> dict[str, tuple[MatchImage, MatchImage]]:
@@ -169,16 +171,24 @@ class _Task:
         """Return both windows in a band; the sharper one is smoothed to the resolution of the other."""
         if name not in self._images:
             first, second, scale = self.frame.first, self.frame.second, self.frame.scale
+            band, coarser = MATCHING_BANDS[name], max(1.0, 1.0 / scale)
             self._images[name] = (
-                MATCHING_BANDS[name].image(first.pixels, first.valid, max(1.0, 1.0 / scale)),
-                MATCHING_BANDS[name].image(second.pixels, second.valid, max(1.0, scale)),
+                first.once(("band", name, coarser), lambda: band.image(first.pixels, first.valid, coarser)),
+                band.image(second.pixels, second.valid, max(1.0, scale)),
             )
         return self._images[name]
 
     @cached_property
-    def chosen(self) -> list[str]:
+    def chosen(self) -> list[_ChosenBand]:
         """The band that was chosen, once it is."""
-        return list(self.options.bands) if len(self.options.bands) == 1 else []
+        return [_ChosenBand(self.options.bands[0], True)] if len(self.options.bands) == 1 else []
+
+
+class _ChosenBand(NamedTuple):
+    """The name of a band, and whether enough matches told it."""
+
+    name: str
+    told: bool
 
 
 class _Seeds(NamedTuple):
@@ -268,8 +278,8 @@ def _find(
     start = frame.predict(sought.xy[hits] - pad)
     if not task.chosen:
         task.chosen.append(_best_band(task, rows[hits], start, sought.correlation[hits], window))
-    band = MATCHING_BANDS[task.chosen[0]]
-    images = task.images(task.chosen[0])
+    name = task.chosen[0].name
+    band, images = MATCHING_BANDS[name], task.images(name)
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _lsm(task, window))
     inner = match_patches(*images, points[hits], fine.xy, fine.affine, _lsm(task, int(window * INNER)))
     change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy, axis=1), np.inf)
@@ -284,12 +294,12 @@ def _lsm(task: _Task, window: int) -> LsmOptions:
     return LsmOptions(2 * grown + 1, reach_px=4.0 * max(1.0, task.frame.scale))
 
 
-def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> str:
+def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> _ChosenBand:
     """Return the band in which matches scatter least across the epipolar lines: tried on the clearer half of them."""
     clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, FEWEST_OF_A_TRIAL)]
     trial = np.sort(clearer[:: max(1, len(clearer) // TRIAL)])
     if len(trial) < FEWEST_OF_A_TRIAL:
-        return task.options.bands[0]
+        return _ChosenBand(task.options.bands[0], False)
     chosen = rows[trial]
     found = {
         name: match_patches(
@@ -299,12 +309,12 @@ def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np
     }
     everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
     if everywhere.sum() < FEWEST_OF_A_TRIAL:
-        return task.options.bands[0]
+        return _ChosenBand(task.options.bands[0], False)
     scatter = {
         name: _consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
         for name, patches in found.items()
     }
-    return min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf)
+    return _ChosenBand(min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf), True)
 
 
 def _consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
@@ -341,5 +351,6 @@ def _judge(task: _Task, found: _Matched) -> TileMatches:
         1.0 / (1.0 + (sigma * scale / (GOOD_SIGMA_PX * frame.second.step)) ** 2),
         np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
+        task.chosen[0].name if task.chosen[0].told else "",
     )  # fmt: skip
     return matches.select(good)

@@ -5,7 +5,9 @@ Positions are always (sample, line) of the full-resolution image, (0, 0) the cen
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -29,6 +31,16 @@ class ImageTile:
     origin_px: tuple[float, float] = (0.0, 0.0)
     step: float = 1.0
     noise: float | None = None
+    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return what ``make`` returned when the tile was first asked for it under a key.
+
+        A window is matched with many others: what depends on it alone is made once.
+        """
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
 
     def times(self, contrast: int) -> ImageTile:
         """Return the tile, or (-1) its negative."""
@@ -102,6 +114,7 @@ class TileMatches:
     height_m : ellipsoidal height that the match stands for, by the RPCs and the bias found
     bias_px : (2,) offset in the second image, observed - predicted by the RPCs without ``PairGeometry.bias_px``; it is
     known across the epipolar lines only and is at right angles to them
+    band : name in `MATCHING_BANDS` of the filter that fits both windows best, empty where too few matches tell
     """
 
     first_xy: np.ndarray
@@ -111,14 +124,15 @@ class TileMatches:
     kind: np.ndarray
     height_m: np.ndarray
     bias_px: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    band: str = ""
 
     def __len__(self) -> int:
         return len(self.first_xy)
 
     def select(self, keep: np.ndarray) -> TileMatches:
         """Return the chosen rows (mask or indices)."""
-        columns = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "bias_px"}
-        return TileMatches(**columns, bias_px=self.bias_px)
+        columns = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name not in ("bias_px", "band")}
+        return TileMatches(**columns, bias_px=self.bias_px, band=self.band)
 
 
 def no_matches() -> TileMatches:

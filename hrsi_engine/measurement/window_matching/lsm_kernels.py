@@ -16,28 +16,25 @@ from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, SMAL
 
 
 @njit(**OPTIONS)
-def _cubic_weights(t: float, w: np.ndarray) -> None:
-    """Write the four weights of the cubic B-spline at the fraction t of a cell."""
+def _cubic_weights(t: float) -> tuple[float, float, float, float]:
+    """Return the four weights of the cubic B-spline at the fraction t of a cell."""
     s = 1.0 - t
-    w[0] = s * s * s / 6.0
-    w[1] = 2.0 / 3.0 - 0.5 * t * t * (2.0 - t)
-    w[2] = 2.0 / 3.0 - 0.5 * s * s * (2.0 - s)
-    w[3] = t * t * t / 6.0
+    near, far = 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s)
+    return s * s * s / 6.0, near, far, t * t * t / 6.0
 
 
 @njit(**OPTIONS)
-def _sample(coefficients: np.ndarray, x: float, y: float, wx: np.ndarray, wy: np.ndarray) -> float:
-    """Return the spline's value; the position must be 1 … size - 3 cells inside."""
+def _along_row(c: np.ndarray, row: int, column: int, w: tuple[float, float, float, float]) -> float:
+    return w[0] * c[row, column - 1] + w[1] * c[row, column] + w[2] * c[row, column + 1] + w[3] * c[row, column + 2]
+
+
+@njit(**OPTIONS)
+def _sample(c: np.ndarray, x: float, y: float) -> float:
+    """Return the value of the spline with coefficients c; the position must be 1 … size - 3 cells inside."""
     column, row = int(x), int(y)
-    _cubic_weights(x - column, wx)
-    _cubic_weights(y - row, wy)
-    total = 0.0
-    for j in range(4):
-        line = coefficients[row - 1 + j]
-        total += wy[j] * (
-            wx[0] * line[column - 1] + wx[1] * line[column] + wx[2] * line[column + 1] + wx[3] * line[column + 2]
-        )
-    return total
+    w, v = _cubic_weights(x - column), _cubic_weights(y - row)
+    above = v[0] * _along_row(c, row - 1, column, w) + v[1] * _along_row(c, row, column, w)
+    return above + v[2] * _along_row(c, row + 1, column, w) + v[3] * _along_row(c, row + 2, column, w)
 
 
 @njit(**OPTIONS)
@@ -72,42 +69,42 @@ def _solve(L: np.ndarray, b: np.ndarray) -> None:
 
 
 @njit(**OPTIONS)
+def _weighted_product(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> float:
+    """Return the sum of products of two lists of numbers, with weights."""
+    total = 0.0
+    for k in range(len(weight)):
+        total += one[k] * other[k] * weight[k]
+    return total
+
+
+@njit(**OPTIONS)
 def _template(
     first: np.ndarray,
     by_x: np.ndarray,
     by_y: np.ndarray,
     column: int,
     row: int,
+    side: int,
     weight: np.ndarray,
     A: np.ndarray,
     N: np.ndarray,
-) -> float:
-    """Write design matrix ``A (pixels, 8)`` and normal matrix of a template; return the template's mean."""
-    side = weight.shape[0]
+) -> None:
+    """Write design matrix, transposed ``A (8, pixels)``, and normal matrix of a template."""
     half = side // 2
-    mean, scale = 0.0, 0.0
-    for j in range(side):
-        for i in range(side):
-            mean += weight[j, i] * first[row - half + j, column - half + i]
-            scale += weight[j, i]
-    mean /= scale
-    N[:] = 0.0
     pixel = 0
     for j in range(side):
         for i in range(side):
             y, x = row - half + j, column - half + i
             gx, gy = by_x[y, x], by_y[y, x]
             dx, dy = (i - half) / half, (j - half) / half
-            A[pixel, 0], A[pixel, 1] = gx, gy
-            A[pixel, 2], A[pixel, 3], A[pixel, 4], A[pixel, 5] = gx * dx, gx * dy, gy * dx, gy * dy
-            A[pixel, 6], A[pixel, 7] = first[y, x] - mean, 1.0
-            w = weight[j, i]
-            for a in range(TERMS):
-                wa = w * A[pixel, a]
-                for b in range(a + 1):
-                    N[a, b] += wa * A[pixel, b]
+            A[0, pixel], A[1, pixel] = gx, gy
+            A[2, pixel], A[3, pixel], A[4, pixel], A[5, pixel] = gx * dx, gx * dy, gy * dx, gy * dy
+            A[6, pixel], A[7, pixel] = first[y, x], 1.0
             pixel += 1
-    return mean
+    A[6] -= _weighted_product(A[6], A[7], weight) / weight.sum()
+    for a in range(TERMS):
+        for b in range(a + 1):
+            N[a, b] = _weighted_product(A[a], A[b], weight)
 
 
 @njit(**OPTIONS)
@@ -132,13 +129,13 @@ def match_range(
     side = weight.shape[0]
     half = side // 2
     rows, columns = coefficients.shape
-    A, N = np.empty((side * side, TERMS)), np.empty((TERMS, TERMS))
+    A, N = np.empty((TERMS, side * side)), np.empty((TERMS, TERMS))
     b, unit, seen = np.empty(TERMS), np.empty(TERMS), np.empty(side * side)
-    wx, wy = np.empty(4), np.empty(4)
+    weight = weight.ravel()
     total_weight = weight.sum()
     for n in range(begin, end):
         status[n] = ITERATIONS_USED_UP
-        _template(first, by_x, by_y, centre[n, 0], centre[n, 1], weight, A, N)
+        _template(first, by_x, by_y, centre[n, 0], centre[n, 1], side, weight, A, N)
         variance = N[6, 6]
         if not variance > 0.0 or not _factor(N):
             status[n] = WEAK
@@ -156,20 +153,16 @@ def match_range(
             ):
                 status[n] = OUTSIDE
                 break
-            b[:] = 0.0
-            squares = 0.0
             pixel = 0
             for j in range(side):
                 for i in range(side):
                     x = px + a00 * (i - half) + a01 * (j - half)
                     y = py + a10 * (i - half) + a11 * (j - half)
-                    value = _sample(coefficients, x, y, wx, wy)
-                    seen[pixel] = value
-                    value *= weight[j, i]
-                    for k in range(TERMS):
-                        b[k] += A[pixel, k] * value
-                    squares += value * seen[pixel]
+                    seen[pixel] = _sample(coefficients, x, y)
                     pixel += 1
+            for k in range(TERMS):
+                b[k] = _weighted_product(A[k], seen, weight)
+            squares = _weighted_product(seen, seen, weight)
             mean = b[7] / total_weight
             spread = squares - mean * b[7]
             product = b[6]  # the template's grey values have the mean 0
@@ -203,15 +196,9 @@ def match_range(
                 status[n] = DONE
                 break
         if status[n] == ITERATIONS_USED_UP or status[n] == DONE:
-            left = 0.0
-            pixel = 0
-            for j in range(side):
-                for i in range(side):
-                    r = seen[pixel]
-                    for k in range(TERMS):
-                        r -= A[pixel, k] * b[k]
-                    left += weight[j, i] * r * r
-                    pixel += 1
+            for k in range(TERMS):
+                seen -= A[k] * b[k]
+            left = _weighted_product(seen, seen, weight)
             figures[n, 0] = product / math.sqrt(max(variance * spread, 1e-30))
             figures[n, 1] = gain
             figures[n, 2] = math.sqrt(left / total_weight)
