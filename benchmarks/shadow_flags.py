@@ -1,34 +1,46 @@
 """The flag `shadow` of dark centres on real images: does it know where the sun stood?
 
-    python benchmarks/shadow_flags.py [--docs]
+    python benchmarks/shadow_flags.py [--docs] [--year FOLDER]
 
 Nobody has marked the shadows of the real images. But a rule that only finds what is dark finds as much with a wrong sun
 as with the right one. So the sun is turned by 90, 180 and 270 degrees: what is flagged with it turned by 180 degrees is
 what chance gives, and one less its share is how many of those flagged owe it to the sun. The sun's angles follow from
 time and place; the time is that of the metadata or in the name of the delivery's RPC file, and of the second image of
 a pass the same one (a minute is a quarter of a degree). Then how many dark centres are found again, flagged or not,
-in the view of the same date and of another one: `interest_points_real.Truth` tells it. --docs writes both tables into
+in the view of the same date and of another one: `interest_points_real.Truth` tells it.
+
+The real dates have like suns. So a simulated year tells whether centres are found again on dates with another sun: by
+the true cameras and the DEM a dark centre must be within `NEAR_PX` of where it was; what stands up is beside it in all
+cases alike. --year names a folder that `many_dates.py` made. --docs writes all tables into
 docs/interest_points_accuracy.md.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
+import json
+import tempfile
+from collections import defaultdict
 from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from hrsi.benchmarks.interest_points_real import truths
+from hrsi.benchmarks.many_dates import simulated, true_cameras
 from hrsi.benchmarks.matching import PAIRS
 from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.sun import sun_at_time
+from hrsi.hrsi_engine.io.dems import open_dem
 from hrsi.hrsi_engine.io.rasters import open_image
 from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
 from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY
 from hrsi.hrsi_engine.measurement.interest_points.shadows import find_shadows, image_direction
+from hrsi.hrsi_engine.surface.dem import intersect_surface
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"
@@ -38,6 +50,11 @@ TIMES = {
     ("kahramanmaras_phr4", "post"): datetime(2023, 4, 15, 8, 34, 39, tzinfo=UTC),  # IMAGING_TIME of the second
 }
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
+DATES, EVERY, SIDE, SEED = 40, 3, 1000, 42  # of the simulated year: each third date is looked at
+SUNS_APART_DEG = (0.0, 5.0, 10.0, 20.0, 40.0, 90.0)  # directions towards the sun
+NEAR_PX, BORDER_PX = 2.0, 30.0
+MOST_SNOW = 0.2  # share of the ground: under snow nothing is found again
+ELSEWHERE_PX = (37.0, 23.0)  # where chance alone finds something
 
 
 def main() -> None:
@@ -45,6 +62,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=TEST_DATA / "real")
     parser.add_argument("--docs", action="store_true", help="write the tables into docs/interest_points_accuracy.md")
+    parser.add_argument("--year", type=Path, help="a simulated year of 40 dates; by default it is made")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     options = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY), threads=1)
@@ -90,9 +108,53 @@ def main() -> None:
             ]
             names = (Path(pair.files[k]).stem for k in (own, other))
             again.append(f"| {' | '.join(names)} | {' | '.join(shares)} |")
-    print("\n".join([*flags, *again]))
+    print("\n".join([*flags, *again]), flush=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        year = of_year(given.year or Path(scratch) / "year", options)
+    print("\n".join(year))
     if given.docs:
-        put_between(PAGE, "shadow flags", "\n".join([*flags, *again]))
+        put_between(PAGE, "shadow flags", "\n".join([*flags, *again, *year]))
+
+
+def of_year(folder: Path, options: DetectionOptions) -> list[str]:
+    """Return the table of a simulated year: dark centres found again, by how far apart the suns stood."""
+    paths = [Path(path) for path in simulated(folder, DATES, SEED, SIDE)][::EVERY]
+    truth, cameras = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["images"], true_cameras(folder)
+    surface = open_dem(str(folder / "dem.tif"), "ellipsoidal")
+    suns, dark, flagged, ground = {}, {}, {}, {}
+    for name in (path.stem for path in paths):
+        told = truth[name]["acquisition"]
+        if told["snow"] > MOST_SNOW:
+            continue
+        image = open_image(str(folder / f"{name}.tif"))
+        raster = ArrayRaster(*image.raster.read(0, 0, *image.raster.size))
+        points = detect_interest_points(raster, "centres", options)
+        dark[name] = points.select(points.contrast < 0.0)
+        towards = image_direction(image.rpc, raster.size, told["sun_azimuth_deg"])
+        flagged[name] = find_shadows(raster, dark[name], towards)
+        ground[name] = intersect_surface(cameras[name], dark[name].xy, surface).ground
+        azimuth, elevation = np.radians([told["sun_azimuth_deg"], told["sun_elevation_deg"]])
+        suns[name] = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation),
+                               np.sin(elevation)])  # fmt: skip
+    found = defaultdict(list)  # by the class of angle: flagged, whether found again, whether by chance
+    for one, other in itertools.permutations(suns, 2):
+        apart = np.degrees(np.arccos(np.clip(suns[one] @ suns[other], -1.0, 1.0)))
+        there = cameras[other].project(ground[one])
+        asked = np.isfinite(there).all(axis=1)
+        asked[asked] = ((there[asked] > BORDER_PX) & (there[asked] < SIDE - 1.0 - BORDER_PX)).all(axis=1)
+        tree = cKDTree(dark[other].xy)
+        ways = [tree.query(there[asked] + shift)[0] <= NEAR_PX for shift in (np.zeros(2), np.array(ELSEWHERE_PX))]
+        found[int(np.searchsorted(SUNS_APART_DEG, apart, "right"))].append(
+            np.column_stack([flagged[one][asked], *ways])
+        )
+    rows = ["", "| simulated dates, suns apart | pairs | flagged found again | other dark ones | by chance |",
+            "|---|---|---|---|---|"]  # fmt: skip
+    for number, parts in sorted(found.items()):
+        shadow, again, chance = np.concatenate(parts).T.astype(bool)
+        shares = [f"{np.mean(again[chosen]):.0%} of {chosen.sum()}" for chosen in (shadow, ~shadow)]
+        apart = f"{SUNS_APART_DEG[number - 1]:g}° to {SUNS_APART_DEG[number]:g}°"
+        rows.append(f"| {apart} | {len(parts)} | {' | '.join(shares)} | {np.mean(chance):.0%} |")
+    return rows
 
 
 if __name__ == "__main__":
