@@ -327,6 +327,45 @@ def zone(step: int, hemisphere: bool = False) -> Spoil:
     return spoil
 
 
+def other_projection(meant: int | None, read: int | None) -> Spoil:
+    """Coordinates of one CRS (EPSG, None for the UTM zone) named as those of another."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        utm = map_epsg_of(inputs.ground.ground)
+        return replace(inputs, crs=meant or utm, options={**inputs.options, "ground_crs": f"EPSG:{read or utm}"})
+
+    return spoil
+
+
+def rounded(pixels: float) -> Spoil:
+    """Degrees with so many decimals that the last is still more than some pixels."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        decimals = int(np.floor(-np.log10(pixels * inputs.gsd_m / 111_320.0)))
+        ground = inputs.ground.ground.copy()
+        ground[:, :2] = np.round(ground[:, :2], decimals)
+        return inputs.with_ground(ground)
+
+    return spoil
+
+
+def control_as_checks(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+    """The check points are the GCPs once more, under other ids."""
+    points, measured = inputs.ground.select(inputs.gcps), inputs.measured
+    rows = measured.select(np.isin(measured.ids, points.ids))
+    twins = replace(points, ids=np.char.add("X", points.ids), role=np.full(len(points), Role.CHECK, dtype=np.int8))
+    again = replace(rows, ids=np.char.add("X", rows.ids))
+    both = GroundPoints.create(
+        np.r_[points.ids, twins.ids], np.tile(points.ground, (2, 1)), np.r_[points.role, twins.role],
+        np.tile(points.sigma_m, (2, 1)),
+    )  # fmt: skip
+    joined = ImagePoints.create(
+        np.r_[measured.ids, again.ids], np.r_[measured.image_ids, again.image_ids], np.vstack([measured.xy, again.xy]),
+        np.r_[measured.sigma_px, again.sigma_px],
+    )  # fmt: skip
+    return replace(inputs, ground=both, measured=joined)
+
+
 def heights(factor: float = 1.0, step_m: float = 0.0) -> Spoil:
     return lambda inputs, rng: inputs.with_ground(inputs.ground.ground * [1.0, 1.0, factor] + [0.0, 0.0, step_m])
 
@@ -478,6 +517,11 @@ KINDS: tuple[Kind, ...] = (
     Kind("UTM zone one too far east", zone(1), ("utm-zone",)),
     Kind("UTM zone one too far west", zone(-1), ("utm-zone",)),
     Kind("UTM zone of the other hemisphere", zone(0, True), ("hemisphere",)),
+    Kind("Web Mercator read as UTM", other_projection(3857, None), ("other-projection",)),
+    Kind("UTM read as Web Mercator", other_projection(None, 3857), ("other-projection",)),
+    Kind("degrees rounded, 30 to 300 px", rounded(30.0), ("coordinates-rounded",)),
+    Kind("degrees rounded, 5 to 50 px", rounded(5.0), ("coordinates-rounded",), False),
+    Kind("check points are the GCPs once more", control_as_checks, ("check-is-control",), False),
     Kind("sample and line swapped, all points", swapped_columns(_all), ("sample-line-swapped",)),
     Kind("sample and line swapped, GCPs", swapped_columns(_gcps), ("sample-line-swapped",)),
     Kind("sample and line swapped, GCPs of one image", swapped_columns(_on_first_image), ("sample-line-swapped",)),

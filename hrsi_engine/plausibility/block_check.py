@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from ..block.block import Block
-from ..foundation.reasons import Reason
+from ..foundation.reasons import Level, Reason
 from ..surface.dem import HeightSurface
 from .accuracy import image_accuracy
 from .control import control_of
 from .control_reasons import OF_HEIGHTS, control_reasons
 from .places import crop_reasons, dem_reasons, duplicate_reasons, height_reasons, outside_reasons
+from .survey import independence_reasons, rounding_reasons
 from .ties import tie_reasons
 
 #: Slips of image coordinates or heights that explain why points lie outside an image, or heights outside a range.
 OF_PIXELS = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-scale", "image-ids-permuted"}
+OF_SCATTER = {"control-implausible", "control-groups", "control-outliers"}  #: what lost decimals look like
 EXPLAIN_RANGE = OF_HEIGHTS | {"heights-alike"}
 
 
@@ -38,6 +40,8 @@ def check_block(
     accuracies = [image_accuracy(image, sigma_shift_px, sigma_drift) for image in block.images]
     control = control_of(block, accuracies)
     reasons = [] if control is None else control_reasons(control)
+    reasons += rounding_reasons(block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)]))
+    reasons += independence_reasons(block)
     reasons += height_reasons(block, contradicted=bool(reasons))
     reasons += tie_reasons(block, accuracies)
     reasons += [] if surface is None else dem_reasons(block, surface)
@@ -54,6 +58,7 @@ def _without_consequences(reasons: list[Reason]) -> list[Reason]:
         follows = (
             (reason.code == "outside-image" and codes & OF_PIXELS)
             or (reason.code == "heights-out-of-range" and codes & EXPLAIN_RANGE)
+            or (reason.code in OF_SCATTER and "coordinates-rounded" in codes)
             or (reason.code in OF_HEIGHTS and any(other.code in OF_HEIGHTS for other in kept))
             or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
         )

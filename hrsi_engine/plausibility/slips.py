@@ -23,6 +23,7 @@ from .control import SurveyedRows
 from .datums import datum_shifts
 
 FEET_M = 0.3048
+DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ def ground_readings(control: SurveyedRows, shift_m: np.ndarray, suspicious_shift
     yield from _exchange(ground)
     yield from _other_zone(ground, near)
     yield from _other_hemisphere(ground, near)
+    yield from _other_projection(ground, near)
     yield from _other_heights(control, shift_m)
     if suspicious_shift:
         yield from _other_datum(ground, near)
@@ -157,14 +159,8 @@ def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
         return
     own = utm_zone(float(near[0]), float(near[1]))
     for zone, south in itertools.product((own, own % 60 + 1, (own - 2) % 60 + 1), (False, True)):
-        read, meant = (32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)
-        try:
-            there = pyproj.Transformer.from_crs(4326, read, always_xy=True).transform(ground[:, 0], ground[:, 1])
-            back = pyproj.Transformer.from_crs(meant, 4326, always_xy=True).transform(*there)
-        except pyproj.exceptions.ProjError:
-            continue
-        moved = np.column_stack([*back, ground[:, 2]])
-        if not np.isfinite(moved).all():
+        moved = _as_meant(ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)))
+        if moved is None:
             continue
         # the zone may be wrong too: zones are alike, so that only the longitude changes
         zones = (zone - own + 30) % 60 - 30
@@ -177,6 +173,37 @@ def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
             ),
             moved,
         )  # fmt: skip
+
+
+def _other_projection(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+    """Numbers of one kind of CRS read in another: Web Mercator, as web maps show it, UTM, and degrees."""
+    if not (np.abs(ground[:, 1]) < 90.0).all():
+        return
+    utm = (32600 if near[1] >= 0.0 else 32700) + utm_zone(float(near[0]), float(near[1]))
+    names = {WEB_MERCATOR: "Web Mercator", utm: f"UTM (EPSG:{utm})", DEGREES: "degrees of longitude and latitude"}
+    for read, meant in ((utm, WEB_MERCATOR), (WEB_MERCATOR, utm), (utm, DEGREES), (WEB_MERCATOR, DEGREES)):
+        moved = _as_meant(ground, read, meant)
+        if moved is not None:
+            yield (
+                Slip(
+                    "other-projection", f"the ground points are in {names[meant]} but were read as {names[read]}",
+                    f"name the CRS that they have: ground_crs EPSG:{meant}",
+                ),
+                moved,
+            )  # fmt: skip
+
+
+def _as_meant(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
+    """Return points ``(n, 3)`` whose coordinates were read in one CRS (EPSG) and meant in another, or None."""
+    try:
+        there = np.array(pyproj.Transformer.from_crs(DEGREES, read, always_xy=True).transform(*ground[:, :2].T))
+        if meant == DEGREES and not (np.abs(there) <= [[180.0], [90.0]]).all():
+            return None
+        back = pyproj.Transformer.from_crs(meant, DEGREES, always_xy=True).transform(*there)
+    except pyproj.exceptions.ProjError:
+        return None
+    moved = np.column_stack([*back, ground[:, 2]])
+    return moved if np.isfinite(moved).all() else None
 
 
 def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[GroundReading]:

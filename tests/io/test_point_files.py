@@ -330,10 +330,23 @@ def test_ground_crs_tells_the_datum_of_geographic_csv(tmp_path: Path) -> None:
     assert read_points(path, ground_crs="EPSG:4979").warnings == ()
 
 
+def test_images_are_found_whatever_the_case_of_their_names(tmp_path: Path) -> None:
+    """As on Windows; where two images differ in nothing else, names are taken as they stand."""
+    text = "id,image,sample,line\n" + "".join(f"P{k},{name},1,2\n" for k, name in enumerate(NAMES_IN_CAPITALS))
+    path = write_text(tmp_path / "p.csv", text)
+    image = read_points(path, image_ids=["img", "Nadir", "twin", "Twin"]).image
+    assert image is not None
+    assert image.image_ids.tolist() == ["img", "img", "Nadir", "Twin", "TWIN"]
+
+
+NAMES_IN_CAPITALS = (r"D:\DATA\IMG.TIF", "IMG", "nadir.tif", "Twin", "TWIN")
+
 DAMAGED = [
     ("id,lon,lat,height\nA,5,x44,1\n", r"line 2: 'x44' is not a number|field 'lat', line 2"),
     ("id,lon,lat,height\nA,5,44,1\nB,5,inf,1\n", "line 3: 'inf' is not a number"),
-    ("id,lon,lat,height\nA,5,1_0,1\n", "'1_0' is not a number"),
+    ("id,lon,lat,height\nA,5,1_0,1\n", "'1_0' is not a number: correct it"),
+    ('id,lon,lat,height\nA,5,"44,5",1\n', "'44,5' is not a number: write decimals with a point"),
+    ("id,lon,lat,height\nA,5,44°30'N,1\n", "is not a number: give degrees as one decimal number"),
     ("id,lon,lat,height\nA,5,44,nan\n", r"line 2 \(id 'A'\): has no height"),
     ("id,lon,lat,height\nA,5,,1\n", "has no position"),
     ("id,lon,lat,height\n ,5,44,1\n", "line 2: field 'id' is empty"),

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyproj
 import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.map_crs import utm_zone
 from hrsi.hrsi_engine.plausibility import check_block
 from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
 
@@ -39,6 +41,17 @@ def codes(given: Block, **more) -> dict[str, Level]:
     return {reason.code: reason.level for reason in check_block(given, **more)}
 
 
+def read_as(ground: np.ndarray, meant: int, read: int) -> np.ndarray:
+    """Coordinates of one CRS (EPSG) that were taken for those of another."""
+    there = pyproj.Transformer.from_crs(4326, meant, always_xy=True).transform(*ground[:, :2].T)
+    back = pyproj.Transformer.from_crs(read, 4326, always_xy=True).transform(*there)
+    return np.column_stack([*back, ground[:, 2]])
+
+
+def rounded(ground: np.ndarray, decimals: int) -> np.ndarray:
+    return np.column_stack([np.round(ground[:, :2], decimals), ground[:, 2]])
+
+
 @pytest.mark.parametrize("gcps", [0, 1, 2, 3, 5, 10])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_right_block_has_no_reasons(gcps, seed):
@@ -58,6 +71,10 @@ def test_a_right_block_has_no_reasons(gcps, seed):
         (lambda ground: ground * [1, 1, 1 / FOOT_M], "height-unit"),
         (lambda ground: ground + [0, 0, 900], "height-offset"),
         (lambda ground: ground + [1, 1.3, 0], "control-implausible"),
+        (lambda ground: read_as(ground, meant=3857, read=32700 + utm_zone(*ground[0, :2])), "other-projection"),
+        (lambda ground: read_as(ground, meant=32700 + utm_zone(*ground[0, :2]), read=3857), "other-projection"),
+        (lambda ground: read_as(ground, meant=4326, read=32700 + utm_zone(*ground[0, :2])), "other-projection"),
+        (lambda ground: rounded(ground, 3), "coordinates-rounded"),
     ],
 )
 def test_slips_of_ground_points(change, code):
@@ -210,3 +227,32 @@ def test_a_crop_of_unknown_origin():
     right = block()
     small = replace(right.images[0], size=(900, 900))
     assert codes(replace(right, images=(small, *right.images[1:])))["crop-origin"] is Level.DOUBTFUL
+
+
+@pytest.mark.parametrize(("decimals", "sigma_m", "told"), [(4, 0.1, True), (4, 5.0, False), (6, 0.1, False)])
+def test_degrees_with_few_decimals(decimals: int, sigma_m: float, told: bool):
+    """The fourth decimal is 11 m; nothing is said where the sigma says as much, or where the sixth is still there."""
+    right = block()
+    ground = rounded(right.points.ground, decimals)
+    sigma = np.full((len(ground), 2), sigma_m)
+    points = replace(right.points, ground=np.where(right.known[:, None], ground, right.points.ground), sigma_m=sigma)
+    found = check_block(replace(right, points=points))
+    assert ("coordinates-rounded" in {reason.code for reason in found}) == told
+
+
+def test_check_points_that_are_gcps():
+    """A block agrees with what it was fitted to: said, with the ids, whether all check points are such or one."""
+    right = block(gcps=5, checks=3)
+    gcps, checks = (np.flatnonzero(right.points.role == role) for role in (Role.GCP, Role.CHECK))
+    for count in (1, 3):
+        ground = right.points.ground.copy()
+        ground[checks[:count]] = ground[gcps[:count]] + [1e-7, 0.0, 0.01]
+        xy = right.measurements.xy.copy()
+        for check, gcp in zip(checks[:count], gcps[:count], strict=True):
+            xy[right.measurements.point == check] = xy[right.measurements.point == gcp]
+        found = check_block(replace(
+            with_ground(right, ground), measurements=replace(right.measurements, xy=xy),
+        ))  # fmt: skip
+        assert [(reason.code, reason.level) for reason in found] == [("check-is-control", Level.DOUBTFUL)]
+        assert set(found[0].points) == set(right.points.ids[checks[:count]].tolist())
+        assert f"{count} of 3 check points" in found[0].message

@@ -7,6 +7,7 @@ aliases of ``sample``, because programs that write it disagree on where pixel 0 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -115,5 +116,15 @@ def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: b
     except ValueError:
         value = np.nan
     if not (np.isfinite(value) or (infinite and value == np.inf)) or "_" in text:
-        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: correct it, or leave an optional field empty")
+        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {_advice(text)}")
     return value
+
+
+def _advice(text: str) -> str:
+    """Return what to do with a text that is no number."""
+    if any(sign in text for sign in "°º'′\""):
+        return "give degrees as one decimal number, south and west negative"
+    with suppress(ValueError):
+        if "," in text and np.isfinite(float(text.replace(",", "."))):
+            return "write decimals with a point, or let semicolons part the columns"
+    return "correct it, or leave an optional field empty"

@@ -7,7 +7,8 @@ is wrong with a row is said with its file and line or feature, as the user finds
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,19 +134,26 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
 
 def matching_names(given: RepeatedNames, image_ids: Sequence[str], prefixed: bool = False) -> RepeatedNames:
     """Return the ids of the block's images that a file calls by id, file name or path, where they are known."""
+    folded = Counter(image.casefold() for image in image_ids)  # Windows does not tell cases apart
+    alike = {image.casefold(): image for image in image_ids if folded[image.casefold()] == 1}
     wanted = set(image_ids)
-    ids = np.array([_matching_id(name, wanted, prefixed) for name in given.names.tolist()], dtype=str)
+    ids = np.array([_matching_id(name, wanted, alike, prefixed) for name in given.names.tolist()], dtype=str)
     names, place = np.unique(ids, return_inverse=True)  # two names may mean one image
     return RepeatedNames(names, place.astype(np.int32)[given.number])
 
 
-def _matching_id(name: str, image_ids: set[str], prefixed: bool) -> str:
-    """Return the id of the image that a file calls by id, file name or path; the name itself where there is none."""
-    if name in image_ids:
-        return name
+def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefixed: bool) -> str:
+    """Return the id of the image that a file calls by id, file name or path; the name itself where there is none.
+
+    ``alike`` tells the images whose ids in lower case are those of no other.
+    """
     stem = image_id(name.replace("\\", "/"))
-    if stem in image_ids:
-        return stem
+    for called in (name, stem):
+        if called in image_ids:
+            return called
+    for called in (name.casefold(), stem.casefold()):
+        if called in alike:
+            return alike[called]
     # ``PREFIX-IMAGE``, as matchers call their files: the longest id that fits
     behind = [image for image in image_ids if name.endswith(f"-{image}")] if prefixed else []
     return max(behind, key=len, default=name)
