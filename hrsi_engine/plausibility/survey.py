@@ -14,9 +14,9 @@ from ..foundation.reasons import Level, Reason
 from ..ground.geodesy import metres_per_degree, to_ecef
 from .accuracy import ImageAccuracy
 
-MOST_DECIMALS = 5  # of a degree: 1.1 m; what is rounded to less harms no satellite image
+COARSE_DECIMALS = 5  # of a degree: 1.1 m; what is rounded to less harms no satellite image
 DECIMAL_SLACK = 1e-6  # of the last decimal: what reading, writing and a turn of 360 degrees leave
-LEAST_POINTS = 4  # from which on no survey has only round numbers by chance
+LEAST_SURVEYED = 4  # from which on no survey has only round numbers by chance
 HARMFUL_PX = 0.5
 
 
@@ -28,9 +28,9 @@ def rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: L
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
     ground = block.points.ground[points]
-    if len(points) < LEAST_POINTS or not np.isfinite(ground[:, :2]).all():
+    if len(points) < LEAST_SURVEYED or not np.isfinite(ground[:, :2]).all():
         return []
-    for decimals in range(MOST_DECIMALS + 1):
+    for decimals in range(COARSE_DECIMALS + 1):
         scaled = ground[:, :2] * 10.0**decimals
         if (np.abs(scaled - np.rint(scaled)) < DECIMAL_SLACK).all():
             break
