@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,14 @@ def test_source_for_the_log(tmp_path: Path) -> None:
     write_rpb(str(tmp_path / "img.RPB"), RPC)
     _image, found = open_image_and_source(str(tmp_path / "img.tif"))
     assert found.summary == "RPC from .RPB img.RPB; not used: GeoTIFF tag of img.tif"
+
+
+def test_other_rpcs_are_told_with_how_far_off_they_are(tmp_path: Path) -> None:
+    """Two deliveries mixed up, or a refined RPC beside the vendor's: said in pixels; the same RPC twice is no news."""
+    write_image(tmp_path / "img.tif", RPC)
+    write_rpb(str(tmp_path / "img.RPB"), replace(RPC, line_off=RPC.line_off + 37.0))
+    _image, found = open_image_and_source(str(tmp_path / "img.tif"))
+    assert found.ignored == ("GeoTIFF tag of img.tif (37 px off)",)
 
 
 def test_window_over_the_edge_is_not_valid_there(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from osgeo import gdal
 
 from ...block.block import Tile
+from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ..budgets import require_raster
 from ..datasets import check_advice, metadata_of, open_dataset
@@ -39,6 +40,8 @@ RPC_READERS: dict[str, RpcReader] = {
 }
 #: Formats that win over the tag inside a GeoTIFF.
 BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
+
+SAME_RPC_PX = 0.01  # what the digits of formats leave between two writings of one RPC
 
 Source = tuple[str, Callable[[], FoundRpc]]
 
@@ -127,9 +130,27 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
             "put its _RPC.TXT, .RPB, XML or .geom file beside it under the same name"
         )
     found = sources[0][1]()
-    ignored = tuple(title for title, _read in sources[1:])
+    ignored = tuple(title + _difference(found.rpc, read) for title, read in sources[1:])
     sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "")
     return replace(found, ignored=ignored, size=(dataset.RasterXSize, dataset.RasterYSize), sensor=sensor)
+
+
+def _difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
+    """Return in words how far off another source is: `` (500 px off)``; nothing for the same RPC."""
+    try:
+        other = read_other().rpc
+    except InputError:
+        return " (damaged)"
+    if other == rpc:
+        return ""
+    steps = np.array([[0.0, 0.0, 0.0], *([x, y, 0.0] for x in (-0.5, 0.5) for y in (-0.5, 0.5))])
+    ground = np.array([rpc.long_off, rpc.lat_off, rpc.height_off]) + steps * [
+        rpc.long_scale,
+        rpc.lat_scale,
+        rpc.height_scale,
+    ]
+    off_px = float(np.max(np.hypot(*(rpc.project(ground) - other.project(ground)).T)))
+    return "" if off_px < SAME_RPC_PX else f" ({off_px:.3g} px off)" if np.isfinite(off_px) else " (another RPC)"
 
 
 def read_rpc_or_none(path: str) -> FoundRpc | None:

@@ -70,7 +70,7 @@ class FoundRpc:
     source : str
         Format and file, and what was done to it (crop origin, ICHIPB).
     ignored : tuple of str
-        Other sources that were there and lost.
+        Other sources that were there and lost, with how far off they are where they are others.
     size : tuple of int, optional
         Samples and lines, where known.
     tile : Tile, optional
