@@ -34,7 +34,7 @@ from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.io.simulated_block import write_dem, write_ground_points
-from hrsi.hrsi_engine.plausibility.accuracy import image_accuracy
+from hrsi.hrsi_engine.plausibility.accuracy import image_accuracies
 from hrsi.hrsi_engine.plausibility.control import control_of, fit
 from hrsi.hrsi_engine.plausibility.datums import datum_shifts
 from hrsi.hrsi_engine.plausibility.slips import common_lift
@@ -236,7 +236,7 @@ class Kind(NamedTuple):
 def by_heights(right: Inputs, wrong: Inputs) -> float:
     """How many sigmas the heights are off, as the images' views from different sides tell heights."""
     block = assemble(right.images, [right.ground], [right.measured])
-    control = control_of(block, [image_accuracy(image) for image in block.images])
+    control = control_of(block, image_accuracies(block.images))
     assert control is not None
     sigma = common_lift(control, fit(control).shift_m)[1]
     return float(np.median(np.abs(wrong.ground.ground[:, 2] - right.ground.ground[:, 2])) / sigma)
@@ -245,7 +245,7 @@ def by_heights(right: Inputs, wrong: Inputs) -> float:
 def by_position(right: Inputs, wrong: Inputs) -> float:
     """How many sigmas of the RPCs' shifts the positions are off."""
     step = ground_difference_m(wrong.ground.ground, right.ground.ground)
-    return float(np.median(np.hypot(*step[:, :2].T)) / image_accuracy(right.images[0]).sigma_m)
+    return float(np.median(np.hypot(*step[:, :2].T)) / image_accuracies(right.images[:1])[0].sigma_m)
 
 
 def by_dem(right: Inputs, wrong: Inputs) -> float:

@@ -85,7 +85,6 @@ def _squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> n
     for index, rows in enumerate(observations.by_image):
         image, number = observations.images[index], observations.camera_of_image[index]
         computed = observations.xy[rows] - solution.normals.residual[rows]
-        projected = computed - camera.by_values(image, computed) @ solution.state.values[number]
-        by_values = camera.by_values(image, projected).reshape(-1, size)
-        squares[number] += (by_values.T * np.repeat(weight[rows], 2)) @ by_values
+        projected = computed - camera.correction(image, solution.state.values[number], computed)
+        squares[number] += camera.squares(image, projected, weight[rows])
     return squares

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Block, Image
-from ..block.pointing import middle_gsd_m
+from ..block.pointing import middle_gsds_m
 from .gauss_newton import Solution
 from .observations import Observations
 from .precision import Precision
@@ -44,7 +44,7 @@ def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tu
         number[[place[name] for name in ids]] = group
     names = ["+".join(ids) for ids in groups]
     rest = np.flatnonzero(number < 0)
-    size = np.array([middle_gsd_m(images[index]) for index in rest.tolist()])
+    size = middle_gsds_m([images[index] for index in rest.tolist()])
     order = np.argsort(size)
     another = np.r_[True, size[order][1:] > SAME_GSD * size[order][:-1]][: len(rest)]
     number[rest[order]] = len(groups) - 1 + np.cumsum(another)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..block.stack import stack_of
 from ..foundation.errors import list_ids
 from ..refinement.ground_area import px_per_m
 from ..surface.dem import HeightSurface, surface_heights
@@ -37,7 +38,7 @@ def point_priors(
         return priors, []
     image = observations.image[observations.first[:-1]]
     reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
-    pixels = np.array([px_per_m(one) for one in observations.images])[image] * np.radians(converging) * reach
+    pixels = px_per_m(observations.images)[image] * np.radians(converging) * reach
     open_height = weak & (pixels < 1.0)
     middle = np.array([one.middle_height_m for one in observations.images])[image]
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
@@ -74,13 +75,10 @@ def _convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarr
 
     The direction of an image's rays is taken at its centre; it changes by a degree across a scene at most.
     """
-    direction = np.zeros((len(observations.images), 3))
-    for index, image in enumerate(observations.images):
-        rpc = image.rpc
-        middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-        at = rpc.project_with_metric_jacobian(middle)[1][0]
-        ray = np.cross(at[0], at[1])
-        direction[index] = ray * np.sign(ray[2]) / np.linalg.norm(ray)
+    stack = stack_of(observations.images)
+    _, at = stack.project_with_metric_jacobian(np.arange(len(observations.images)), stack.middles())
+    ray = np.cross(at[:, 0], at[:, 1])
+    direction = ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True)
     first = observations.first[:-1]
     seen = direction[observations.image]
     mean = np.add.reduceat(seen, first, axis=0)

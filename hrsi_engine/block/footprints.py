@@ -17,6 +17,7 @@ from shapely.strtree import STRtree
 
 from ..ground.geodesy import continuous_longitudes
 from .block import Image
+from .stack import stack_of
 
 OUTLINE_PER_SIDE = 8
 
@@ -29,6 +30,16 @@ def footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLIN
     height_m : of the ground (ellipsoidal), one for all or one for each point of ``image.outline_px(per_side)``
     """
     return polygon_of(image.rpc.localize(image.outline_px(per_side), height_m).ground)
+
+
+def footprints(images: Sequence[Image], height_m: float, per_side: int = OUTLINE_PER_SIDE) -> list[Polygon]:
+    """Return the outlines of many images on the ground at one height, see `footprint`."""
+    if not images:
+        return []
+    outlines = np.concatenate([image.outline_px(per_side) for image in images])
+    which = np.repeat(np.arange(len(images)), 4 * per_side)
+    ground = stack_of(images).localize(which, outlines, height_m)
+    return [polygon_of(ring) for ring in ground.reshape(len(images), -1, 3)]
 
 
 def footprint_between(image: Image, low_m: float, high_m: float) -> Polygon:

@@ -19,12 +19,14 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from .block import Image
+from .stack import stack_of
 
 SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
 UNKNOWN_PX = 5.0  # of a sensor that nothing is known of
@@ -149,5 +151,12 @@ def believed_pointing(image: Image) -> Pointing:
 
 def middle_gsd_m(image: Image) -> float:
     """Return the size of a pixel on the ground in the middle of what the RPC was made for, the mean of both axes."""
-    rpc = image.rpc
-    return float(1.0 / rpc.px_per_m(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0])
+    return float(middle_gsds_m([image])[0])
+
+
+def middle_gsds_m(images: Sequence[Image]) -> np.ndarray:
+    """Return `middle_gsd_m` of many images, ``(images,)``."""
+    if not images:
+        return np.empty(0)
+    stack = stack_of(images)
+    return np.asarray(1.0 / stack.px_per_m(np.arange(len(images)), stack.middles()))

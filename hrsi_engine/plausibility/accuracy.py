@@ -14,12 +14,13 @@ A standard deviation of 12 pixels and at least 15 m describes them all.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import middle_gsd_m
+from ..block.pointing import middle_gsds_m
 
 UNKNOWN_SIGMA_PX, UNKNOWN_SIGMA_M = 12.0, 15.0  # of a shift, where the product says nothing
 LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
@@ -46,9 +47,17 @@ class ImageAccuracy:
     drift: float
 
 
-def image_accuracy(image: Image, sigma_shift_px: float = 0.0, sigma_drift: float = 0.0) -> ImageAccuracy:
-    """Return what can be expected of an image, by its RPC's ERR_BIAS or its resolution, or what the user expects."""
-    gsd = middle_gsd_m(image)
+def image_accuracies(
+    images: Sequence[Image], sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
+) -> list[ImageAccuracy]:
+    """Return what can be expected of images, by RPCs' ERR_BIAS or their resolution, or what the user expects."""
+    return [
+        _accuracy(image, gsd, sigma_shift_px, sigma_drift)
+        for image, gsd in zip(images, middle_gsds_m(images).tolist(), strict=True)
+    ]
+
+
+def _accuracy(image: Image, gsd: float, sigma_shift_px: float, sigma_drift: float) -> ImageAccuracy:
     stated = image.rpc.err_bias
     if stated and stated > 0.0 and np.isfinite(stated):
         sigma = max(float(stated), LEAST_SIGMA_M, LEAST_SIGMA_PX * gsd)

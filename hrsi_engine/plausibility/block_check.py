@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..block.block import Block
 from ..foundation.reasons import Level, Reason
 from ..surface.dem import HeightSurface
-from .accuracy import image_accuracy
+from .accuracy import image_accuracies
 from .control import control_of
 from .control_reasons import OF_HEIGHTS, control_reasons
 from .places import crop_reasons, dem_reasons, duplicate_reasons, height_reasons, outside_reasons
@@ -37,7 +37,7 @@ def check_block(
     list of Reason
         Worst first; empty where all is plausible.
     """
-    accuracies = [image_accuracy(image, sigma_shift_px, sigma_drift) for image in block.images]
+    accuracies = image_accuracies(block.images, sigma_shift_px, sigma_drift)
     control = control_of(block, accuracies)
     reasons = [] if control is None else control_reasons(control)
     reasons += rounding_reasons(block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)]))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
+from ..block.stack import stack_of
 from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 
 NOWHERE_M = 2e7  # distance of a point without a ray
@@ -48,16 +49,10 @@ class Sights:
 
 def sights(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sights:
     """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, through the heights of each RPC."""
-    ground, slope = np.full((len(xy), 3), np.nan), np.full((len(xy), 2), np.nan)
-    order = np.argsort(image, kind="stable")
-    heads = np.flatnonzero(np.diff(image[order], prepend=-1))
-    for rows in np.split(order, heads[1:]) if len(order) else ():
-        rpc = images[image[rows[0]]].rpc
-        high = rpc.height_range[1]
-        points = np.concatenate([xy[rows], xy[rows]])
-        heights = np.repeat([rpc.height_off, high], len(rows))
-        found = rpc.localize(points, heights).ground
-        middle, upper = found[: len(rows)], found[len(rows) :]
-        ground[rows] = middle
-        slope[rows] = ground_difference_m(upper, middle)[:, :2] / (high - rpc.height_off)
-    return Sights(ground, slope)
+    if not len(xy):
+        return Sights(np.empty((0, 3)), np.empty((0, 2)))
+    rpcs = [one.rpc for one in images]
+    stack = stack_of(images)
+    middle, high = np.array([(rpc.height_off, rpc.height_range[1]) for rpc in rpcs])[image].T
+    ground, upper = (stack.localize(image, xy, height) for height in (middle, high))
+    return Sights(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])

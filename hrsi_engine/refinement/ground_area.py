@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..block.block import Image
+from ..block.stack import stack_of
 from ..foundation.errors import SolveError
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
@@ -51,7 +53,8 @@ def ground_area(image: Image) -> GroundArea:
     return GroundArea(ground[0], np.array([half / metres[0], half / metres[1], abs(image.rpc.height_scale)]))
 
 
-def px_per_m(image: Image) -> float:
-    """Return how many pixels a metre on the ground is in the middle of an image."""
-    middle = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground
-    return float(image.rpc.px_per_m(middle)[0])
+def px_per_m(images: Sequence[Image]) -> np.ndarray:
+    """Return how many pixels a metre on the ground is in the middle of each image, ``(images,)``."""
+    stack, which = stack_of(images), np.arange(len(images))
+    centres = np.array([image.camera_centre_px for image in images])
+    return stack.px_per_m(which, stack.localize(which, centres, stack.middles()[:, 2]))

@@ -84,9 +84,15 @@ class ImagePolynomial:
         """How the derivatives by the parameters are composed."""
         return Structure(None, len(self.powers), self.mixing.reshape(2 * len(self.powers), len(self.parameters)))
 
-    def by_values(self, image: Image, projected: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the correction at projected positions by the parameters, ``(n, 2, p)``."""
-        return np.einsum("nm,cmp->ncp", self._terms(projected - image.camera_centre_px), self.mixing)
+    def correction(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
+        """Return the correction at projected positions, ``(n, 2)`` px."""
+        return np.asarray(self._terms(projected - image.camera_centre_px) @ (self.mixing @ values).T)
+
+    def squares(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Return the squares of the correction's derivatives by the parameters, weighted by ``(n,)``, ``(p, p)``."""
+        terms = self._terms(projected - image.camera_centre_px)
+        own = (terms.T * weight) @ terms
+        return np.asarray(sum(mixed.T @ own @ mixed for mixed in self.mixing))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
@@ -102,11 +108,14 @@ class ImagePolynomial:
         return refit(image, lambda ground: self.project(image, values, ground))
 
     def _corrected(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
-        return projected + self._terms(projected - image.camera_centre_px) @ (self.mixing @ values).T
+        return projected + self.correction(image, values, projected)
 
     def _terms(self, offset: np.ndarray) -> np.ndarray:
         """Return the monomials of centred positions, ``(n, m)``."""
-        return np.prod(offset[:, None, :] ** self.powers, axis=2)
+        of_axes = np.ones((2, int(self.powers.max(initial=0)) + 1, len(offset)))
+        for power in range(1, of_axes.shape[1]):  # a product each: general powers take twenty times as long
+            np.multiply(of_axes[:, power - 1], offset.T, out=of_axes[:, power])
+        return np.asarray((of_axes[0, self.powers[:, 0]] * of_axes[1, self.powers[:, 1]]).T)
 
     def _folded(self, image: Image, values: np.ndarray) -> RPC | None:
         """Return the exact RPC of a correction of first degree, None where there is none."""
@@ -193,7 +202,7 @@ def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePo
     mixing[1, :, count:] = np.eye(count)
     suffixes = ["0" if powers == (0, 0) else "s" * powers[0] + "l" * powers[1] for powers in powers]
     names = [f"{coordinate}_{suffix}" for coordinate in ("sample", "line") for suffix in suffixes]
-    return ImagePolynomial(name, title, tuple(names), np.array(powers).reshape(-1, 2), mixing)
+    return ImagePolynomial(name, title, tuple(names), np.array(powers, dtype=np.int64).reshape(-1, 2), mixing)
 
 
 def _conformal() -> ImagePolynomial:

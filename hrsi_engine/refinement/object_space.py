@@ -52,7 +52,7 @@ class GroundCorrection:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres: of the shift, and of the drift from the middle of the image to its edge."""
-        metres = 1.0 / px_per_m(image)
+        metres = 1.0 / float(px_per_m([image])[0])
         drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
         up = self.entries[:, 0] == UP

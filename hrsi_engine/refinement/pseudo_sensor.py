@@ -186,7 +186,7 @@ class PseudoSensor:
 
 def _orientation_of(image: Image, priors: Priors) -> Orientation:
     """Return the position and attitude errors that move the image by the priors' pixels."""
-    metres, height, reach = 1.0 / px_per_m(image), sensor_frame(image).height_m, ground_area(image).reach_m
+    metres, height, reach = 1.0 / float(px_per_m([image])[0]), sensor_frame(image).height_m, ground_area(image).reach_m
     shift, drift = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres
     return Orientation(shift, shift / height, drift, drift / height, reach)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Image
-from ..block.footprints import footprint
+from ..block.footprints import footprint, footprints
 from ..block.points import ROLE_LABELS, Role
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
@@ -174,7 +174,6 @@ def _map(
     """Return footprints, points with their residuals, and tie points by cells where they are too many."""
     block, place = result.block, positions(result)
     height = middle_position(place)[2]
-    footprints = {image.id: footprint(image, height) for image in images}
     ties = np.flatnonzero(~block.known & np.isfinite(place).all(axis=1))
     many = len(ties) > MOST_TIES
     field = TieField(
@@ -183,7 +182,7 @@ def _map(
     )  # fmt: skip
     residual = left.ground_m[shown.points]
     return BlockMap(
-        footprints=footprints,
+        footprints={image.id: area for image, area in zip(images, footprints(images, height), strict=True)},
         lonlat=place[shown.points, :2],
         roles=block.points.role[shown.points],
         residual_en_m=residual[:, :2],

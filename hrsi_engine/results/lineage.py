@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment
+from ..block.stack import stack_of
 from ..foundation.errors import list_ids
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefinedRPC
@@ -46,27 +47,29 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefinedRPC]) -> list[Re
         In the same order.
     """
     height = float(middle_position(positions(result))[2])
+    images = result.block.images
+    grids = np.stack([image.grid_px(NODES, NODES) for image in images])
+    which = np.repeat(np.arange(len(images)), NODES**2)
+    ground = stack_of(images).localize(which, grids.reshape(-1, 2), height).reshape(len(images), -1, 3)
     stated = []
     for index, new in enumerate(refined):
-        errors = _camera_errors_m(result, index, height)
+        errors = _camera_errors_m(result, index, grids[index], ground[index])
         stated.append(
             new if errors is None else new._replace(rpc=replace(new.rpc, err_bias=errors[0], err_rand=errors[1]))
         )
     return stated
 
 
-def _camera_errors_m(result: Adjustment, index: int, height: float) -> tuple[float, float] | None:
-    """Return ERR_BIAS and ERR_RAND of an image; None where they are not known."""
+def _camera_errors_m(result: Adjustment, index: int, xy: np.ndarray, ground: np.ndarray) -> tuple[float, float] | None:
+    """Return ERR_BIAS and ERR_RAND of an image by a grid on it and on the ground; None where they are not known."""
     image, cameras = result.block.images[index], result.cameras
     covariance, values = cameras.covariance[index], cameras.values[index]
     if not covariance.size or not np.isfinite(covariance).all() or not covariance.any():
         return None
-    xy = image.grid_px(NODES, NODES)
-    ground = image.rpc.localize(xy, height).ground
     at = cameras.model.equations(image, xy)(values, ground)
     to_ground = np.linalg.inv(at.by_ground[:, :, :2])
     by_values = to_ground @ at.by_values
-    drift_px = cameras.model.project(image, values, ground) - result.model.project(image, result.values[index], ground)
+    drift_px = at.computed - result.model.project(image, result.values[index], ground)
     drift_m = (to_ground @ drift_px[:, :, None])[:, :, 0]
     mean, mean_drift = by_values.mean(axis=0), drift_m.mean(axis=0)
     shared = 0.5 * (np.trace(mean @ covariance @ mean.T) + np.sum(mean_drift**2))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, LaserOutcome
 from ..block.block import Block
-from ..block.footprints import footprint
+from ..block.footprints import footprints
 from ..block.points import ROLE_LABELS
 from ..io.layer_words import Column, Words, is_any, shared_word
 from .outliers import ground_flags, measurement_flags
@@ -45,7 +45,7 @@ def images_table(result: Adjustment, height_m: float) -> Table:
         "observations": count,
         "footprint_height_m": np.full(len(images), height_m),
     }
-    return Table([footprint(image, height_m) for image in images], columns)
+    return Table(footprints(images, height_m), columns)
 
 
 def laser_points_table(found: LaserOutcome) -> Table:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...block.block import Role
+from ...block.stack import stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
@@ -137,14 +138,17 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
     used = evidence.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
     where, xy = block.measurements.image[used], block.measurements.xy[used]
     count = np.bincount(where, minlength=len(block.images))
-    sums = [np.bincount(where, xy[:, axis], minlength=len(block.images)) for axis in (0, 1)]
+    sums = np.column_stack([np.bincount(where, xy[:, axis], minlength=len(block.images)) for axis in (0, 1)])
     beyond = np.zeros(len(block.images))
-    for index in np.flatnonzero(count).tolist():
+    measured = np.flatnonzero(count)
+    corners = np.array([block.images[index].outline_px(1) for index in measured.tolist()]).reshape(len(measured), 4, 2)
+    places = np.concatenate([(sums / np.maximum(count, 1)[:, None])[measured, None], corners], axis=1)
+    heights = np.array([image.middle_height_m for image in block.images])
+    which = np.repeat(measured, 5)
+    ground = stack_of(block.images).localize(which, places.reshape(-1, 2), heights[which]).reshape(-1, 5, 3)
+    for number, index in enumerate(measured.tolist()):
         image = block.images[index]
-        middle = np.array([[sums[0][index], sums[1][index]]]) / count[index]
-        places = np.concatenate([middle, image.outline_px(1)])
-        ground = image.rpc.localize(places, image.middle_height_m).ground
-        at = result.cameras.model.equations(image, places)(result.cameras.values[index], ground)
+        at = result.cameras.model.equations(image, places[number])(result.cameras.values[index], ground[number])
         variance = at.by_values @ result.cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
         sigma = np.sqrt(np.maximum(variance.diagonal(axis1=1, axis2=2).max(axis=1), 0.0))
         beyond[index] = np.sqrt(max(float(sigma[1:].max() ** 2 - sigma[0] ** 2), 0.0))

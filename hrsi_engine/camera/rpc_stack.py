@@ -1,0 +1,135 @@
+"""Many RPCs at once: a few points on each of thousands of images, without a call for each image.
+
+A call of `RPC` costs as much as the arithmetic of a thousand points, and its first `RPC.localize` a fit besides. Here
+each point says which RPC is meant, and its coefficients are gathered beside it; the order of terms is that of
+`rpc_terms`. `RPC` is the faster one from some hundred points on an image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..ground.geodesy import metres_per_degree, wrap_degrees
+from .rpc import RPC
+from .rpc_inverse import ACCEPTED_PX, DOMAIN_MARGIN, INVERSE_CLOSURE_PX
+from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio
+
+GATHERED_AT_ONCE = 4096  # their coefficients stay in the processor's cache
+INVERSE_STEPS = 8
+
+
+class RPCStack:
+    """RPCs by number; ``which (n,)`` is the number of each point's.
+
+    Parameters
+    ----------
+    rpcs : sequence of RPC
+        One or more.
+    """
+
+    def __init__(self, rpcs: Sequence[RPC]) -> None:
+        self._rpcs = rpcs
+        self._polynomials = np.stack([rpc.polynomials for rpc in rpcs])
+        ground = [
+            (r.long_off, r.lat_off, r.height_off, r.long_scale, r.lat_scale, r.height_scale) for r in rpcs
+        ]  # fmt: skip
+        image = [(r.samp_off, r.line_off, r.samp_scale, r.line_scale) for r in rpcs]
+        self._ground_off, self._ground_scale = np.split(np.array(ground), 2, axis=1)
+        self._image_off, self._image_scale = np.split(np.array(image), 2, axis=1)
+
+    def project(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return image points ``(n, 2)`` of ground points ``(n, 3)``, see `RPC.project`."""
+        image = np.empty((len(ground), 2))
+        for part in chunks(len(ground), GATHERED_AT_ONCE):
+            own = which[part]
+            ratios, _, _ = self._ratios(own, self._normalised(own, ground[part]))
+            image[part] = ratios * self._image_scale[own] + self._image_off[own]
+        return image
+
+    def project_with_metric_jacobian(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
+        image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
+        for part in chunks(len(ground), GATHERED_AT_ONCE):
+            own = which[part]
+            ratios, slopes = self._slopes(own, self._normalised(own, ground[part]), 3)
+            image[part] = ratios * self._image_scale[own] + self._image_off[own]
+            jacobian[part] = slopes * self._image_scale[own][:, :, None] / self._ground_scale[own][:, None, :]
+        return image, jacobian / metres_per_degree(ground)[:, None, :]
+
+    def px_per_m(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return how many pixels a metre is at ground points ``(n, 3)``, see `RPC.px_per_m`."""
+        _, by_ground = self.project_with_metric_jacobian(which, ground)
+        return np.asarray(np.sqrt(np.abs(np.linalg.det(by_ground[:, :, :2]))))
+
+    def middles(self) -> np.ndarray:
+        """Return the middle ``(rpcs, 3)`` lon, lat, height of what each RPC was made for."""
+        return self._ground_off.copy()
+
+    def localize(self, which: np.ndarray, image: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
+        """Return the ground points ``(n, 3)`` of image points ``(n, 2)`` at heights; NaN where there is none.
+
+        Newton's iteration from the middle of each RPC's domain; what does not converge in that domain at once is left
+        to `RPC.localize`, whose limits these are.
+        """
+        heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
+        ground = np.empty((len(image), 3))
+        found = np.empty(len(image), dtype=bool)
+        with np.errstate(all="ignore"):
+            for part in chunks(len(image), GATHERED_AT_ONCE):
+                ground[part], found[part] = self._localized(which[part], image[part], heights[part])
+        lost = np.flatnonzero(~found)
+        for number in np.unique(which[lost]).tolist():
+            rows = lost[which[lost] == number]
+            ground[rows] = self._rpcs[number].localize(image[rows], heights[rows]).ground
+        return ground
+
+    def _localized(
+        self, own: np.ndarray, image: np.ndarray, heights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Return ground points, and which of them are right."""
+        scale_px = np.abs(self._image_scale[own])
+        target = (image - self._image_off[own]) / self._image_scale[own]
+        normalised = np.zeros((len(own), 3))
+        normalised[:, 2] = (heights - self._ground_off[own, 2]) / self._ground_scale[own, 2]
+        best, least = normalised[:, :2].copy(), np.full(len(own), np.inf)
+        for _ in range(INVERSE_STEPS):
+            ratios, slopes = self._slopes(own, normalised, 2)
+            miss = target - ratios
+            error = np.abs(miss * scale_px).max(axis=1)
+            better = error < least
+            best[better], least[better] = normalised[better, :2], error[better]
+            if not (better & (least > INVERSE_CLOSURE_PX)).any():  # at the goal, or at the limit of rounding
+                break
+            a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
+            step = np.column_stack([d * miss[:, 0] - b * miss[:, 1], a * miss[:, 1] - c * miss[:, 0]])
+            normalised[:, :2] += step / (a * d - b * c)[:, None]
+        ground = np.column_stack([best * self._ground_scale[own, :2] + self._ground_off[own, :2], heights])
+        if np.abs(ground[:, 0]).max() > 180.0:
+            outside = np.abs(ground[:, 0]) > 180.0
+            ground[outside, 0] = wrap_degrees(ground[outside, 0])
+        return ground, (least <= ACCEPTED_PX) & (np.abs(best) <= DOMAIN_MARGIN).all(axis=1)
+
+    def _normalised(self, own: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Return normalised lon, lat, height ``(n, 3)``."""
+        difference = ground - self._ground_off[own]
+        difference[:, 0] = wrap_degrees(difference[:, 0])
+        return np.asarray(difference / self._ground_scale[own])
+
+    def _ratios(self, own: np.ndarray, normalised: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return normalised sample and line and their denominators, ``(n, 2)`` both, and the terms ``(n, 20)``."""
+        terms = np.ascontiguousarray(monomials(np.ascontiguousarray(normalised.T)).T)
+        values = np.einsum("npt,nt->np", self._polynomials[own], terms)
+        return values[:, :2] / values[:, 2:], values[:, 2:], terms
+
+    def _slopes(self, own: np.ndarray, normalised: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return normalised sample and line ``(n, 2)`` and their derivatives by the first axes ``(n, 2, axes)``."""
+        ratios, denominators, terms = self._ratios(own, normalised)
+        slopes = np.empty((len(own), 2, axes))
+        # d/dx of coefficients times terms is coefficients times the terms' derivatives, sums of lower terms
+        for axis in range(axes):
+            lowered = terms[:, :QUADRATIC_TERMS] @ DERIVATIVES[axis].T
+            values = np.einsum("npt,nt->np", self._polynomials[own], lowered)
+            slopes[:, :, axis] = slope_of_ratio(values[:, :2], values[:, 2:], ratios, denominators)
+        return ratios, slopes
