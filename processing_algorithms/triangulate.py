@@ -66,7 +66,6 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     clock.lap("check")
     with plausibility.explained_by(reasons):
         laser = read_laser_points(images, options.laser, context)
-        places = None if options.search.workers.scheduler else places  # workers know surveys, and these are such
         how = with_free_control(how, options.dem, options.points, laser, places)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         with adjusting_workers(options.search.workers, options.output.folder.output_dir) as elsewhere:

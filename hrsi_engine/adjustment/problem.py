@@ -96,16 +96,7 @@ class Problem:
         """The block as it lies on workers; None where this process solves it."""
         if self.elsewhere is None:
             return None
-        if self.held:
-            raise InputError(
-                "workers do not know heights and references that hold points: leave out `sigma_dem_m`, `laser` and "
-                "`reference`, or `scheduler`"
-            )
-        if self.earlier is not None:
-            raise InputError(
-                "workers do not know cameras as observations: let `earlier_cameras` be free, or leave out `scheduler`"
-            )
-        return Shares.of(self.observations, self.camera, self.pattern, self.elsewhere)
+        return Shares.of(self.observations, self.camera, self.pattern, self.elsewhere, self.earlier)
 
     @property
     def held(self) -> tuple[HeldHeights | HeldPlan, ...]:

@@ -18,9 +18,13 @@ from hrsi.hrsi_engine.adjustment.equations import find_pattern
 from hrsi.hrsi_engine.adjustment.observations import select
 from hrsi.hrsi_engine.adjustment.subtrees.division import divide
 from hrsi.hrsi_engine.adjustment.subtrees.loop import Elsewhere, open_workers
-from hrsi.hrsi_engine.block.block import Block
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.block.laser import LaserPoints
+from hrsi.hrsi_engine.block.reference_places import ReferencePlaces
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.io.deposits import FileDeposit
+from hrsi.hrsi_engine.surface.dem import GridSurface
 from hrsi.processing_algorithms import run
 
 distributed = pytest.importorskip("distributed")
@@ -83,6 +87,56 @@ def test_subtrees_make_what_one_process_makes(block: Block, options: AdjustOptio
     assert_same(adjust(block, options), adjust(block, options, elsewhere=Elsewhere(HereAndNow())))
 
 
+FLAT = GridSurface.from_array(np.full((21, 21), 500.0), (14.0, 4.0), (0.1, 0.1))
+
+
+def tie_places(block: Block) -> tuple[np.ndarray, np.ndarray]:
+    """Return ids of ties on three images and more, and where an adjustment puts them."""
+    result = adjust(block, BARE)
+    rays = np.bincount(block.measurements.point, minlength=len(block.points))
+    ties = np.flatnonzero((rays > 2) & (block.points.role == Role.TIE))
+    return block.points.ids[ties], result.ground[ties]
+
+
+def test_a_dem_laser_points_and_a_reference_hold_points_on_workers(block: Block) -> None:
+    """Judged over the whole block after every step: some of each are wrong and left out, the same on workers."""
+    ids, ground = tie_places(block)
+    rng = np.random.default_rng(4)
+    count = len(ids) // 2
+    beside = moved_ground(ground[:count], np.column_stack([rng.normal(0, 2.0, (count, 2)), rng.normal(0, 0.3, count)]))
+    beside[:5, 2] += 30.0
+    laser = LaserPoints.create(beside, track=np.where(np.arange(count) % 2, "a", "b"), sigma_m=0.2)
+    plan = np.column_stack([rng.normal(0, 2.0, (len(ids) - count, 2)), np.zeros(len(ids) - count)])
+    away = moved_ground(ground[count:], plan)
+    away[:5, 0] += 1e-3
+    places = ReferencePlaces(ids[count:], away, 2.0)
+    free = adjust(block, AdjustOptions(model="shift", test_sigmas=False))
+    for held in (
+        {"dem": FLAT, "sigma_dem_m": 120.0},
+        {"laser": laser},
+        {"dem": FLAT, "sigma_dem_m": 120.0, "laser": laser, "reference": places},
+    ):
+        options = AdjustOptions(model="shift", test_sigmas=False, **held)
+        one, other = (adjust(block, options, elsewhere=where) for where in (None, Elsewhere(HereAndNow())))
+        assert_same(one, other)
+        for mine, theirs in zip(one.heights, other.heights, strict=True):
+            assert (theirs.observations, theirs.left_out) == (mine.observations, mine.left_out)
+            assert theirs.sigma_m == pytest.approx(mine.sigma_m, rel=1e-8)
+        assert np.nanmax(np.abs(one.residual_px - free.residual_px)) > 0.01  # it does hold points
+
+
+@pytest.mark.parametrize("shared", [(), (("I000000", "I000001"),)], ids=["all", "two cameras that are one now"])
+def test_observed_cameras_on_workers(block: Block, shared: tuple[tuple[str, ...], ...]) -> None:
+    """What an earlier adjustment says of all cameras together is said leaf by leaf, on top of other points."""
+    rows = block.measurements
+    early, later = (replace(block, measurements=rows.select(rows.point % 2 == which)) for which in (0, 1))
+    known = adjust(early, BARE).joint
+    options = replace(BARE, earlier=known, shared_images=shared)
+    one, other = (adjust(later, options, elsewhere=where) for where in (None, Elsewhere(HereAndNow())))
+    assert_same(one, other)
+    assert np.abs(one.values - adjust(later, BARE).values).max() > 0.01
+
+
 def test_every_point_and_camera_has_one_place() -> None:
     observations = select(simulated(90, per_image=20))
     pattern = find_pattern(observations, 2)
@@ -136,12 +190,13 @@ def test_the_command_leaves_nothing_but_its_result(tmp_path: Path) -> None:
         given = {**scene, "scheduler": cluster.scheduler_address}
         there = run("adjust", output_dir=str(tmp_path / "there"), **given)
         dem = {"dem": str(tmp_path / "scene" / "dem.tif"), "sigma_dem": 2.0}
-        with pytest.raises(InputError, match="workers do not know heights"):
-            run("adjust", output_dir=str(tmp_path / "dem"), **given, **dem)
+        held = run("adjust", output_dir=str(tmp_path / "dem"), **given, **dem)
+    alone = run("adjust", output_dir=str(tmp_path / "alone"), **scene, **dem)
+    assert held["sigma0"] == pytest.approx(alone["sigma0"], rel=1e-9)
+    assert held["sigma0"] != pytest.approx(here["sigma0"], rel=1e-4)
     assert there["sigma0"] == pytest.approx(here["sigma0"], rel=1e-9)
     assert there["check"]["predicted"] == pytest.approx(here["check"]["predicted"], rel=1e-6)
     assert sorted(os.listdir(tmp_path / "there")) == sorted(os.listdir(tmp_path / "here"))
-    assert not (tmp_path / "dem").exists()
 
 
 def test_parts_that_others_changed_are_not_read(tmp_path: Path) -> None:

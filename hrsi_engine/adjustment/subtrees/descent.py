@@ -8,7 +8,7 @@ values of the separators, and sums of costs. Which steps count is `foundation.le
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from ...foundation.cluster import OnWorker
 from ...foundation.levenberg_marquardt import Descent, Step, descend
 from ...foundation.progress import Progress, advance
+from ..equations import PointPriors
 from ..result import Iteration
 from ..weights import WEIGHTS, least_squares
 from . import crown, leaf
@@ -24,12 +25,20 @@ from .division import Division
 
 @dataclass(frozen=True, eq=False)
 class BlockAt:
-    """A block's state: references to each leaf's equations on the workers, values of the separators, and sums."""
+    """A block's state: references to each leaf's equations on the workers, values of the separators, and sums.
+
+    ``points`` are the priors of all points, where more than surveys holds them; else only the leaves have them.
+    """
 
     leaves: Mapping[int, Any]
     values: Mapping[int, np.ndarray]
     cost: float
     freedom: float
+    points: PointPriors | None = None
+
+
+#: Judges what holds points: returns the new priors of all, and for each leaf what returns those of its own.
+Hold = Callable[[BlockAt], tuple[PointPriors, Mapping[int, Callable[[], PointPriors]]]]
 
 
 class Workers:
@@ -51,9 +60,9 @@ class Workers:
         addresses = sorted(client.scheduler_info(n_workers=-1)["workers"]) or [None]
         share = -(-len(division.leaves) // len(addresses))
         self._home = {number: addresses[k // share] for k, number in enumerate(division.leaves)}
-        self.leaves = {number: self._submit(number, leaf.load, stored) for number, stored in leaves.items()}
+        self.leaves = {number: self.ask(number, leaf.load, stored) for number, stored in leaves.items()}
 
-    def _submit(self, number: int | None, function: Callable[..., Any], *given: Any) -> Any:
+    def ask(self, number: int | None, function: Callable[..., Any], *given: Any) -> Any:
         """Hand a call out, for the worker of a leaf where that lives."""
         home = self._home.get(number) if number is not None else None
         where = {} if home is None else {"workers": [home], "allow_other_workers": True}
@@ -62,7 +71,7 @@ class Workers:
     def every(self, function: Callable[..., Any], *given: Any) -> dict[int, Any]:
         """Call a function for every leaf; mappings by leaf are given as the leaf's own, references as what they are."""
         return {
-            number: self._submit(number, function, *(one[number] if isinstance(one, Mapping) else one for one in given))
+            number: self.ask(number, function, *(one[number] if isinstance(one, Mapping) else one for one in given))
             for number in self.division.leaves
         }
 
@@ -77,30 +86,32 @@ class Workers:
         return self._state(self.every(leaf.begin, self.leaves, starts), values, priors)
 
     def _state(self, leaves: Mapping[int, Any], values: Mapping[int, np.ndarray], priors: SeparatorPriors) -> BlockAt:
-        sums = self.gather([self._submit(number, leaf.sums_of, at) for number, at in leaves.items()])
+        sums = self.gather([self.ask(number, leaf.sums_of, at) for number, at in leaves.items()])
         cost, freedom = crown.sum_of(sums).tolist()
         return BlockAt(leaves, values, cost + priors.cost(values), freedom - priors.count)
 
-    def reweighted(self, at: BlockAt, robust: str, priors: SeparatorPriors) -> BlockAt:
-        """Return the same state with robust factors from its residuals."""
-        return self._state(self.every(leaf.reweight, self.leaves, at.leaves, robust), at.values, priors)
+    def reweighted(self, at: BlockAt, robust: str, priors: SeparatorPriors, hold: Hold | None = None) -> BlockAt:
+        """Return the same state with robust factors from its residuals, and from what holds points."""
+        points, parts = (None, None) if hold is None else hold(at)
+        leaves = self.every(leaf.reweight, self.leaves, at.leaves, robust, parts)
+        return replace(self._state(leaves, at.values, priors), points=points)
 
     # ---- up and down -------------------------------------------------------------------------------------------------
 
     def _up(self, at: BlockAt, damping: float, priors: SeparatorPriors) -> tuple[dict[int, Any], dict[int, Any]]:
         """Return references to the eliminated leaves and the separators."""
         gone = self.every(leaf.eliminate_inner, self.leaves, at.leaves, damping)
-        updates = {number: self._submit(number, crown.update_of, one) for number, one in gone.items()}
+        updates = {number: self.ask(number, crown.update_of, one) for number, one in gone.items()}
         joined: dict[int, Any] = {}
         for number, node in enumerate(self.division.nodes):
             if node.is_leaf:
                 continue
             home = int(self.division.leaf_below[number])
             below = [updates[child] for child in node.children]
-            joined[number] = self._submit(
+            joined[number] = self.ask(
                 home, crown.join, node.own, priors.weight[number], at.values[number], damping, *below
             )
-            updates[number] = self._submit(home, crown.update_of, joined[number])
+            updates[number] = self.ask(home, crown.update_of, joined[number])
         return gone, joined
 
     def _down(self, joined: Mapping[int, Any], function: Callable[..., Any]) -> tuple[dict[int, Any], dict[int, Any]]:
@@ -112,7 +123,7 @@ class Workers:
             if node.is_leaf:
                 continue
             home = int(self.division.leaf_below[number])
-            found[number] = self._submit(home, function, joined[number], above[number])
+            found[number] = self.ask(home, function, joined[number], above[number])
             above |= dict.fromkeys(node.children, found[number])
         return found, above
 
@@ -121,19 +132,20 @@ class Workers:
         gone, joined = self._up(at, damping, priors)
         steps, above = self._down(joined, crown.steps_of)
         taken = self.every(leaf.move_on, self.leaves, at.leaves, gone, above)
-        promises = [self._submit(number, leaf.second_of, pair) for number, pair in taken.items()]
-        mine = {number: self._submit(None, crown.own_step, joined[number], steps[number]) for number in joined}
+        promises = [self.ask(number, leaf.second_of, pair) for number, pair in taken.items()]
+        mine = {number: self.ask(None, crown.own_step, joined[number], steps[number]) for number in joined}
         promised, own = self.gather([promises, mine])
         gained, points, braked = crown.sum_of(promised).tolist()
         values = {number: at.values[number] + step for number, (step, _, _) in own.items()}
         braked = 0.5 * damping * (braked + sum(square for _, square, _ in own.values()))
         gained -= sum(pulled for _, _, pulled in own.values())
-        ahead = {number: self._submit(number, leaf.first_of, pair) for number, pair in taken.items()}
-        return Step(self._state(ahead, values, priors), 0.5 * (gained + points) + braked, braked)
+        ahead = {number: self.ask(number, leaf.first_of, pair) for number, pair in taken.items()}
+        moved = replace(self._state(ahead, values, priors), points=at.points)
+        return Step(moved, 0.5 * (gained + points) + braked, braked)
 
     def descend(
         self, begin: BlockAt, priors: SeparatorPriors, robust: str, tolerance: float, most: int,
-        history: list[Iteration], progress: Progress,
+        history: list[Iteration], progress: Progress, hold: Hold | None = None,
     ) -> Descent[BlockAt]:  # fmt: skip
         """Iterate from a state as `GaussNewton.run` does; the history grows by a row a step."""
         first = len(history)
@@ -144,17 +156,17 @@ class Workers:
             history.append(Iteration(at.cost, taken.promised, damping))
             return taken
 
-        reweighting = WEIGHTS[robust] is not least_squares
+        reweighting = WEIGHTS[robust] is not least_squares or hold is not None
         return descend(
             begin, step, lambda at: max(1.0, 2.0 * at.cost / max(at.freedom, 1.0)), most,
-            (lambda at: self.reweighted(at, robust, priors)) if reweighting else None, tolerance,
+            (lambda at: self.reweighted(at, robust, priors, hold)) if reweighting else None, tolerance,
         )  # fmt: skip
 
     def precise(self, at: BlockAt, priors: SeparatorPriors) -> tuple[dict[int, Any], dict[int, np.ndarray]]:
         """Return references to the leaves' cofactors (`leaf.LeafPrecision`), and those of the separators' cameras."""
         gone, joined = self._up(at, 0.0, priors)
         inverses, above = self._down(joined, crown.invert)
-        own = {number: self._submit(None, crown.own_inverse, joined[number], inverses[number]) for number in joined}
+        own = {number: self.ask(None, crown.own_inverse, joined[number], inverses[number]) for number in joined}
         return self.every(leaf.precise, self.leaves, at.leaves, gone, above), self.gather(own)
 
 

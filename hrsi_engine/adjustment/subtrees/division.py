@@ -49,6 +49,10 @@ class Division:
         deepest = np.minimum.reduceat(self.node_of_camera[observations.camera], observations.first[:-1])
         return np.asarray(self.leaf_below[deepest])
 
+    def leaf_of_pairs(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Return the leaf where something is said of pairs of cameras ``(k,)``, by the same rule as for points."""
+        return np.asarray(self.leaf_below[np.minimum(self.node_of_camera[rows], self.node_of_camera[columns])])
+
 
 def divide(pattern: Pattern, most: int = 0) -> Division:
     """Return the division of a block into leaves of at most so many cameras (0: as suits the block)."""

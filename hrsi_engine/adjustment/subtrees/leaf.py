@@ -17,6 +17,7 @@ from ...refinement.model import RefinementModel
 from ..equations import NormalEquations, Normals, Pattern, PointPriors, State, find_pattern
 from ..equations.camera_system import scaled_blocks, unit_scales
 from ..equations.nested_dissection import SparseFactor
+from ..joint_prior import JointPrior
 from ..observations import Observations
 from ..weights import WEIGHTS
 from .crown import BorderInverse, Steps, Update, unknowns
@@ -36,12 +37,15 @@ class Leaf:
         Numbers of its cameras in the block, sorted.
     inner : (c,) ndarray
         Which of them no other leaf sees.
+    earlier : JointPrior, optional
+        The part of what an earlier adjustment says of cameras that is said here.
     """
 
     observations: Observations
     model: RefinementModel
     cameras: np.ndarray
     inner: np.ndarray
+    earlier: JointPrior | None = None
     _made: tuple[Pattern, NormalEquations, SparseFactor] | None = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -49,8 +53,9 @@ class Leaf:
 
     @property
     def pattern(self) -> Pattern:
-        """Which of its cameras share points."""
-        return find_pattern(self.observations, len(self.model.parameters))
+        """Which of its cameras share points, or are known together."""
+        pairs = None if self.earlier is None else self.earlier.pairs
+        return find_pattern(self.observations, len(self.model.parameters), pairs)
 
     @property
     def made(self) -> tuple[Pattern, NormalEquations, SparseFactor]:
@@ -125,14 +130,17 @@ def begin(leaf: Leaf, stored: Callable[[], LeafStart]) -> LeafAt:
 
 
 def _at(leaf: Leaf, start: LeafStart, state: State) -> LeafAt:
-    _, equations, _ = leaf.made
+    pattern, equations, _ = leaf.made
     normals = equations.normals(state, start.image * start.robust, start.points, start.contributes)
+    if leaf.earlier is not None:
+        leaf.earlier.add_to(normals, state.values, pattern)
     residual, observations = normals.residual, leaf.observations
     used = start.contributes[observations.point]
     lengths = np.einsum("nc,nc->n", residual, residual) * start.image * start.robust
     squares = float(lengths @ used) + start.points.sum_of_squares(state.ground, start.contributes)
     prior = np.where(np.isinf(start.prior), 0.0, start.prior)[leaf.inner]
     squares += float(np.sum(prior * state.values[leaf.inner] ** 2))
+    squares += 0.0 if leaf.earlier is None else 2.0 * leaf.earlier.cost(state.values)
     rows = int(((start.image > 0.0) & used).sum())
     freedom = 2 * rows + int(start.points.observed[start.contributes].sum())
     freedom -= 3 * int(start.contributes.sum()) + int((prior > 0.0).sum())
@@ -144,10 +152,16 @@ def sums_of(at: LeafAt) -> tuple[float, float]:
     return at.sums
 
 
-def reweight(leaf: Leaf, at: LeafAt, robust: str) -> LeafAt:
-    """Return the same state with robust factors from its residuals."""
+def points_of(at: LeafAt) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of a leaf's points, and their cofactors for the cameras as they are."""
+    return at.state.ground, at.normals.inverse
+
+
+def reweight(leaf: Leaf, at: LeafAt, robust: str, stored: Callable[[], PointPriors] | None = None) -> LeafAt:
+    """Return the same state with robust factors from its residuals, and with other priors of its points, if any."""
     t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(at.start.image)
-    return _at(leaf, at.start._replace(robust=WEIGHTS[robust](t)), at.state)
+    points = at.start.points if stored is None else stored()
+    return _at(leaf, at.start._replace(robust=WEIGHTS[robust](t), points=points), at.state)
 
 
 def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
@@ -234,7 +248,7 @@ def precise(leaf: Leaf, at: LeafAt, eliminated: Eliminated, above: BorderInverse
 def part_of(observations: Observations, points: np.ndarray, own: np.ndarray) -> tuple[Observations, np.ndarray]:
     """Return the observations of some points, counted from a leaf's first ones, and the numbers of its cameras.
 
-    ``own`` are the cameras that are the leaf's whether a point sees them or not.
+    ``own`` are cameras that are the leaf's whether a point sees them or not.
     """
     lost = np.ones(len(observations.points), dtype=bool)
     lost[points] = False

@@ -7,7 +7,7 @@ fetched leaf by leaf; while the loop iterates nothing of that length is moved.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -20,11 +20,12 @@ from ...foundation.progress import Progress
 from ...refinement.model import RefinementModel
 from ..equations import Cofactors, Normals, Pattern, PointPriors, State
 from ..gauss_newton import ROBUST_TOLERANCE, GaussNewton, Solution, Weighting
+from ..joint_prior import JointPrior
 from ..observations import Observations
 from ..weights import WEIGHTS, least_squares
 from .descent import BlockAt, SeparatorPriors, Workers
 from .division import Division, divide
-from .leaf import Leaf, LeafAt, LeafStart, part_of
+from .leaf import Leaf, LeafAt, LeafStart, part_of, points_of
 
 
 class Deposit(Protocol):
@@ -103,16 +104,24 @@ class Shares:
     deposit: Deposit
 
     @classmethod
-    def of(cls, observations: Observations, model: RefinementModel, pattern: Pattern, elsewhere: Elsewhere) -> Shares:
-        """Cut a block along its tree and lay the leaves down."""
+    def of(
+        cls, observations: Observations, model: RefinementModel, pattern: Pattern, elsewhere: Elsewhere,
+        earlier: JointPrior | None = None,
+    ) -> Shares:  # fmt: skip
+        """Cut a block along its tree, and with it what is known of its cameras together, and lay the leaves down."""
         division = divide(pattern)
         leaf_of_point = division.leaf_of_points(observations)
+        known = None if earlier is None else division.leaf_of_pairs(*earlier.pairs)
         leaves, shares = {}, {}
         for number in division.leaves:
             points = np.flatnonzero(leaf_of_point == number)
-            part, cameras = part_of(observations, points, division.nodes[number].own)
-            inner = np.isin(cameras, division.nodes[number].own)
-            leaf = Leaf(part, model, cameras, inner)
+            own_cameras = division.nodes[number].own
+            said = np.flatnonzero(known == number) if known is not None else np.zeros(0, dtype=np.int64)
+            together = [pairs[said] for pairs in earlier.pairs] if earlier is not None else []
+            part, cameras = part_of(observations, points, np.unique(np.concatenate([own_cameras, *together])))
+            inner = np.isin(cameras, own_cameras)
+            prior = earlier.part(said, cameras) if earlier is not None and len(said) else None
+            leaf = Leaf(part, model, cameras, inner, prior)
             own = leaf.pattern
             blocks = pattern.find(cameras[own.rows], cameras[own.columns])
             rows, _ = observations.rows_of(points)
@@ -144,15 +153,33 @@ class WorkersLoop(GaussNewton):
     ) -> Solution:
         if WEIGHTS[robust] is not least_squares:
             tolerance = max(tolerance, ROBUST_TOLERANCE)
-        begin = self._begin(state, weighting, factor)
+        begin = replace(self._begin(state, weighting, factor), points=weighting.points if self.held else None)
         ended = self.shares.workers.descend(
-            begin, self._priors, robust, tolerance, self.max_iterations, self.history, progress
-        )
+            begin, self._priors, robust, tolerance, self.max_iterations, self.history, progress,
+            self._judge_held if self.held else None,
+        )  # fmt: skip
         self.solves += ended.steps
+        weighting = weighting if ended.at.points is None else replace(weighting, points=ended.at.points)
         solution = self._fetched(ended.at, weighting, len(factor))
         solution = replace(solution, converged=ended.converged, status=ended.status)
         self._last = solution, self.prior_weight, ended.at
         return solution
+
+    def _judge_held(self, at: BlockAt) -> tuple[PointPriors, Mapping[int, Callable[[], PointPriors]]]:
+        """Judge what holds points where they are now: how well a source fits shows in all of the block only."""
+        there, points = self.shares, len(self.rows_per_point)
+        ground, inverse = np.empty((points, 3)), np.empty((points, 3, 3))
+        places = {number: there.workers.ask(number, points_of, at.leaves[number]) for number in there.shares}
+        for number, share in there.shares.items():
+            ground[share.points], inverse[share.points] = there.workers.gather(places[number])
+        priors = at.points
+        for held in self.held:
+            priors = held.apply(priors, ground, inverse)
+        parts = {
+            number: there.deposit.put(f"points_{number}", _some(priors, share.points))
+            for number, share in there.shares.items()
+        }
+        return priors, parts
 
     @property
     def _separators(self) -> dict[int, np.ndarray]:
