@@ -37,8 +37,8 @@ class BlockAt:
     points: PointPriors | None = None
 
 
-#: Judges what holds points: returns the new priors of all, and for each leaf what returns those of its own.
-Hold = Callable[[BlockAt], tuple[PointPriors, Mapping[int, Callable[[], PointPriors]]]]
+#: Judges what holds points, under their priors: returns the new priors of all, and what returns those of each leaf.
+Hold = Callable[[BlockAt, PointPriors], tuple[PointPriors, Mapping[int, Callable[[], PointPriors]]]]
 
 
 class Workers:
@@ -92,7 +92,7 @@ class Workers:
 
     def reweighted(self, at: BlockAt, robust: str, priors: SeparatorPriors, hold: Hold | None = None) -> BlockAt:
         """Return the same state with robust factors from its residuals, and from what holds points."""
-        points, parts = (None, None) if hold is None else hold(at)
+        points, parts = (None, None) if hold is None or at.points is None else hold(at, at.points)
         leaves = self.every(leaf.reweight, self.leaves, at.leaves, robust, parts)
         return replace(self._state(leaves, at.values, priors), points=points)
 

@@ -165,14 +165,15 @@ class WorkersLoop(GaussNewton):
         self._last = solution, self.prior_weight, ended.at
         return solution
 
-    def _judge_held(self, at: BlockAt) -> tuple[PointPriors, Mapping[int, Callable[[], PointPriors]]]:
+    def _judge_held(
+        self, at: BlockAt, priors: PointPriors
+    ) -> tuple[PointPriors, Mapping[int, Callable[[], PointPriors]]]:
         """Judge what holds points where they are now: how well a source fits shows in all of the block only."""
         there, points = self.shares, len(self.rows_per_point)
         ground, inverse = np.empty((points, 3)), np.empty((points, 3, 3))
         places = {number: there.workers.ask(number, points_of, at.leaves[number]) for number in there.shares}
         for number, share in there.shares.items():
             ground[share.points], inverse[share.points] = there.workers.gather(places[number])
-        priors = at.points
         for held in self.held:
             priors = held.apply(priors, ground, inverse)
         parts = {
