@@ -37,16 +37,18 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
         **context.record, "points": len(ground),
         "measurements": len(measured), "reference": found.entries, "warnings": found.warnings,
     }  # fmt: skip
-    layers = [_layer(LAYER, found, used=True), _layer(REJECTED, found, used=False)]
+    sigma_m = tuple(ground.sigma_m[0])
+    layers = [_layer(LAYER, found, sigma_m, used=True), _layer(REJECTED, found, sigma_m, used=False)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
 
-def _layer(name: str, found: FromReference, used: bool) -> Layer:
-    """Return the matches that agree, or those that do not, at the positions of their places in the reference."""
+def _layer(name: str, found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:
+    """Return the matches that agree, or those that do not, at the positions of their places in the reference.
+
+    ``sigma_m`` is that of a horizontal coordinate and of the height of each place.
+    """
     control = found.control
-    most = max(int(part.used.sum()) for part in control.images)
-    sigma_xy, sigma_h = found.accuracy.of_points(most)
     rows = [(part, part.used == used) for part in control.images]
     place = np.concatenate([part.places[here] for part, here in rows])
     ground = control.ground[place]
@@ -61,7 +63,7 @@ def _layer(name: str, found: FromReference, used: bool) -> Layer:
         "sample": xy[:, 0], "line": xy[:, 1],
         "sigma": np.concatenate([part.sigma_px[here] for part, here in rows]),
         "quality": np.concatenate([part.score[here] for part, here in rows]),
-        "sigma_xy": np.full(len(place), sigma_xy), "sigma_h": np.full(len(place), sigma_h),
+        "sigma_xy": np.full(len(place), sigma_m[0]), "sigma_h": np.full(len(place), sigma_m[1]),
         "survey_lon": ground[:, 0], "survey_lat": ground[:, 1], "survey_height": ground[:, 2],
         "residual_sample_px": left[:, 0], "residual_line_px": left[:, 1],
     }  # fmt: skip

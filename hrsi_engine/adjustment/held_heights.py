@@ -21,13 +21,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ..block.shared_accuracy import DEM, parts_of_area
 from ..surface.dem import HeightSurface, surface_heights
 from .equations import FREE_POINT_SIGMA_M, PointPriors
 from .result import HeightAgreement
-from .shared_errors import ErrorSource, Judged, compare, parts_of_area, sigma_factor
+from .shared_errors import ErrorSource, Judged, compare, sigma_factor
 
 LEAST_BY_RAYS = 1e-4  # share of a height that comes from rays; below, nothing judges what holds it
-DEM_COMMON = 0.4  # of a DEM's sigma: what the cells of a part share, and again what all of it shares
 
 
 class HeightRows(NamedTuple):
@@ -74,11 +74,11 @@ class DemHeights:
 
     @property
     def common_m(self) -> float:
-        return DEM_COMMON * self.sigma_m
+        return DEM.by_part * self.sigma_m
 
     @property
     def overall_m(self) -> float:
-        return DEM_COMMON * self.sigma_m
+        return DEM.by_all * self.sigma_m
 
     def rows(self, ground: np.ndarray) -> HeightRows:
         """Return the heights of the DEM where the points lie."""

@@ -18,12 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..block.reference_places import OF_A_PLACE, SHARED_BY_ALL, SHARED_BY_PART, ReferencePlaces
+from ..block.reference_places import ReferencePlaces
+from ..block.shared_accuracy import ORTHOIMAGE, parts_of_area
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .equations import FREE_POINT_SIGMA_M, PointPriors
 from .held_heights import LEAST_BY_RAYS
 from .result import PlanAgreement, PlanGroup
-from .shared_errors import Judged, compare, parts_of_area, sigma_factor
+from .shared_errors import Judged, compare, sigma_factor
 
 EAST_NORTH = (0, 1)  # east and north among a point's coordinates
 
@@ -62,16 +63,16 @@ class HeldPlan:
 
     @property
     def common_m(self) -> float:
-        return SHARED_BY_PART * self.places.sigma_m
+        return ORTHOIMAGE.by_part * self.places.sigma_m
 
     @property
     def overall_m(self) -> float:
-        return SHARED_BY_ALL * self.places.sigma_m
+        return ORTHOIMAGE.by_all * self.places.sigma_m
 
     def begin(self, priors: PointPriors) -> None:
         """Enter the places into the priors of the start, before anything judges them."""
         count = len(self.points)
-        weight = 1.0 / ((OF_A_PLACE * self.places.sigma_m) ** 2 + count * self.overall_m**2)
+        weight = 1.0 / ((ORTHOIMAGE.own * self.places.sigma_m) ** 2 + count * self.overall_m**2)
         for axis in EAST_NORTH:
             priors.target[self.points, axis] = self.places.ground[:, axis]
             priors.weight[self.points, axis] = weight
@@ -97,7 +98,7 @@ class HeldPlan:
         away = np.zeros((len(self.points), 3))
         away[:, EAST_NORTH] = self._away_m(ground)
         miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)
-        rows = PlaceRows(np.full(len(self.points), OF_A_PLACE * self.places.sigma_m), self._part)
+        rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE.own * self.places.sigma_m), self._part)
         judged = [Judged(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
         if self.estimate:
             both = float(np.sqrt(np.mean([sigma_factor(one) ** 2 for one in judged])))

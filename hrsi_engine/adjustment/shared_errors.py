@@ -25,7 +25,6 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from ..foundation.robust_scale import robust_sigma
-from ..ground.geodesy import ground_difference_m
 from .result import SourceGroup
 
 LOST = 1e-3  # weight factor below which an observation counts as left out
@@ -36,10 +35,6 @@ DECIDED_BY = 4.0  # by how much (chi²) one opinion on the block's place must be
 LEAST_OF_GROUP = 3  # observations, below which a group is judged by its members alone
 BELIEVED = 20.0  # observations that the sigma as given counts for in its variance component
 SIGMA_FACTORS, HALVINGS = (0.5, 5.0), 12  # of a sigma, and steps to find one
-LEAST_PART_M, PARTS_A_SIDE = (
-    500.0,
-    4,
-)  # least side of the parts of a raster that are tested as such; most of them a side
 
 
 class ErrorSource(Protocol):
@@ -288,20 +283,3 @@ def _joined_at(
         total += float(cost[chosen])
         wrong[here] = (squares[chosen] > limit) | (own[chosen] > limit)
     return total, wrong
-
-
-def parts_of_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the part of the area that each place of ``ground (k, 3)`` lies in, and what the parts are called."""
-    if not len(ground):
-        return np.zeros(0, dtype=np.int64), ()
-    away = ground_difference_m(ground, np.broadcast_to(ground[0], (len(ground), 3)))[:, :2]
-    low, size = away.min(axis=0), np.ptp(away, axis=0)
-    side = max(LEAST_PART_M, float(size.max()) / PARTS_A_SIDE)
-    columns, rows = np.maximum(np.ceil(size / side), 1).astype(int)
-    place = np.minimum(((away - low) / side).astype(np.int64), [columns - 1, rows - 1])
-    numbers, part = np.unique(place[:, 1] * columns + place[:, 0], return_inverse=True)
-    names = []
-    for number in range(len(numbers)):
-        lon, lat = np.median(ground[part == number, :2], axis=0)
-        names.append(f"part about {lon:.4f}, {lat:.4f}")
-    return part, tuple(names)

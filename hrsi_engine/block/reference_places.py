@@ -1,18 +1,10 @@
-"""Places of a reference orthoimage: their position in plan is known from it, and they are measured on images.
-
-All of an orthoimage was placed by the same orbit, GCPs and mosaic: most of its error is the same everywhere in a scene
-(`SHARED_BY_ALL` of its standard deviation), some changes from part to part with strips and seams (`SHARED_BY_PART`),
-and the rest from place to place.
-"""
+"""Places of a reference orthoimage: their position in plan is known from it, and they are measured on images."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-SHARED_BY_ALL, SHARED_BY_PART = 0.8, 0.4  # of a reference's standard deviation
-OF_A_PLACE = float(np.sqrt(1.0 - SHARED_BY_ALL**2 - SHARED_BY_PART**2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,8 +127,7 @@ def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
     """Return the GCPs and their measurements, those that agree."""
     control = found.control
     seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
-    most = max((int(part.used.sum()) for part in control.images), default=0)
-    sigma = np.tile(found.accuracy.of_points(most), (len(seen), 1))
+    sigma = np.tile(found.accuracy.of_points(control.ground[seen]), (len(seen), 1))
     ids = np.char.add(PREFIX, np.char.lstrip(control.ids, "R"))
     ground = GroundPoints.create(ids[seen], control.ground[seen], Role.GCP, sigma, found.entries["path"])
     rows = [(part, part.used) for part in control.images]

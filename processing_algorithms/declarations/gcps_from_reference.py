@@ -37,9 +37,9 @@ ALGORITHM = Algorithm(
         "image should show, and matching finds it there. RPCs may be off by hundreds of pixels, the orthoimage may be "
         "of another season or sensor and coarser than the images. Matches that do not follow one bias of the image "
         "are left out. The GCPs have their position from the orthoimage, their height from the DEM (above the "
-        "ellipsoid), and sigmas such that all points of the reference together count as four independent ones of its "
-        "accuracy, because errors of an orthoimage are alike over wide areas. A reference that lies farther beside the "
-        "RPCs than ERR_BIAS and its own sigma explain is named.\n\n"
+        "ellipsoid), and sigmas such that all points of the reference together count as what they share: 0.8 of its "
+        "sigma and a little more, because errors of an orthoimage are alike over wide areas. A reference that lies "
+        "farther beside the RPCs than ERR_BIAS and its own sigma explain is named.\n\n"
         "The layer gcps is ready for adjust and triangulate; triangulate with its `reference` does both in one go."
     ),
     options=GcpsFromReferenceOptions,

@@ -12,9 +12,9 @@ from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.block.shared_accuracy import parts_of_area
 from hrsi.hrsi_engine.io.reference_images import open_reference
 from hrsi.hrsi_engine.measurement.reference.checks import (
-    INDEPENDENT_POINTS,
     MeasuredGcps,
     ReferenceAccuracy,
     contradiction,
@@ -193,10 +193,17 @@ def test_surveyed_gcps_contradict_a_displaced_reference(scene):
 
 
 def test_points_of_a_reference_together_are_no_better_than_it_is():
-    sigma_xy, sigma_h = ReferenceAccuracy(2.0, 1.0).of_points(400)
-    assert sigma_xy / np.sqrt(400) == pytest.approx(2.0 / np.sqrt(INDEPENDENT_POINTS))
-    assert sigma_h / np.sqrt(400) == pytest.approx(1.0 / np.sqrt(INDEPENDENT_POINTS))
-    assert ReferenceAccuracy(2.0, 1.0).of_points(3) == (2.0, 1.0)
+    """The mean of independent errors of these sigmas is as large as that of errors that an orthoimage shares."""
+    rng = np.random.default_rng(1)
+    ground = np.column_stack([rng.uniform(0.0, 0.05, (400, 2)), np.zeros(400)])
+    part, names = parts_of_area(ground)
+    draws = 4000
+    shared = 0.8 * rng.normal(size=(draws, 1)) + 0.4 * rng.normal(size=(draws, len(names)))[:, part]
+    own = np.sqrt(1.0 - 0.8**2 - 0.4**2) * rng.normal(size=(draws, 400))
+    sigma_xy, sigma_h = ReferenceAccuracy(2.0, 1.0).of_points(ground)
+    assert sigma_xy / np.sqrt(400) == pytest.approx(2.0 * (shared + own).mean(axis=1).std(), rel=0.05)
+    assert sigma_xy / np.sqrt(400) > 1.6 > sigma_h / np.sqrt(400) > 0.4
+    assert ReferenceAccuracy(2.0, 1.0).of_points(ground[:1]) == pytest.approx((2.0, 1.0))
 
 
 # ---- parts -----------------------------------------------------------------------------------------------------

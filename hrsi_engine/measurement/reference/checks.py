@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
+from ...block.shared_accuracy import DEM, ORTHOIMAGE
 from .matching import ImageControl, ReferenceControl
 
 REFERENCE_LIMIT = 3.5  # standard deviations; 0.2 % of good references exceed it
 UNKNOWN_BIAS_M = 15.0  # of an RPC that states no ERR_BIAS, each horizontal coordinate
-INDEPENDENT_POINTS = 4.0  # all points of a reference together count as so many: its errors are alike over wide areas
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,9 @@ class ReferenceAccuracy:
     sigma_xy_m: float
     sigma_h_m: float
 
-    def of_points(self, count: int) -> tuple[float, float]:
-        """Return the sigmas of each of ``count`` points, so that together they are `INDEPENDENT_POINTS`."""
-        more = float(np.sqrt(max(count / INDEPENDENT_POINTS, 1.0)))
-        return more * self.sigma_xy_m, more * self.sigma_h_m
+    def of_points(self, ground: np.ndarray) -> tuple[float, float]:
+        """Return the sigmas of each of the points ``ground (k, 3)``: as GCPs, they know nothing of what they share."""
+        return ORTHOIMAGE.of_each(self.sigma_xy_m, ground), DEM.of_each(self.sigma_h_m, ground)
 
 
 @dataclass(frozen=True)

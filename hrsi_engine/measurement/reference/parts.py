@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
+from ...block.shared_accuracy import ORTHOIMAGE
 from ...foundation.robust_scale import robust_sigma
 from .checks import ReferenceAccuracy
 from .matching import ImageControl, ReferenceControl
@@ -21,7 +22,6 @@ from .matching import ImageControl, ReferenceControl
 PARTS = 3  # along each side of the ground
 LEAST_OF_PART = 4  # places of an image, by which a part is judged
 PART_WRONG = 3.5  # standard deviations
-PART_SHARE = 0.25  # of a reference's sigma by which its parts differ anyway
 IMAGE_DRIFT_M = 1.0  # by which an image's own bias differs from part to part
 
 
@@ -68,7 +68,7 @@ def without_wrong_parts(
             middle[index] = np.mean(own, axis=0)
             spread = [1.57 * robust_sigma(value - at) ** 2 / len(value) for value, at in zip(values, own, strict=True)]
             variance[index] = float(np.sum(spread)) / len(values) ** 2
-    variance += (PART_SHARE * accuracy.sigma_xy_m) ** 2 + IMAGE_DRIFT_M**2
+    variance += (ORTHOIMAGE.by_part * accuracy.sigma_xy_m) ** 2 + IMAGE_DRIFT_M**2
     known = np.flatnonzero(np.isfinite(variance))
     if len(known) < 3:
         return control, []

@@ -1,0 +1,64 @@
+"""What the observations of an orthoimage or a DEM have in common of their errors, and what many of them are worth.
+
+All of an orthoimage was placed by the same orbit, GCPs and mosaic: most of its error is the same everywhere in a scene,
+some changes from part to part with strips and seams, and the rest from place to place. Sentinel-2's refined products
+lie 8 m off and two dates of them 5 m apart (both 95 %, circular; ESA 2021): 3.3 m a coordinate, of which 1.4 m are the
+date's own. So 80 % of the variance comes from what all dates were registered to; nobody states how that is spread over
+a scene, and it is taken as 64 % for all of it and 16 % for its parts. A DEM's errors are those of its cells (slopes,
+what stands on the ground) for the most part.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..ground.geodesy import ground_difference_m
+
+LEAST_PART_M, PARTS_A_SIDE = 500.0, 4  # least side of the parts of an area, and most of them along a side
+
+
+class SharedAccuracy(NamedTuple):
+    """Shares of a source's standard deviation: of what all its observations share, and those of a part of the area."""
+
+    by_all: float
+    by_part: float
+
+    @property
+    def own(self) -> float:
+        """Share of the standard deviation that each observation has by itself."""
+        return float(np.sqrt(1.0 - self.by_all**2 - self.by_part**2))
+
+    def of_each(self, sigma_m: float, ground: np.ndarray) -> float:
+        """Return a sigma for each of the places ``ground (k, 3)`` where nothing knows what they share.
+
+        With it, as independent observations, all of them together count as they do in truth: as well as the mean of
+        what they share and what each has by itself.
+        """
+        parts = np.unique(parts_of_area(ground)[0], return_counts=True)[1]
+        count = len(ground)
+        if not count:
+            return sigma_m
+        shared = count * self.by_all**2 + float(np.sum(parts**2)) / count * self.by_part**2
+        return sigma_m * float(np.sqrt(shared + self.own**2))
+
+
+ORTHOIMAGE, DEM = SharedAccuracy(0.8, 0.4), SharedAccuracy(0.4, 0.4)
+
+
+def parts_of_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the part of the area that each place of ``ground (k, 3)`` lies in, and what the parts are called."""
+    if not len(ground):
+        return np.zeros(0, dtype=np.int64), ()
+    away = ground_difference_m(ground, np.broadcast_to(ground[0], (len(ground), 3)))[:, :2]
+    low, size = away.min(axis=0), np.ptp(away, axis=0)
+    side = max(LEAST_PART_M, float(size.max()) / PARTS_A_SIDE)
+    columns, rows = np.maximum(np.ceil(size / side), 1).astype(int)
+    place = np.minimum(((away - low) / side).astype(np.int64), [columns - 1, rows - 1])
+    numbers, part = np.unique(place[:, 1] * columns + place[:, 0], return_inverse=True)
+    names = []
+    for number in range(len(numbers)):
+        lon, lat = np.median(ground[part == number, :2], axis=0)
+        names.append(f"part about {lon:.4f}, {lat:.4f}")
+    return part, tuple(names)
