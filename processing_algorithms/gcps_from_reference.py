@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..hrsi_engine.block.reference_places import REFERENCE_KIND
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.layers import Layer
 from .block_steps import reference_control
-from .block_steps.reference_control import KIND, PREFIX, FromReference
+from .block_steps.reference_control import PREFIX, FromReference
 from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromReferenceOptions
 from .files.image_files import open_images
 from .files.result_folder import check_folder, plan_folder, write_folder
@@ -59,7 +60,7 @@ def _layer(name: str, found: FromReference, sigma_m: tuple[float, float], used: 
     fields = {
         "id": np.char.add(PREFIX, np.char.lstrip(control.ids[place], "R")),
         "image": np.concatenate([np.full(int(here.sum()), part.image_id) for part, here in rows]),
-        "role": np.full(len(place), "gcp" if used else "tie"), "kind": np.full(len(place), KIND),
+        "role": np.full(len(place), "gcp" if used else "tie"), "kind": np.full(len(place), REFERENCE_KIND),
         "sample": xy[:, 0], "line": xy[:, 1],
         "sigma": np.concatenate([part.sigma_px[here] for part, here in rows]),
         "quality": np.concatenate([part.score[here] for part, here in rows]),

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Block, Image, Role
-from ..block.reference_places import ReferencePlaces
+from ..block.reference_places import REFERENCE_KIND, ReferencePlaces
 from ..refinement.model import Linearise, RefinementModel
 
 COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height
@@ -31,6 +31,7 @@ class Observations:
         not surveyed (an infinite sigma makes a point horizontal or height control only)
     survey_correlation : (m, 3) of east-north, east-height, north-height of each survey; None: all zero
     referenced : (m,) places of a reference, which hold in plan as they are judged (`held_plan`); None: there are none
+    alike : (m,) GCPs of a reference that carry a survey, most of whose error all of them share; None: there are none
     contributes : (n,) whether the measurement has a say in the cameras
     camera_of_image : (images,) which set of parameters an image has; images of one strip may share one
     """
@@ -49,6 +50,7 @@ class Observations:
     camera_of_image: np.ndarray
     survey_correlation: np.ndarray | None = None
     referenced: np.ndarray | None = None
+    alike: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -118,6 +120,7 @@ class Observations:
             self.survey_weight[~lost], self.contributes[keep], self.camera_of_image,
             None if self.survey_correlation is None else self.survey_correlation[~lost],
             None if self.referenced is None else self.referenced[~lost],
+            None if self.alike is None else self.alike[~lost],
         )  # fmt: skip
 
     def linearisers(self, model: RefinementModel) -> list[Linearise]:
@@ -129,7 +132,7 @@ def select(block: Block, check_as_ties: bool = False, reference: ReferencePlaces
     """Return the measurements of every point whose position can be computed.
 
     ``check_as_ties`` lets the image points of check points (not their survey) take part in the cameras' estimation.
-    GCPs that are places of a ``reference`` carry no survey.
+    GCPs that are places of a ``reference`` carry no survey; those that matching with one gave as GCPs carry theirs.
     """
     control = block.points.role == Role.GCP
     usable = control | (block.rays_per_point() >= 2)
@@ -175,7 +178,21 @@ def subset(
         contributes=contributing[chosen.point],
         camera_of_image=np.arange(len(block.images), dtype=np.int32),
         survey_correlation=correlation,
+        alike=_matched_with_reference(block, rows, point, surveyed[points]),
     )
+
+
+def _matched_with_reference(
+    block: Block, rows: np.ndarray, point: np.ndarray, surveyed: np.ndarray
+) -> np.ndarray | None:
+    """Return which ``surveyed (m,)`` points were found by matching with a reference; None: none was."""
+    of_gcps = surveyed[point]
+    places = point[of_gcps][block.measurements.kind[rows[of_gcps]] == REFERENCE_KIND]
+    if not len(places):
+        return None
+    alike = np.zeros(len(surveyed), dtype=bool)
+    alike[places] = True
+    return alike
 
 
 def _survey_weights(block: Block, points: np.ndarray, surveyed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -72,7 +72,7 @@ class SigmaEstimation:
         problem, options = self.problem, self.problem.options
         self.groups = Groups.of(problem.block, problem.observations, options.variance_groups, options.sensor_images)
         count = len(self.groups.names)
-        self.sigmas = Sigmas(np.ones(count), np.zeros(count, dtype=bool))
+        self.sigmas = Sigmas.of(self.groups, problem.observations)
         drifts = [believed_priors(image).drift for image in problem.observations.images]
         per_px = float(np.sqrt(np.mean(np.square(drifts))))
         self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift, per_px)
@@ -162,7 +162,7 @@ class SigmaEstimation:
         sums = self.sums.copy()
         sums[:-SURVEYS, 0] = sums[:-SURVEYS, 1]  # those of the image points wait for the next solution
         for _ in range(ROUNDS):
-            variance = ((self.sigmas.factor / before)[-SURVEYS:] ** 2)[group]
+            variance = np.append((self.sigmas.factor / before)[-SURVEYS:] ** 2, 1.0)[group]
             left = np.linalg.solve(np.eye(len(u)) + s * (variance - 1.0), np.column_stack([u, s]))
             own = left[:, 1:].diagonal()
             kind = np.where(variance * own < 1.0 - UNINFORMED, group, SURVEYS)[:, None] == np.arange(SURVEYS)
@@ -194,6 +194,6 @@ class SigmaEstimation:
             return
         if self.sigmas.free.any():
             found.components = summary(self.groups, self.problem.observations, self.sigmas, self.sums)
-            found.warnings += wrong_sigmas(found.components)
+            found.warnings += wrong_sigmas(found.components, self.groups.cautious)
         if self.drifts:
             found.components += self.drift.summary()

@@ -99,8 +99,11 @@ class Adjuster(Snooping):
             solution = self.without_wrong_control(solution, stage(progress, 0.6, 0.7))
         else:
             solution = self.solve(None, progress)
-        solution, precise = self.with_fitting_sigmas(solution, stage(progress, 0.7, 0.9))
-        if self.sigmas.tried and rejecting:  # once more: by sigmas as they are
+        solution, precise = self.with_fitting_sigmas(solution, stage(progress, 0.7, 0.8))
+        if self.sigmas.tried and rejecting:  # once more: by drifts and sigmas as they are
+            settled, solution = solution, self.settled(solution, silent)
+            if solution is not settled:
+                solution, precise = self.in_rounds(solution, stage(progress, 0.8, 0.9))
             settled, solution = solution, self.without_wrong_control(solution, stage(progress, 0.9, 1.0))
             if solution is not settled:
                 precise = precision(self.loop, solution)
@@ -125,6 +128,12 @@ class Adjuster(Snooping):
         if sigmas.begin(self.loop, solution) and sigmas.drifts:
             solution = self.loop.run_on(solution, *how)
             sigmas.test_few_surveys(self.loop, solution)
+        return self.in_rounds(solution, progress)
+
+    def in_rounds(self, solution: Solution, progress: Progress) -> tuple[Solution, Precision]:
+        """Estimate sigmas and adjust with them in turn until they settle; also the precision."""
+        sigmas = self.sigmas
+        how = self.problem.options.robust, self.problem.options.tolerance, silent
         for number in range(ROUNDS if sigmas.tried else 0):
             advance(progress, number / ROUNDS, "sigmas from the residuals")
             change = sigmas.update(self.loop, solution)

@@ -3,7 +3,10 @@
 For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g tells
 how wrong its sigma was. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the block
 does not control (r_g small) keeps its sigma. Surveys with correlated coordinates are a group of their own, whose
-covariances are scaled as a whole: east, north and height can hardly be told apart there.
+covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are places of a
+reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it. And no
+matching is better than `LEAST_SIGMA_PX`, however well points without noise fit one another: what a model does not
+follow, some hundredths of a pixel, would count as blunders.
 
 Image points may be told apart by what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one
 sensor where the user says so, or else where their pixels are equally large on the ground.
@@ -17,13 +20,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Block, Image
+from ..block.laser import LASER_KIND
 from ..block.pointing import middle_gsds_m
+from ..block.reference_places import REFERENCE_KIND
 from .gauss_newton import Solution
 from .observations import Observations
 from .precision import Precision
 from .result import VarianceComponent
 
 LEAST_GROUP_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
+LEAST_SIGMA_PX = 0.02  # the best that least-squares matching reaches in images (Förstner 1982, Grün 1985)
 OF_SURVEYOR = 6.0  # observations that the factor of all surveys counts for in each of their groups
 UNINFORMED = 1e-5  # share of a survey in its own adjusted coordinate below which it says nothing of its sigma
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
@@ -84,10 +90,15 @@ GROUPINGS: dict[str, tuple[Grouping, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' come after them."""
+    """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' come after them.
+
+    cautious : names of groups whose sigmas matching made larger than what images tell of each other: it knows how well
+        a place is found in a reference, or at least under a laser point, which is the same on all images
+    """
 
     of_image_point: np.ndarray
     names: tuple[str, ...]
+    cautious: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -104,7 +115,24 @@ class Groups:
             number = number * len(more) + another
             names = [", ".join(filter(None, (name, extra))) for name in names for extra in more]
         titles = [f"image points: {name}" if name else "image points" for name in names]
-        return cls(number, (*titles, *SURVEY_GROUPS))
+        kind = block.measurements.kind[observations.rows]
+        others = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
+        count = np.bincount(number, others, minlength=len(titles))
+        cautious = frozenset(title for title, rest in zip(titles, count.tolist(), strict=True) if not rest)
+        return cls(number, (*titles, *SURVEY_GROUPS), cautious)
+
+    def given(self, observations: Observations) -> np.ndarray:
+        """Return the median of each group's sigmas as they are given, NaN for one that does not occur."""
+        given = np.full(len(self.names), np.nan)
+        order = np.lexsort((observations.sigma_px, self.of_image_point))
+        count = np.bincount(self.of_image_point, minlength=len(given) - SURVEYS)
+        middle = np.cumsum(count) - count + count // 2
+        given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
+        surveyed = observations.survey_weight > 0.0
+        for group in range(SURVEYS):
+            chosen = observations.survey_weight[surveyed & (survey_groups(observations) == group)]
+            given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
+        return given
 
 
 def components(groups: Groups, observations: Observations, solution: Solution, precise: Precision) -> np.ndarray:
@@ -133,13 +161,14 @@ def components(groups: Groups, observations: Observations, solution: Solution, p
 
 
 def survey_groups(observations: Observations) -> np.ndarray:
-    """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``."""
-    return np.where(observations.correlated[:, None], 2, [0, 0, 1])
+    """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``; `SURVEYS`: to none."""
+    groups = np.where(observations.correlated[:, None], 2, [0, 0, 1])
+    return groups if observations.alike is None else np.where(observations.alike[:, None], SURVEYS, groups)
 
 
 @dataclass(eq=False)
 class Sigmas:
-    """The factors found so far, one a group; those of groups that are not ``free`` stay.
+    """The factors found so far, one a group, not below ``least``; those of groups that are not ``free`` stay.
 
     The surveys' groups are of one surveyor, whose factor counts for `OF_SURVEYOR` observations of each: the heights of
     few GCPs, say, the block hardly controls.
@@ -147,6 +176,15 @@ class Sigmas:
 
     factor: np.ndarray
     free: np.ndarray
+    least: np.ndarray
+
+    @classmethod
+    def of(cls, groups: Groups, observations: Observations) -> Sigmas:
+        """Return the sigmas as given, none of them free."""
+        given, count = groups.given(observations), len(groups.names)
+        least = np.zeros(count)
+        least[:-SURVEYS] = np.minimum(LEAST_SIGMA_PX / given[:-SURVEYS], 1.0)
+        return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least))
 
     def update(self, sums: np.ndarray) -> float:
         """Correct the factors; return the largest relative change."""
@@ -157,7 +195,7 @@ class Sigmas:
         if self.free[survey].all() and freedom[survey].sum() >= LEAST_GROUP_FREEDOM:
             surveyor = squares[survey].sum() / freedom[survey].sum()
             wanted[survey] = (OF_SURVEYOR * surveyor + squares[survey]) / (OF_SURVEYOR + freedom[survey])
-        ratio = np.clip(np.sqrt(wanted) / self.factor, 0.2, 5.0)
+        ratio = np.clip(np.maximum(np.sqrt(wanted), self.least) / self.factor, 0.2, 5.0)
         self.factor = self.factor * ratio
         return float(np.abs(ratio - 1.0).max())
 
@@ -174,28 +212,25 @@ class Sigmas:
         r = np.maximum(freedom, LEAST_GROUP_FREEDOM)
         return np.asarray(factor * np.where(estimated, np.sqrt(r / (r - 2.0)), 1.0))
 
+    @property
+    def of_surveys(self) -> np.ndarray:
+        """Factors of `SURVEY_GROUPS` and, as the last, of surveys that keep their sigma."""
+        return np.append(self.factor[-SURVEYS:], 1.0)
+
     def image_weight(self, groups: Groups, given: np.ndarray) -> np.ndarray:
         """Return the weights of the image points for their ``given`` ones."""
         return given / self.factor[groups.of_image_point] ** 2
 
     def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
         """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""
-        return given / self.factor[-SURVEYS:][survey_groups(observations)] ** 2
+        return given / self.of_surveys[survey_groups(observations)] ** 2
 
 
 def summary(
     groups: Groups, observations: Observations, sigmas: Sigmas, sums: np.ndarray
 ) -> tuple[VarianceComponent, ...]:
     """Return the groups that occur, with their sigmas as given and as estimated."""
-    given = np.full(len(groups.names), np.nan)
-    order = np.lexsort((observations.sigma_px, groups.of_image_point))
-    count = np.bincount(groups.of_image_point, minlength=len(given) - SURVEYS)
-    middle = np.cumsum(count) - count + count // 2
-    given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
-    surveyed = observations.survey_weight > 0.0
-    for group in range(SURVEYS):
-        chosen = observations.survey_weight[surveyed & (survey_groups(observations) == group)]
-        given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
+    given = groups.given(observations)
     return tuple(
         VarianceComponent(
             name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
@@ -206,9 +241,15 @@ def summary(
     )  # fmt: skip
 
 
-def wrong_sigmas(found: Sequence[VarianceComponent]) -> list[str]:
-    """Say which sigmas were given wrong by half or more, the worst first and not more than `NAMED_GROUPS`."""
-    wrong = [part for part in found if part.estimated and not 0.67 < part.factor < 1.5]
+def wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
+    """Say which sigmas were given wrong by half or more, the worst first and not more than `NAMED_GROUPS`.
+
+    Of ``cautious`` groups it is no news that their sigmas are too large.
+    """
+    wrong = [
+        part for part in found
+        if part.estimated and (part.factor >= 1.5 or (part.factor <= 0.67 and part.group not in cautious))
+    ]  # fmt: skip
     wrong.sort(key=lambda part: -abs(np.log(part.factor)))
     said = [
         f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "

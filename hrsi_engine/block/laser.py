@@ -13,6 +13,7 @@ import numpy as np
 
 from .columns import Columns
 
+LASER_KIND = "laser"  # of the image points of ties that are measured at laser points
 DEFAULT_SIGMA_M = 0.3  # of a laser height that states none: land under ICESat-2 in the open (Neuenschwander 2020)
 
 

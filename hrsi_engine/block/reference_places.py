@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+REFERENCE_KIND = "reference"  # of their image points
+
 
 @dataclass(frozen=True, eq=False)
 class ReferencePlaces:

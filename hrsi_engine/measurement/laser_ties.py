@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..block.block import Image
 from ..block.imaging_geometry import rays_up
-from ..block.laser import LaserPoints
+from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
 from ..foundation.streams import open_calls
@@ -34,7 +34,7 @@ LASER_HEIGHT_ROOM_M = 8.0  # by which the ground may lie above or below its lase
 WINDOW_MARGIN_PX = 40
 LEAST_HALF_SIGMA_PX = 0.05  # of a measured position, that windows do not tell
 MATCHED_AT_LASER = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
-LASER_TIE, LASER_TIE_IDS = "laser", "LT"
+LASER_TIE_IDS = "LT"
 
 
 class _Window(NamedTuple):
@@ -183,5 +183,5 @@ def _image_points(images: Sequence[Image], found: Sequence[_Found]) -> ImagePoin
     image_ids = np.array([image.id for image in images])[np.concatenate([part.image for part in found])]
     return ImagePoints.create(
         names, image_ids, np.concatenate([part.xy for part in found]),
-        np.concatenate([part.sigma_px for part in found]), LASER_TIE, source="laser points",
+        np.concatenate([part.sigma_px for part in found]), LASER_KIND, source="laser points",
     )  # fmt: skip

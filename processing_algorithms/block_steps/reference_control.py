@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
-from ...hrsi_engine.block.reference_places import ReferencePlaces
+from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.reference_images import open_reference
@@ -30,7 +30,6 @@ from .inputs import read_block as read_files
 
 SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given, up to that of satellites' own
 SATELLITE_M, SATELLITE_PIXELS = 5.0, 0.5  # Sentinel-2 (12.5 m for 95 %), Landsat (12 m CE90, pixels of 30 m)
-KIND = "reference"
 PREFIX = "REF"
 
 
@@ -136,7 +135,7 @@ def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
         np.concatenate([np.full(int(used.sum()), part.image_id) for part, used in rows]),
         np.concatenate([part.xy[used] for part, used in rows]),
         np.concatenate([part.sigma_px[used] for part, used in rows]),
-        KIND,
+        REFERENCE_KIND,
         np.concatenate([part.score[used] for part, used in rows]),
         found.entries["path"],
     )
@@ -146,7 +145,7 @@ def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
 def contradicts(found: FromReference, block: Block) -> str:
     """Return what to say where the surveyed GCPs of a block contradict the reference; nothing where they do not."""
     rows = block.measurements
-    surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != KIND)
+    surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != REFERENCE_KIND)
     gcps = []
     for index, image in enumerate(block.images):
         here = surveyed & (rows.image == index)

@@ -65,8 +65,8 @@ def test_layer_is_read_back_as_gcps(block, tmp_path):
     )
     assert tables.ground is not None and tables.image is not None
     assert len(tables.ground) == report["points"] and len(tables.image) == report["measurements"]
-    used = max(image["used"] for image in report["reference"]["images"].values())
-    np.testing.assert_allclose(tables.ground.sigma_m[:, 0], 1.5 * np.sqrt(used / 4.0), rtol=1e-6)
+    # 0.8 of the sigma is shared by all, 0.4 by those of a part of the area: this one is too small for parts
+    np.testing.assert_allclose(tables.ground.sigma_m[:, 0], 1.5 * np.sqrt(0.8 * report["points"] + 0.2), rtol=1e-6)
     assert np.all((tables.ground.ground[:, 2] > 150.0) & (tables.ground.ground[:, 2] < 350.0))
     assert np.all((tables.image.sigma_px > 0.0) & (tables.image.sigma_px < 1.0))
     adjusted = run(
@@ -74,6 +74,10 @@ def test_layer_is_read_back_as_gcps(block, tmp_path):
         report=False, output_dir=str(tmp_path / "adjusted"),
     )  # fmt: skip
     assert adjusted["control"]["points"] == report["points"]
+    # their scatter, some centimetres, is not taken for what all of them may be off by
+    (part,) = adjusted["parts"]
+    assert part["sigma_east_m"] == pytest.approx(1.5 * np.sqrt(0.8), rel=0.05)
+    assert not [text for text in adjusted["warnings"] if "sigma given" in text]
     assert json.loads((tmp_path / "report.json").read_text())["algorithm"] == "gcps-from-reference"
 
 

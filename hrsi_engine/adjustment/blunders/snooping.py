@@ -86,9 +86,9 @@ class Snooping:
             solution = self.loop.run(solution.state, present, problem.options.robust, LOOSE_TOLERANCE, progress)
         of_control = observations.located[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
-        return self._settled(self.solve(solution, progress), progress)
+        return self.settled(self.solve(solution, progress), progress)
 
-    def _settled(self, solution: Solution, progress: Progress) -> Solution:
+    def settled(self, solution: Solution, progress: Progress) -> Solution:
         """Judge the ties by a solution with all surveys, and repeat it if that changes anything."""
         if self.ties.any() and self._judged(solution, solution.weighting, self.ties):
             return self.solve(solution, progress)
@@ -161,7 +161,7 @@ class Snooping:
             if not any(one.clear for one in found):
                 break
             part = stage(progress, number / CONTROL_ROUNDS, (number + 1) / CONTROL_ROUNDS)
-            solution = self._settled(self.solve(solution, part), part)
+            solution = self.settled(self.solve(solution, part), part)
         return solution
 
     def _may_drift(self) -> bool:
