@@ -5,7 +5,7 @@ how wrong its sigma was. The adjustment is repeated with corrected sigmas until 
 does not control (r_g small) keeps its sigma. Surveys with correlated coordinates are a group of their own, whose
 covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are places of a
 reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it. And no
-matching is better than `LEAST_SIGMA_PX`, however well points without noise fit one another: what a model does not
+matching is better than `LEAST_MATCHED_PX`, however well points without noise fit one another: what a model does not
 follow, some hundredths of a pixel, would count as blunders.
 
 Image points may be told apart by what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one
@@ -29,7 +29,7 @@ from .precision import Precision
 from .result import VarianceComponent
 
 LEAST_GROUP_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
-LEAST_SIGMA_PX = 0.02  # the best that least-squares matching reaches in images (Förstner 1982, Grün 1985)
+LEAST_MATCHED_PX = 0.02  # the best that least-squares matching reaches in images (Förstner 1982, Grün 1985)
 OF_SURVEYOR = 6.0  # observations that the factor of all surveys counts for in each of their groups
 UNINFORMED = 1e-5  # share of a survey in its own adjusted coordinate below which it says nothing of its sigma
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
@@ -183,7 +183,7 @@ class Sigmas:
         """Return the sigmas as given, none of them free."""
         given, count = groups.given(observations), len(groups.names)
         least = np.zeros(count)
-        least[:-SURVEYS] = np.minimum(LEAST_SIGMA_PX / given[:-SURVEYS], 1.0)
+        least[:-SURVEYS] = np.minimum(LEAST_MATCHED_PX / given[:-SURVEYS], 1.0)
         return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least))
 
     def update(self, sums: np.ndarray) -> float:

@@ -10,7 +10,7 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, LEAST_SIGMA_PX, sensors
+from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
 from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.block.laser import LASER_KIND
 from hrsi.hrsi_engine.block.pointing import middle_gsd_m
@@ -241,5 +241,5 @@ def test_ties_that_only_the_drift_as_guessed_leaves_out_come_back():
     assert (result.weight > 0.0).mean() > 0.99
     found = {part.group: part.sigma for part in result.variance_components}
     # matching is not believed to be better than a fiftieth of a pixel, nor is it news that laser ties' sigmas are large
-    assert found["image points: laser"] == pytest.approx(LEAST_SIGMA_PX)
+    assert found["image points: laser"] == pytest.approx(LEAST_MATCHED_PX)
     assert not [text for text in result.warnings if "sigma given" in text]
