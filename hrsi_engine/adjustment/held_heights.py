@@ -16,7 +16,7 @@ whose rays hardly tell a height, it keeps its weight there: the cameras have lit
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -25,7 +25,7 @@ from ..block.shared_accuracy import DEM, parts_of_area
 from ..surface.dem import HeightSurface, surface_heights
 from .equations import FREE_POINT_SIGMA_M, PointPriors
 from .result import HeightAgreement
-from .shared_errors import ErrorSource, Judged, compare, sigma_factor
+from .shared_errors import ErrorSource, Judged, Memory, compare, sigma_factor
 
 LEAST_BY_RAYS = 1e-4  # share of a height that comes from rays; below, nothing judges what holds it
 
@@ -116,6 +116,7 @@ class HeldHeights:
     free: np.ndarray
     estimate: bool = True
     by_rpcs: HeightByRpcs | None = None
+    memory: Memory = field(default_factory=Memory)
 
     def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
         """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
@@ -162,7 +163,7 @@ class HeldHeights:
                 one.sigma_factor = sigma_factor(one)
             one.fit(np.ones(count, dtype=bool))
             judged.append(one)
-        compare(judged, None if self.by_rpcs is None else self.by_rpcs.above(ground))
+        compare(judged, self.memory, None if self.by_rpcs is None else self.by_rpcs.above(ground))
         for one in judged:
             one.share_out()
         return judged

@@ -24,7 +24,7 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .equations import FREE_POINT_SIGMA_M, PointPriors
 from .held_heights import LEAST_BY_RAYS
 from .result import PlanAgreement, PlanGroup
-from .shared_errors import Judged, compare, sigma_factor
+from .shared_errors import Judged, Memory, compare, sigma_factor
 
 EAST_NORTH = (0, 1)  # east and north among a point's coordinates
 
@@ -49,6 +49,7 @@ class HeldPlan:
     estimate: bool = True
     wrong_together: bool = True
     holds_points: bool = False
+    memory: tuple[Memory, Memory] = field(default_factory=lambda: (Memory(), Memory()))
     groups: tuple[str, ...] = field(init=False)
     _part: np.ndarray = field(init=False)
 
@@ -104,9 +105,9 @@ class HeldPlan:
             both = float(np.sqrt(np.mean([sigma_factor(one) ** 2 for one in judged])))
             for one in judged:
                 one.sigma_factor = both
-        for one in judged:
+        for one, memory in zip(judged, self.memory, strict=True):
             one.fit(np.ones(len(self.points), dtype=bool))
-            compare([one])
+            compare([one], memory)
         factor = np.minimum(*(one.factor for one in judged))
         for one in judged:
             one.factor = factor

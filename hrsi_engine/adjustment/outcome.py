@@ -95,6 +95,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
     measurements = len(block.measurements)
+    by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
     return Adjustment(
         block=block,
         model=problem.model,
@@ -134,6 +135,7 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         heights=heights,
         plan=plan,
         rpcs_alone_m=_rpcs_alone_m(problem, solution),
+        rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
         laser=laser,
         estimate_residual_px=_estimate_residuals(problem, solution, kept),
         tests=found.tests,

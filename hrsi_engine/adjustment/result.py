@@ -286,6 +286,8 @@ class Adjustment:
     rpcs_alone_m : tuple of float or None
         What the block would move by, east, north and up, if its RPCs alone held it: the median of its tie points; None
         without any.
+    rpcs_height_sigma_m : float or None
+        Standard deviation of the height at which the RPCs alone would hold the block; None where others hold it too.
     laser : LaserOutcome or None
         What became of each laser point.
     estimate_residual_px : (measurements, 2) ndarray or None
@@ -334,6 +336,7 @@ class Adjustment:
     heights: tuple[HeightAgreement, ...] = ()
     plan: PlanAgreement | None = None
     rpcs_alone_m: tuple[float, float, float] | None = None
+    rpcs_height_sigma_m: float | None = None
     laser: LaserOutcome | None = None
     estimate_residual_px: np.ndarray | None = None
     tests: tuple[ModelTest, ...] = ()

@@ -10,7 +10,8 @@ orthoimage; and a source has an error of its own. With the standard deviation c 
 of the group, the group is worth W / (1 + c² W); so its weights are divided by 1 + c² W, and those of a source likewise:
 thousands of heights of a DEM count as few. Whole groups are tested against one another, over all sources: what they say
 of the block's place is robustly joined (`agree_on`), and a group that lies off by more than `GROUP_WRONG` of its
-standard deviations is named and left out.
+standard deviations is named and left out. Where that moves the block so that the group fits again, and with it the
+block moves back, the adjustment would never end: a group that has come back `MOST_RETURNS` times stays out.
 
 The sigma of a source is a variance component: the factor by which its differences, within groups, are larger or smaller
 than their standard deviations let expect, as far as these are not those of the rays.
@@ -18,6 +19,7 @@ than their standard deviations let expect, as far as these are not those of the 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
@@ -32,6 +34,7 @@ FITTING, WRONG = 2.5, 4.0
 CUT_AT, CUTS = 2.5, 20
 GROUP_WRONG = 3.5  # standard deviations beyond which a group disagrees with the others
 DECIDED_BY = 4.0  # by how much (chi²) one opinion on the block's place must be better than another one
+MOST_RETURNS = 3  # of a group that is left out
 LEAST_OF_GROUP = 3  # observations, below which a group is judged by its members alone
 BELIEVED = 20.0  # observations that the sigma as given counts for in its variance component
 SIGMA_FACTORS, HALVINGS = (0.5, 5.0), 12  # of a sigma, and steps to find one
@@ -200,10 +203,26 @@ def _opinions(one: Judged[Any], source: int) -> list[Opinion]:
     return found
 
 
-def compare(judged: Sequence[Judged[Any]], beside: tuple[float, float] | None = None) -> None:
+@dataclass(eq=False)
+class Memory:
+    """Groups (source, group) that were left out last, and how often each came back, in the passes of an adjustment."""
+
+    left_out: set[tuple[str, int]] = field(default_factory=set)
+    returns: Counter[tuple[str, int]] = field(default_factory=Counter)
+
+    def leaves_out(self, group: tuple[str, int], decided: bool) -> bool:
+        """Return whether a group is left out that is ``decided`` to be wrong, or not; take it down."""
+        self.returns[group] += group in self.left_out and not decided
+        left_out = decided or self.returns[group] >= MOST_RETURNS
+        (self.left_out.add if left_out else self.left_out.discard)(group)
+        return left_out
+
+
+def compare(judged: Sequence[Judged[Any]], memory: Memory, beside: tuple[float, float] | None = None) -> None:
     """Test the groups of all sources against one another; leave out those that lie off.
 
-    ``beside`` is what else says where the block lies, and holds nothing: offset and standard deviation.
+    ``memory`` is that of the passes before; ``beside`` is what else says where the block lies, and holds nothing:
+    offset and standard deviation.
     """
     opinions = [opinion for number, one in enumerate(judged) for opinion in _opinions(one, number)]
     sources = [SharedError(one.source.overall_m, one.source.wrong_together) for one in judged]
@@ -212,15 +231,19 @@ def compare(judged: Sequence[Judged[Any]], beside: tuple[float, float] | None = 
         opinions.append(Opinion(len(judged), 0, beside[0], beside[1] ** 2, 0))
         sources.append(SharedError(beside[1], wrong_together=True))
     off, decided, middle = agree_on(opinions, sources)
-    opinions, off, decided = opinions[:said], off[:said], decided[:said]
-    for opinion, wrong, sure in zip(opinions, off.tolist(), decided.tolist(), strict=True):
+    opinions = opinions[:said]
+    left_out = [
+        memory.leaves_out((judged[opinion.source].source.name, opinion.group), sure)
+        for opinion, sure in zip(opinions, decided[:said].tolist(), strict=True)
+    ]
+    for opinion, wrong, sure in zip(opinions, off[:said].tolist(), left_out, strict=True):
         one = judged[opinion.source]
         one.groups.append(SourceGroup(
             one.source.groups[opinion.group], opinion.observations, opinion.offset_m - middle,
-            float(np.hypot(np.sqrt(opinion.variance), one.source.overall_m)), wrong, sure,
+            float(np.hypot(np.sqrt(opinion.variance), one.source.overall_m)), wrong or sure, sure,
         ))  # fmt: skip
     for number, one in enumerate(judged):
-        wrong_groups = [opinion.group for opinion, sure in zip(opinions, decided, strict=True)
+        wrong_groups = [opinion.group for opinion, sure in zip(opinions, left_out, strict=True)
                         if sure and opinion.source == number]  # fmt: skip
         if wrong_groups:
             one.fit(~np.isin(one.rows.group, wrong_groups))

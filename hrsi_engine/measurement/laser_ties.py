@@ -1,14 +1,16 @@
 """Tie points at laser points: a laser point is looked up where the cameras see it, and measured in all images.
 
 Every laser point is projected into the image that looks at it most steeply. Interest points around it, some for each
-footprint, are then sought in the other images where their height puts them, and measured as tie points are. Of large
-images only the windows that show laser points are read. Which ties lie at which laser point is not kept: the adjustment
-finds that out again, with the ties where they really are (`adjustment.laser_heights`).
+footprint, are then sought in the other images where their height puts them, and measured as tie points are, with sigmas
+by the same rule (`block_matching.joining`). Of large images only the windows that show laser points are read. Which
+ties lie at which laser point is not kept: the adjustment finds that out again, with the ties where they really are
+(`adjustment.laser_heights`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +23,11 @@ from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
 from ..foundation.streams import open_calls
 from ..foundation.threads import thread_count
+from .block_matching.joining import collect_matches, to_image_points
+from .block_matching.star import Rows, columns_of
 from .block_matching.windows import ImageWindow, predicted_window, read_tile
 from .tile_matching.options import TileMatchOptions
-from .tile_matching.pair_matching import TileMatches, TilePairGeometry, transfer_points
+from .tile_matching.pair_matching import TilePairGeometry, transfer_points
 from .tile_matching.points import tile_points
 
 MOST_LOOKED_UP = 2000  # laser points: what more of them say is what their tracks say already
@@ -32,9 +36,8 @@ AROUND_M = 15.0  # of a laser point, within which ties are sought
 TIES_EACH = 6
 LASER_HEIGHT_ROOM_M = 8.0  # by which the ground may lie above or below its laser point, and the cameras be off
 WINDOW_MARGIN_PX = 40
-LEAST_HALF_SIGMA_PX = 0.05  # of a measured position, that windows do not tell
 MATCHED_AT_LASER = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
-LASER_TIE_IDS = "LT"
+LASER_TIE_IDS, SOURCE = "L", "laser points"  # before the ids that ties have
 
 
 class _Window(NamedTuple):
@@ -44,15 +47,6 @@ class _Window(NamedTuple):
     window: ImageWindow
     xy: np.ndarray
     height_m: np.ndarray
-
-
-class _Found(NamedTuple):
-    """Measurements of a window's points: number of the point, image, xy (n, 2), sigma (n,) px."""
-
-    point: np.ndarray
-    image: np.ndarray
-    xy: np.ndarray
-    sigma_px: np.ndarray
 
 
 def measure_laser_ties(
@@ -74,8 +68,13 @@ def measure_laser_ties(
         found = []
         for number, part in enumerate(calls.answers(lambda window: _measured_in(images, usable, window), windows)):
             advance(progress, (number + 1) / len(windows), "measuring at laser points")
-            found.append(part)
-    return _image_points(images, found)
+            found.append((windows[number].image, columns_of(part)))
+    matches = collect_matches(found)
+    if not len(matches):
+        return ImagePoints.create([], [], np.empty((0, 2)), source=SOURCE)
+    matches = replace(matches, kind=np.full(len(matches), LASER_KIND))
+    points, _ = to_image_points(matches, images, 1, dict.fromkeys(range(len(images)), len(matches)))
+    return replace(points, ids=np.char.add(LASER_TIE_IDS, points.ids), source=SOURCE)
 
 
 def evenly_taken(laser: LaserPoints, most: int) -> np.ndarray:
@@ -118,13 +117,12 @@ def _around_px(image: Image, ground: np.ndarray) -> float:
     return AROUND_M * float(image.rpc.px_per_m(ground[None])[0])
 
 
-def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) -> _Found:
-    """Return the measurements of the interest points around a window's laser points."""
+def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) -> list[Rows]:
+    """Return the matches of the interest points around a window's laser points with all other images."""
     image = images[task.image]
     tile = read_tile(image, task.window)
-    nothing = _Found(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
     if tile is None:
-        return nothing
+        return []
     ground, _ = image.rpc.localize(task.xy[:1], task.height_m[:1])
     xy = tile.to_image(tile_points(tile, MATCHED_AT_LASER))
     distance, nearest = cKDTree(task.xy).query(xy) if len(xy) else (np.zeros(0), np.zeros(0, np.int64))
@@ -136,8 +134,8 @@ def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) 
     near = near[rank < TIES_EACH]
     xy, height = xy[near], task.height_m[nearest[near]]
     if not len(xy):
-        return nothing
-    parts = []
+        return []
+    found = []
     low, high = float(task.height_m.min()) - LASER_HEIGHT_ROOM_M, float(task.height_m.max()) + LASER_HEIGHT_ROOM_M
     for number in usable:
         other = images[number]
@@ -147,41 +145,6 @@ def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) 
         there = predicted_window(geometry, task.window, WINDOW_MARGIN_PX).inside(other.known_size)
         shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * WINDOW_MARGIN_PX else None
         if shown is not None:
-            parts.append((number, transfer_points(tile, shown, geometry, xy, height, MATCHED_AT_LASER)))
-    return _joined(task.image, xy, parts)
-
-
-def _joined(reference: int, xy: np.ndarray, parts: Sequence[tuple[int, TileMatches]]) -> _Found:
-    """Return the matches with all partners as measurements of the reference's points."""
-    tree = cKDTree(xy)
-    points, images, places, sigmas = [], [], [], []
-    for number, matches in parts:
-        if len(matches):
-            points.append(tree.query(matches.first_xy)[1])
-            images.append(np.full(len(matches), number))
-            places.append(matches.second_xy)
-            sigmas.append(matches.sigma_px)
-    if not points:
-        return _Found(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
-    seen, own = np.unique(np.concatenate(points), return_inverse=True)
-    sigma = np.concatenate(sigmas)
-    mean = np.sqrt(np.bincount(own, sigma**2) / np.bincount(own))
-    both = np.hypot(np.r_[mean, sigma] / np.sqrt(2.0), LEAST_HALF_SIGMA_PX)
-    return _Found(
-        np.r_[seen, np.concatenate(points)], np.r_[np.full(len(seen), reference), np.concatenate(images)],
-        np.concatenate([xy[seen], *places]), both,
-    )  # fmt: skip
-
-
-def _image_points(images: Sequence[Image], found: Sequence[_Found]) -> ImagePoints:
-    """Return all windows' measurements, with ids."""
-    first = np.cumsum([0, *(int(part.point.max(initial=-1)) + 1 for part in found)])
-    if not first[-1]:
-        return ImagePoints.create([], [], np.empty((0, 2)), source="laser points")
-    number = np.concatenate([part.point + start for part, start in zip(found, first[:-1], strict=True)])
-    names = np.char.add(LASER_TIE_IDS, np.char.zfill(number.astype(str), len(str(first[-1]))))
-    image_ids = np.array([image.id for image in images])[np.concatenate([part.image for part in found])]
-    return ImagePoints.create(
-        names, image_ids, np.concatenate([part.xy for part in found]),
-        np.concatenate([part.sigma_px for part in found]), LASER_KIND, source="laser points",
-    )  # fmt: skip
+            matches = transfer_points(tile, shown, geometry, xy, height, MATCHED_AT_LASER)
+            found.append(Rows(number, matches))
+    return found

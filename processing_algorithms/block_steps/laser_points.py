@@ -113,7 +113,7 @@ def adjust_at_laser_points(
         if not len(ties):
             return result, ["no tie point could be measured at a laser point: other tie points tell the ground there"]
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
-        moved = ground_difference_m(result.ground[: len(block.points)], before.ground)
+        moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
         moved = np.abs(np.median(moved[np.isfinite(moved).all(axis=1)], axis=0))
         if np.hypot(*moved[:2]) < MOVED_PLAN_M and moved[2] < MOVED_HEIGHT_M:
             break

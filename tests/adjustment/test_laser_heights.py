@@ -10,7 +10,7 @@ from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
-from hrsi.hrsi_engine.adjustment.shared_errors import Opinion, SharedError, agree_on
+from hrsi.hrsi_engine.adjustment.shared_errors import MOST_RETURNS, Memory, Opinion, SharedError, agree_on
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.results.verdict import judge
@@ -167,3 +167,13 @@ def test_planes_follow_slopes_and_leave_roofs_out():
     single = fit_planes(away[:, :1], height[:, :1], np.ones((50, 1), dtype=bool))
     np.testing.assert_allclose(single.share, 1.0)
     assert np.abs(single.slope).max() < 1e-3
+
+
+def test_a_group_that_comes_back_again_and_again_stays_out():
+    """Left out, it fits; taken back, it does not: without an end to that the adjustment has none either."""
+    memory, group = Memory(), ("laser", 4)
+    seen = [memory.leaves_out(group, decided=number % 2 == 0) for number in range(40)]
+    assert not all(seen[: 2 * MOST_RETURNS - 1])
+    assert all(seen[2 * MOST_RETURNS - 1 :])
+    assert not memory.leaves_out(("laser", 5), decided=False)
+    assert memory.leaves_out(("laser", 5), decided=True) and not memory.leaves_out(("laser", 5), decided=False)

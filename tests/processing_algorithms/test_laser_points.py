@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -69,3 +71,26 @@ def test_laser_points_of_another_area_are_refused(block: Path, tmp_path: Path):
     file.write_text("lon,lat,height\n100,10,20\n")
     with pytest.raises(InputError, match="none of its laser points lies on an image"):
         run("adjust", **options(block, tmp_path / "out", image_points=str(block / "image_points.csv"), laser=str(file)))
+
+
+def with_heights(block: Path, file: Path, change: Callable[[float], float]) -> str:
+    """Write the block's laser points with other heights; return the path."""
+    with (block / "laser.csv").open() as source, file.open("w", newline="") as target:
+        rows = csv.DictReader(source)
+        written = csv.DictWriter(target, rows.fieldnames or ())
+        written.writeheader()
+        for row in rows:
+            written.writerow(row | {"h_mean": change(float(row["h_mean"]))})
+    return str(file)
+
+
+@pytest.mark.parametrize("change", [lambda h: h + 97.2, lambda h: h / 0.3048], ids=["undulation twice", "feet"])
+def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_path, change):
+    """No check point and no DEM is there; the block follows the laser over several look-ups, and that is said."""
+    laser = with_heights(block, tmp_path / "wrong.csv", change)
+    verdict = run(
+        "triangulate", **options(block, tmp_path / "out", tie_points=str(block / "image_points.csv"), laser=laser)
+    )["verdict"]
+    assert verdict["level"] != "ok"
+    (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "heights-off-rpcs"]
+    assert reason["message"].startswith("the heights of laser hold the block")

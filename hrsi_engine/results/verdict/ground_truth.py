@@ -199,6 +199,25 @@ def sources_of_heights(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
+def heights_against_rpcs(evidence: Evidence) -> Iterator[Reason]:
+    """Heights that hold the block farther from where its RPCs see it than their errors explain."""
+    result = evidence.result
+    sigma_m = result.rpcs_height_sigma_m
+    if not result.heights or result.rpcs_alone_m is None or sigma_m is None:
+        return
+    away_m = -result.rpcs_alone_m[2]
+    if abs(away_m) > LARGE_MISFIT * sigma_m:
+        held = [one.source for one in result.heights if one.left_out < one.observations]
+        yield Reason(
+            "heights-off-rpcs", Level.DOUBTFUL,
+            f"the heights of {' and '.join(held)} hold the block {away_m:+.1f} m from where its RPCs see it, "
+            f"{abs(away_m) / sigma_m:.0f} times what these are taken to be off",
+            "check unit and datum of these heights (--laser-datum, --dem-datum): above a geoid and above the ellipsoid "
+            "they differ by tens of metres",
+        )  # fmt: skip
+
+
 ON_GROUND_TRUTH = (
     control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction, sources_of_heights,
+    heights_against_rpcs,
 )  # fmt: skip

@@ -26,7 +26,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
 OF_RESIDUALS = frozenset({
     "not-converged", "residuals-too-large", "correction-too-large", "control-misfit", "control-left-out",
     "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
-    "extrapolation", "sources-disagree",
+    "extrapolation", "sources-disagree", "heights-off-rpcs",
 })  # fmt: skip
 
 
