@@ -131,13 +131,14 @@ class HeldPlan:
             for axis, one in zip(EAST_NORTH, judged, strict=True)
         )
         weight = 0.5 * (east.weight + north.weight)
+        own_m = ORTHOIMAGE.own * self.places.sigma_m * east.sigma_factor  # what places scatter by; the rest is shared
         return PlanAgreement(
             source=self.name,
             observations=len(self.points),
             left_out=int((~used).sum()),
             determines=determines,
             rmse_m=float(np.sqrt(np.mean(left**2))) if left.size else float("nan"),
-            sigma_m=self.places.sigma_m * east.sigma_factor,
+            sigma_m=float(np.linalg.norm([self.overall_m, self.common_m, own_m])),
             sigma_factor=east.sigma_factor,
             share=weight / (weight + rpcs_m**-2) if rpcs_m > 0.0 else 0.0,
             alone_m=(east.offset_m, north.offset_m),

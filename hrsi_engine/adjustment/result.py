@@ -168,6 +168,7 @@ class PlanAgreement:
     """An orthoimage whose places hold the block in plan; as `HeightAgreement`, each place being two observations.
 
     rmse_m : of a coordinate, point - source, of the places that fit
+    sigma_m : of a coordinate of a place: what all share, as given, and sigma_factor times what it has by itself
     share : of what tells the block's place: it against the RPCs, by their standard deviations in the mean
     alone_m : what the block would move by, east and north, if it alone held it
     """

@@ -29,6 +29,8 @@ def test_places_and_rpcs_share_by_their_sigmas(scene):
     result, free = adjusted(scene), adjust(scene.laser.block, AdjustOptions(laser=scene.laser.points))
     # all that a reference shares, 0.8 of its sigma, against the RPCs
     assert result.plan is not None and free.plan is None
+    # places scatter by what each has by itself; that tells nothing of what all share
+    assert np.hypot(0.8, 0.4) * SIGMA_M < result.plan.sigma_m < 1.2 * SIGMA_M
     checks = scene.block.points.role == Role.CHECK
     shared, by_rpcs = 0.8 * SIGMA_M, free.ground_sigma_m[scene.laser.block.points.role == Role.CHECK, 0].mean()
     assert result.plan.share == pytest.approx(shared**-2 / (shared**-2 + by_rpcs**-2), abs=0.06)

@@ -188,7 +188,8 @@ def sources_of_heights(evidence: Evidence) -> Iterator[Reason]:
         undecided = list(one.undecided)
         if not one.contradicts and not undecided:
             continue
-        middle = float(np.median([group.offset_m for group in one.groups if group.wrong]))
+        told = [group for group in one.groups if group.wrong and not (undecided and group.left_out)]
+        middle = float(np.median([group.offset_m for group in told]))
         who = "all of its heights" if one.contradicts else f"the heights of {list_ids(undecided)}"
         done = "took part, as it cannot be told which are wrong" if undecided else "were left out"
         yield Reason(
