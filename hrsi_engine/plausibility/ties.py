@@ -9,8 +9,9 @@ sample of its points.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations, pairwise
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -51,10 +52,24 @@ class SampledPairs:
     pair: np.ndarray
     height_m: float
 
+    @cached_property
+    def starts(self) -> np.ndarray:
+        """Where the points of each pair of images begin, ``(pairs,)``."""
+        return np.flatnonzero(np.diff(self.pair, prepend=-1))
+
     @property
-    def count(self) -> int:
-        """Number of pairs of images."""
-        return int(self.pair.max(initial=-1)) + 1
+    def ends(self) -> np.ndarray:
+        """The two images of each pair, ``(pairs, 2)``."""
+        return self.image[self.starts]
+
+    def select(self, some: np.ndarray) -> SampledPairs:
+        """Return some pairs (mask), numbered anew."""
+        rows = some[self.pair]
+        number = np.cumsum(some) - 1
+        return replace(
+            self, point=self.point[rows], image=self.image[rows], xy=self.xy[rows], sigma_px=self.sigma_px[rows],
+            pair=number[self.pair[rows]],
+        )  # fmt: skip
 
 
 def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> SampledPairs | None:
@@ -97,6 +112,12 @@ class Joint:
     share: float
     good: np.ndarray
 
+    @classmethod
+    def of(cls, pairs: SampledPairs, wrong: np.ndarray, good: np.ndarray) -> Joint:
+        """Return it from what is known of each point and of each pair."""
+        telling = np.isfinite(good)[pairs.pair]
+        return cls(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
+
 
 def joint(
     pairs: SampledPairs, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0
@@ -124,18 +145,12 @@ def joint(
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK_SLOPE)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~possible | ~np.isfinite(across)
-    good = np.full(pairs.count, np.nan)
-    starts = np.r_[np.flatnonzero(np.r_[True, pairs.pair[1:] != pairs.pair[:-1]]), len(pairs.pair)]
-    for number, (begin, end) in enumerate(pairwise(starts)):
-        part = slice(begin, end)
-        bulk = _mode(across[part])
-        wrong[part] |= np.abs(across[part] - bulk) > tolerance[part]
-        if abs(bulk) > 8.0 * sigma[begin]:
-            wrong[part] = True
-        if end - begin >= LEAST_OF_PAIR:
-            good[number] = 1.0 - wrong[part].mean()
-    telling = np.isfinite(good)[pairs.pair]
-    return Joint(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
+    sizes = np.diff(np.r_[pairs.starts, len(pairs.pair)])
+    bulk = _modes(across, pairs.starts, sizes)
+    wrong |= np.abs(across - np.repeat(bulk, sizes)) > tolerance
+    wrong |= np.repeat(np.abs(bulk) > 8.0 * sigma[pairs.starts], sizes)
+    share = np.add.reduceat(wrong, pairs.starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
+    return Joint.of(pairs, wrong, np.where(sizes >= LEAST_OF_PAIR, 1.0 - share, np.nan))
 
 
 def _other_ends(ground: np.ndarray) -> np.ndarray:
@@ -150,12 +165,33 @@ def _at_height(flat: Sights, height_m: float) -> Sights:
     return Sights(moved_ground(flat.ground, step), flat.slope)
 
 
+def _modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return `_mode` of each pair's numbers, which begin at ``starts``; pairs of equal size together."""
+    modes = np.empty(len(starts))
+    for size in np.unique(sizes).tolist():
+        same = np.flatnonzero(sizes == size)
+        ordered = np.sort(values[starts[same, None] + np.arange(size)], axis=1)
+        number = _bulk(size)
+        width = ordered[:, number - 1 :] - ordered[:, : size - number + 1]
+        middle = np.argmin(width, axis=1) + number // 2
+        own = np.arange(len(same))
+        modes[same] = ordered[own, middle] if number % 2 else 0.5 * (ordered[own, middle - 1] + ordered[own, middle])
+        for lost in np.flatnonzero(~np.isfinite(ordered).all(axis=1)).tolist():
+            modes[same[lost]] = _mode(ordered[lost])
+    return modes
+
+
+def _bulk(size: int) -> int:
+    """Return how many of so many numbers are their bulk."""
+    return min(max(5, round(MODE_SHARE * size)), size)
+
+
 def _mode(values: np.ndarray) -> float:
     """Return the middle of the narrowest interval that holds a share of the numbers: where their bulk is."""
     ordered = np.sort(values[np.isfinite(values)])
     if not len(ordered):
         return 0.0
-    number = min(max(5, round(MODE_SHARE * len(ordered))), len(ordered))
+    number = _bulk(len(ordered))
     width = ordered[number - 1 :] - ordered[: len(ordered) - number + 1]
     begin = int(np.argmin(width))
     middle = begin + number // 2
@@ -202,8 +238,7 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
 
 def _suspects(pairs: SampledPairs, given: Joint, failing: np.ndarray) -> np.ndarray:
     """Return the images most of whose pairs fail, those with most failures first."""
-    ends = np.array([pairs.image[np.argmax(pairs.pair == number)] for number in range(pairs.count)])
-    count = len(pairs.block.images)
+    ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(given.good)
     all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
     failed = np.bincount(ends[failing].ravel(), minlength=count)
@@ -214,7 +249,7 @@ def _suspects(pairs: SampledPairs, given: Joint, failing: np.ndarray) -> np.ndar
 def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tuple[Slip, np.ndarray, float] | None:
     """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong."""
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
-    for slip, images, share in _readings(pairs, suspects):
+    for slip, images, share in _readings(pairs, given, suspects):
         cured = (given.share - share) * len(pairs.pair) >= LEAST_CURED and share * CURED_BY < given.share
         if share < CURED and cured and (slip.code not in best or share < best[slip.code][0]):
             best[slip.code] = share, slip, images
@@ -225,12 +260,23 @@ def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tupl
     return slip, images, share
 
 
-def _readings(pairs: SampledPairs, suspects: np.ndarray) -> Iterator[tuple[Slip, np.ndarray, float]]:
-    """Yield every slip undone, on all images or a suspected one, with the images and the share of points wrong."""
-    every = np.arange(len(pairs.block.images))
-    for images in (every, *(suspects[k : k + 1] for k in range(len(suspects)))):
+def _readings(
+    pairs: SampledPairs, given: Joint, suspects: np.ndarray
+) -> Iterator[tuple[Slip, np.ndarray, float]]:  # fmt: skip
+    """Yield every slip undone, on all images or a suspected one, with the images and the share of points wrong.
+
+    A slip on all images makes many pairs fail; one on a few images is undone in the pairs that they are in.
+    """
+    if given.share >= MANY_WRONG:
+        every = np.arange(len(pairs.block.images))
         for slip, undo in PIXEL_SLIPS:
-            yield slip, images, joint(pairs, xy=_read_pixels(pairs, undo, images), stretch=slip.length).share
+            yield slip, every, joint(pairs, xy=_read_pixels(pairs, undo, every), stretch=slip.length).share
+    for images in (suspects[k : k + 1] for k in range(len(suspects))):
+        some = np.isin(pairs.ends, images).any(axis=1)
+        own = pairs.select(some)
+        for slip, undo in PIXEL_SLIPS:
+            read = joint(own, xy=_read_pixels(own, undo, images), stretch=slip.length)
+            yield slip, images, _with(pairs, given, some, read)
     for some in (2, 3):
         for group in combinations(suspects.tolist(), some):
             for owners in ((group[1:] + group[:1]),) if some == 2 else (group[1:] + group[:1], group[2:] + group[:2]):
@@ -241,15 +287,28 @@ def _readings(pairs: SampledPairs, suspects: np.ndarray) -> Iterator[tuple[Slip,
                     "image-ids-permuted", f"measurements belong to other images: those said to be on {text}",
                     "correct the field 'image'",
                 )  # fmt: skip
-                image = pairs.image.copy()
+                touched = np.isin(pairs.ends, group).any(axis=1)
+                own = pairs.select(touched)
+                image = own.image.copy()
                 for label, owner in zip(group, owners, strict=True):
-                    image[pairs.image == label] = owner
-                yield slip, np.array(group), joint(pairs, image=image).share
+                    image[own.image == label] = owner
+                yield slip, np.array(group), _with(pairs, given, touched, joint(own, image=image))
+
+
+def _with(pairs: SampledPairs, given: Joint, some: np.ndarray, read: Joint) -> float:
+    """Return the share of points wrong where some pairs (mask) meet otherwise, the rest as they were."""
+    wrong, good = given.wrong.copy(), given.good.copy()
+    wrong[some[pairs.pair]], good[some] = read.wrong, read.good
+    return Joint.of(pairs, wrong, good).share
 
 
 def _read_pixels(pairs: SampledPairs, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
-    xy = pairs.xy.copy()
-    for index in images:
-        rows = pairs.image == index
-        xy[rows] = undo(pairs.xy[rows], pairs.block.images[index])
-    return xy
+    """Return the coordinates as they would be without a slip on some images."""
+    xy = pairs.xy.reshape(-1, 2).copy()
+    rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))
+    index = pairs.image.ravel()[rows]
+    order = np.argsort(index, kind="stable")
+    rows, index = rows[order], index[order]
+    for own in np.split(rows, np.flatnonzero(np.diff(index)) + 1) if len(rows) else ():
+        xy[own] = undo(xy[own], pairs.block.images[pairs.image.ravel()[own[0]]])
+    return xy.reshape(pairs.xy.shape)

@@ -1,0 +1,56 @@
+"""Readings of tie points on a few images of many: only the pairs with these images are looked at again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hrsi.benchmarks.adjust_speed import simulated
+from hrsi.hrsi_engine.plausibility import ties
+from hrsi.hrsi_engine.plausibility.accuracy import image_accuracies
+from hrsi.hrsi_engine.plausibility.slips import PIXEL_SLIPS
+
+IMAGES, SLIPPED = 60, 7
+
+
+def slipped_pairs() -> ties.SampledPairs:
+    """Return pairs of a block one of whose images has sample and line exchanged."""
+    block = simulated(IMAGES)
+    rows = block.measurements
+    xy = np.where((rows.image == SLIPPED)[:, None], rows.xy[:, ::-1], rows.xy)
+    block = replace(block, measurements=replace(rows, xy=xy))
+    pairs = ties.sample_pairs(block, image_accuracies(block.images))
+    assert pairs is not None
+    return pairs
+
+
+def test_readings_of_some_images_are_those_of_the_whole_block() -> None:
+    pairs = slipped_pairs()
+    given = ties.joint(pairs)
+    suspects = ties._suspects(pairs, given, np.flatnonzero(given.good < ties.JOINED))
+    assert SLIPPED in suspects
+    undo = dict(zip((slip for slip, _ in PIXEL_SLIPS), (undo for _, undo in PIXEL_SLIPS), strict=True))
+    compared = 0
+    for slip, images, share in ties._readings(pairs, given, suspects):
+        if slip in undo and slip.length == 1.0:  # a stretch would count for the tolerance of all others too
+            assert share == ties.joint(pairs, xy=ties._read_pixels(pairs, undo[slip], images)).share
+            compared += 1
+    assert compared >= len(suspects)
+
+
+def test_the_slip_of_one_image_among_many_is_named() -> None:
+    pairs = slipped_pairs()
+    [reason] = ties.tie_reasons(pairs.block, pairs.accuracies)
+    assert reason.code == "sample-line-swapped"
+    assert reason.images == (pairs.block.images[SLIPPED].id,)
+
+
+def test_modes_are_those_of_each_pair() -> None:
+    rng = np.random.default_rng(2)
+    sizes = rng.integers(1, 70, 200)
+    values = rng.normal(size=sizes.sum())
+    values[rng.random(len(values)) < 0.02] = np.nan
+    starts = np.r_[0, np.cumsum(sizes)[:-1]]
+    alone = [ties._mode(part) for part in np.split(values, starts[1:])]
+    np.testing.assert_array_equal(ties._modes(values, starts, sizes), alone)
