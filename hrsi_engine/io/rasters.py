@@ -8,6 +8,7 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,6 +21,7 @@ from ..foundation.in_memory import InMemory
 from .content_marks import content_mark
 from .datasets import gdal_messages, virtual_status
 from .item_images import item_of
+from .map_grid import map_grid_doubt
 from .rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
 from .rpc_files.reading import FoundRpc
 
@@ -144,7 +146,7 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     item = item_of(path)
     sensor = found.sensor or ("" if item is None else item.platform)
     image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
-    return image, found
+    return image, replace(found, doubt=map_grid_doubt(path, raster.dataset, found.rpc))
 
 
 def file_stamp(path: str) -> tuple[int, ...]:

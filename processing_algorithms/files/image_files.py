@@ -30,6 +30,8 @@ def open_images(paths: Sequence[str], context: Context, always: bool = True) -> 
         image, found = open_image_and_source(path)
         if found.ignored or (always and len(paths) <= MOST_LINES):
             context.log(f"{image.id}: {found.summary}")
+        if found.doubt:
+            context.log(f"warning: {image.id}: {found.doubt}")
         images.append(image)
     require_ids(paths, [image.id for image in images])
     return images

@@ -13,6 +13,7 @@ import rasterio
 from osgeo import gdal
 from rpc_samples import sample_rpc, write_image
 
+from hrsi.hrsi_engine import camera
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rasters import GdalRaster, image_id, open_image, open_image_and_source
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text
@@ -58,6 +59,41 @@ def test_other_rpcs_are_told_with_how_far_off_they_are(tmp_path: Path) -> None:
     write_rpb(str(tmp_path / "img.RPB"), replace(RPC, line_off=RPC.line_off + 37.0))
     _image, found = open_image_and_source(str(tmp_path / "img.tif"))
     assert found.ignored == ("GeoTIFF tag of img.tif (37 px off)",)
+
+
+def test_an_orthoimage_that_kept_the_rpc_of_the_raw_image_is_doubted(tmp_path: Path) -> None:
+    """Warped by GDAL and given the raw image's RPC; an image on a map's grid with an RPC of its own is not."""
+    write_image(tmp_path / "raw.tif", RPC)
+    assert not open_image_and_source(str(tmp_path / "raw.tif"))[1].doubt
+    gdal.Warp(str(tmp_path / "ortho.tif"), str(tmp_path / "raw.tif"), dstSRS="EPSG:4326", rpc=True)
+    ortho = gdal.Open(str(tmp_path / "ortho.tif"), gdal.GA_Update)
+    ortho.SetMetadata(gdal.Open(str(tmp_path / "raw.tif")).GetMetadata("RPC"), "RPC")
+    size = np.array([ortho.RasterXSize, ortho.RasterYSize])
+    geotransform, crs = ortho.GetGeoTransform(), ortho.GetProjection()
+    ortho = None
+    doubt = open_image_and_source(str(tmp_path / "ortho.tif"))[1].doubt
+    assert "does not follow" in doubt and "WGS 84" in doubt
+    # an RPC that is the map's grid, 40 pixels off as RPCs are
+    own = fit_grid_rpc(geotransform, size)
+    write_image(tmp_path / "geo.tif", own.shift(40.0, -25.0))
+    geo = gdal.Open(str(tmp_path / "geo.tif"), gdal.GA_Update)
+    geo.SetGeoTransform(geotransform)
+    geo.SetProjection(crs)
+    geo = None
+    assert not open_image_and_source(str(tmp_path / "geo.tif"))[1].doubt
+
+
+def fit_grid_rpc(geotransform: tuple[float, ...], size: np.ndarray) -> camera.RPC:
+    """Return the RPC of a grid of longitudes and latitudes that leans 15 degrees to the east."""
+    middle = np.array([geotransform[0], geotransform[3]]) + 0.5 * size * [geotransform[1], geotransform[5]]
+    one, lon, lat, height = np.eye(20)[:4]
+    scale = 0.5 * size * [geotransform[1], -geotransform[5]]
+    return replace(
+        RPC,
+        line_off=0.5 * size[1] - 0.5, samp_off=0.5 * size[0] - 0.5, lat_off=middle[1], long_off=middle[0],
+        height_off=RPC.height_off, line_scale=0.5 * size[1], samp_scale=0.5 * size[0], lat_scale=scale[1],
+        long_scale=scale[0], height_scale=500.0, line_num=-lat, line_den=one, samp_num=lon + 0.1 * height, samp_den=one,
+    )  # fmt: skip
 
 
 def test_window_over_the_edge_is_not_valid_there(tmp_path: Path) -> None:
