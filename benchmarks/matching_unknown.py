@@ -7,7 +7,8 @@ are carried back by that map and judged by what knows nothing of either matcher'
 epipolar lines, whose constant bias SIFT tells on the pair as it is; the limit is in pixels of the coarser image, in
 which least squares measures. SIFT as it is commonly used stands beside it: ratio
 test 0.8, RANSAC of a fundamental matrix with 2 px. It has found a pair where at least `LEAST_FOUND` matches are left of
-which nine in ten lie within `FAR_PX` of the line. --docs writes the table into docs/matching.md.
+which nine in ten lie within `FAR_PX` of the line. --docs enters the rows into docs/matching.md, in the place of those
+of the same pair and scale.
 """
 
 from __future__ import annotations
@@ -62,7 +63,6 @@ def main() -> None:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     print("\n".join(rows), flush=True)
-    verdicts = []
     for pair in PAIRS:
         images = [open_image(str(given.data / pair.folder / name)) for name in pair.files]
         bias = None
@@ -71,23 +71,38 @@ def main() -> None:
             if not pair.name.startswith(given.pairs):
                 continue
             bias = _bias(images, pair) if bias is None else bias
-            row, verdict = _row(images, pair, scale, turn, bias)
-            rows.append(row)
-            verdicts.append(verdict)
-            print(row, flush=True)
-    ours, sift, both = (sum(flags) for flags in zip(*((a, b, a and b) for a, b, _ in verdicts), strict=True))
-    far = sum(beyond for *_, beyond in verdicts)
-    summary = (
-        f"`match` finds {ours} of {len(verdicts)}, SIFT {sift}; {both} of SIFT's {sift} are found by `match`. "
+            rows.append(_row(images, pair, scale, turn, bias))
+            print(rows[-1], flush=True)
+    print(summary(rows[2:]))
+    if given.docs:
+        enter(rows)
+
+
+def summary(rows: list[str]) -> str:
+    """Return in words what rows of the table say together."""
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    ours, sift = ([of_case[column].isdigit() for of_case in cells] for column in (3, 6))
+    both = sum(a and b for a, b in zip(ours, sift, strict=True))
+    far = sum(int(of_case[4]) for of_case in cells if of_case[4].isdigit())
+    return (
+        f"`match` finds {sum(ours)} of {len(rows)}, SIFT {sum(sift)}; {both} of SIFT's are found by `match`. "
         f"Correspondences of `match` beyond {FAR_PX:g} px: {far}."
     )
-    print(summary)
-    if given.docs:
-        put_between(PAGE, "unknown scale and rotation", "\n".join([*rows, "", summary]))
 
 
-def _row(images: list[Image], pair: RealPair, scale: float, turn: float, bias: float) -> tuple[str, tuple]:
-    """Return the row of a case, whether `match` and SIFT found it, and how many of `match` are beyond the limit."""
+def enter(rows: list[str]) -> None:
+    """Write a table's rows into the page, which keeps those of other pairs and scales."""
+    text = PAGE.read_text(encoding="utf-8").partition("made by benchmarks/matching_unknown.py -->")[2]
+    kept = [line for line in text.partition("<!--")[0].splitlines() if line.startswith("|")][2:]
+    every = {tuple(row.split("|")[1:3]): row for row in [*kept, *rows[2:]]}
+    place = {pair.name: number for number, pair in enumerate(PAIRS)}
+    order = sorted(every, key=lambda case: (place[case[0].strip()], float(case[1])))
+    table = [every[case] for case in order]
+    put_between(PAGE, "unknown scale and rotation", "\n".join([*rows[:2], *table, "", summary(table)]))
+
+
+def _row(images: list[Image], pair: RealPair, scale: float, turn: float, bias: float) -> str:
+    """Return the row of a case."""
     first = ArrayRaster(*images[0].raster.read(0, 0, *images[0].raster.size))
     second = resampled(ArrayRaster(*images[1].raster.read(0, 0, *images[1].raster.size)), scale, turn)
     found, seconds = timed(partial(match_windows, first, second.raster))
@@ -101,11 +116,10 @@ def _row(images: list[Image], pair: RealPair, scale: float, turn: float, bias: f
     sift_beyond = far(sift_xy, sift_other) if len(sift_xy) else 0
     sift_found = len(sift_xy) >= LEAST_FOUND and sift_beyond <= (1.0 - FOUND_SHARE) * len(sift_xy)
     ours = str(len(found)) if len(found) else found.status
-    row = (
+    return (
         f"| {pair.name} | {scale:g} | {turn:.0f}° | {ours} | {beyond if len(found) else '-'} | {seconds:.1f} "
         f"| {len(sift_xy) if sift_found else 'not found'} | {sift_beyond if sift_found else '-'} | {sift_seconds:.1f} |"
     )
-    return row, (len(found) > 0, sift_found, beyond)
 
 
 def _bias(images: list[Image], pair: RealPair) -> float:

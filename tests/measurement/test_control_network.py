@@ -342,14 +342,33 @@ def test_features_tell_where_the_second_window_shows_the_first():
         assert np.median(np.hypot(*away.T)) < 4.0  # pixels: relief moves points by up to 5 x 0.8
 
 
-def test_a_small_overlap_begins_where_features_say(real_data: Path):
-    """Ventoux, 28 % in common, the second image at 0.6 of its size: 300 px a side have no root in common."""
-    images = [open_image(str(real_data / "ventoux_phr_pair" / name)) for name in ("left_image.tif", "right_image.tif")]
+@pytest.mark.parametrize(
+    ("folder", "names", "degrees", "height_m"),
+    [
+        # 28 % in common: windows of 300 px a side have no root in common
+        ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), 272.0, 537.0),
+        # two dates, 20 degrees apart
+        ("kahramanmaras_phr4", ("pre_event_img1.tif", "post_event_img2.tif"), 201.0, 704.0),
+    ],
+)
+def test_hard_pairs_begin_where_features_say(real_data: Path, folder: str, names: tuple, degrees: float, height_m):
+    """The second image at 0.6 of its size, which is not told."""
+    images = [open_image(str(real_data / folder / name)) for name in names]
     first, second = (ArrayRaster(*image.raster.read(0, 0, *image.raster.size)) for image in images)
-    seen = resampled(second, 0.6, 272.0)
+    seen = resampled(second, 0.6, degrees)
     found = match_windows(first, seen.raster)
     assert found.status == FOUND and len(found) >= 40
     across = across_epipolar(
-        images[0].rpc, images[1].rpc, found.positions.first, seen.back(found.positions.second), 537.0
+        images[0].rpc, images[1].rpc, found.positions.first, seen.back(found.positions.second), height_m
     )
     assert np.abs(across).max() < 2.0 / 0.6  # 2 px of the coarser image
+
+
+def test_what_scatters_about_its_own_geometry_is_no_match(monkeypatch):
+    pair, every = true_pair("grass", 200), matching.seeds
+    for largest_px, status in ((0.75, FOUND), (1e-6, NO_MATCH)):
+        monkeypatch.setattr(
+            matching, "seeds",
+            lambda *given, largest=largest_px: (seed._replace(largest_spread_px=largest) for seed in every(*given)),
+        )  # fmt: skip
+        assert match_windows(pair.first, pair.second, ControlNetworkOptions(scales=(1.0, 1.0))).status == status

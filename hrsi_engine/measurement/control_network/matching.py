@@ -10,6 +10,7 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent, stage
+from ...foundation.robust_scale import robust_sigma
 from ..interest_points.detectors import inside
 from ..interest_points.options import (
     CANDIDATE_QUALITY,
@@ -160,22 +161,27 @@ def match_windows(
         return _match_at(first, second, options, FeatureVote(options.scales), areas, progress)
     # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for
     vote, equal = feature_vote(first, second, *areas), FeatureVote(EQUAL_SCALES)
-    around_one = vote.scales[0] <= 1.0 <= vote.scales[1]
-    told = vote.scales != UNKNOWN_SCALES and not around_one
+    told = vote.scales != UNKNOWN_SCALES and not _tells_equal(vote)
     if not told:
         equal = equal._replace(affine=vote.affine)
     found = _match_at(first, second, options, vote if told else equal, areas, stage(progress, 0.0, 0.5))
-    if found.status == FOUND or (vote.scales != UNKNOWN_SCALES and not told):
+    if found.status == FOUND:
         return found
-    if told:
-        vote = equal
-    else:
-        vote = feature_vote(first, second, *areas, most_px=LOOK_PX)
-        if vote.scales[0] <= 1.0 <= vote.scales[1] and vote.scales != UNKNOWN_SCALES:
+    right = _tells_equal(vote)
+    vote = feature_vote(first, second, *areas, most_px=LOOK_PX)
+    if vote.affine is None:
+        if right or (not told and _tells_equal(vote)):
             return found  # the scale was right: another one would not help
+        if told:
+            vote = equal
     again = _match_at(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
     # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
     return again if again.status == FOUND or vote.scales not in (UNKNOWN_SCALES, EQUAL_SCALES) else found
+
+
+def _tells_equal(vote: FeatureVote) -> bool:
+    """Return whether features vote for equal scales."""
+    return vote.scales != UNKNOWN_SCALES and vote.scales[0] <= 1.0 <= vote.scales[1]
 
 
 def _match_at(
@@ -232,7 +238,10 @@ def match_views(
     for seed in seeds(first, second, seed_options(options, scales), seen, stage(progress, 0.0, 0.4), similarity):
         network = grown(seed.network, first, second, growth_options(options), stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
-        found = _result(seed, *refine_matches(network, first, second, options.consistency_px), first, second)
+        refined, positions = refine_matches(network, first, second, options.consistency_px)
+        if not len(refined) or robust_sigma(positions.epipolar_px) > seed.largest_spread_px:
+            continue
+        found = _result(seed, refined, positions, first, second)
         if best is None or len(found) > len(best):
             best = found
         if len(best) >= options.least:

@@ -4,9 +4,9 @@ A part of about 400 x 400 pixels has about a hundred super points, as in the the
 network, and the number of pairs of roots would grow with the square of the area; so parts are tried one by one, those
 near the middle first, until one of them is found in the second window.
 
-Geometry may fail to tell where few super points repeat (wide angles, other dates, small overlap). Then the likeliest
-hypotheses are compared by what their nodes look like: `grey_seeds`. Where that finds nothing either, and features vote
-clearly for one similarity, interest points that look alike are paired near where it puts them: `feature_seeds`.
+Geometry may fail to tell where few super points repeat (wide angles, other dates, small overlap). Where features vote
+clearly for one similarity, interest points that look alike are paired near where it puts them: `feature_seeds`. Else
+the likeliest hypotheses are compared by what their nodes look like: `grey_seeds`.
 """
 
 from __future__ import annotations
@@ -45,15 +45,21 @@ LEAST_NODES, LEAST_NETWORK_SHARE = 8, 0.3  # of the nodes must look alike; by ch
 SEED_CONSISTENCY_PX = 4.0  # far nodes on relief
 GREY_REACHES = 1.0, 0.6  # shares of the reach: near leaves are fewer, and fit less by chance
 FEATURE_REACH_PX = 8.0  # from where features put a point to where relief may have moved it
+FEATURE_SPREAD_PX = 0.75  # of what grows from features: where it is not one geometry, it scatters by a pixel or more
 LIKELY = 150  # pairs of roots that are compared by grey values
 
 
 class Seed(NamedTuple):
-    """A first network, the hypothesis that it comes from, and how many correspondences the best rival had."""
+    """A first network, the hypothesis that it comes from, and how many correspondences the best rival had.
+
+    largest_spread_px : robust standard deviation from the epipolar geometry of all, above which what grows from it is
+    no match
+    """
 
     network: Network
     hypothesis: Hypothesis
     runner_up: int
+    largest_spread_px: float = np.inf
 
 
 class SeedOptions(NamedTuple):
@@ -107,12 +113,12 @@ def seeds(
             network = verify(as_network(match.best, first, second, rows, theirs), first, second, options.correlation)
             if _enough(network, match.best):
                 yield Seed(network, match.best, match.runner_up)
+    if similarity is not None and not any(match.status == AMBIGUOUS for match in seen):
+        yield from feature_seeds(first, second, similarity, options)
     for match, rows in zip(list(seen), every, strict=True):
         advance(progress, 1.0, "control network: comparing grey values")
         if match.status != AMBIGUOUS:
             yield from grey_seeds(first, second, rows, theirs, options)
-    if similarity is not None and not any(match.status == AMBIGUOUS for match in seen):
-        yield from feature_seeds(first, second, similarity, options)
 
 
 def grey_seeds(
@@ -162,7 +168,7 @@ def feature_seeds(
     every = np.arange(max(len(first.xy), len(second.xy)))
     network = verify(as_network(found, first, second, every, every), first, second, options.correlation)
     if _enough(network, found):
-        yield Seed(network, found, 0)
+        yield Seed(network, found, 0, FEATURE_SPREAD_PX)
 
 
 def _enough(network: Network, hypothesis: Hypothesis) -> bool:

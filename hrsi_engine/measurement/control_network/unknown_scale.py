@@ -22,7 +22,7 @@ SCALE_RATIO = 0.85  # lenient: the vote rejects what is wrong
 VOTE_PX = 4.0  # relief moves points
 VOTES_TAKEN, FARTHER_THAN_PX = 5000, 20.0  # of two pairs each, whose points are so far apart
 FEWEST_VOTES = 10
-CLEAR_VOTES, CLEAR_SHARE = 24, 0.3  # that a network may begin with: at least, and of the pairs that pass the ratio test
+CLEAR_VOTES = 15  # that a network may begin with; by chance three or four of some hundred pairs agree
 UNKNOWN_SCALES = (0.6, 1.7)  # searched step by step where features tell nothing
 AROUND = 1.05  # factor to both sides of the scale found
 GLANCE_PX, LOOK_PX = 500_000, 16_000_000  # pixels of a window that features are found in: quickly, and thoroughly
@@ -59,11 +59,12 @@ def feature_vote(
         return FeatureVote()
     matrix, shift, votes = found
     scale = float(np.hypot(*matrix[:, 0]))
-    clear = votes >= max(CLEAR_VOTES, CLEAR_SHARE * len(i))
     # From the reduced windows' pixels to those of the images
     origins = [np.array([area.left, area.top], dtype=np.float64) for area in areas]
     shift = origins[1] - 0.5 + reduction * (shift + 0.5 - 0.5 * matrix.sum(axis=1)) - matrix @ (origins[0] - 0.5)
-    return FeatureVote((scale / AROUND, scale * AROUND), np.column_stack([matrix, shift]) if clear else None)
+    return FeatureVote(
+        (scale / AROUND, scale * AROUND), np.column_stack([matrix, shift]) if votes >= CLEAR_VOTES else None
+    )
 
 
 def _common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, int] | None:
