@@ -380,8 +380,9 @@ a coordinate, and matched to 1.5 m. 50 independent check points a block. Default
 other groups are its parts, which stand 10 m too high.
 
 All check points of a block share its error in plan, which is one draw: of n blocks, the share within CE90 has a
-standard error of 30 % / √n at least, 2.4 % with 160. The root mean square of the block's shifts, east and north, over
-their sigmas, which should be 1, has one of 0.5 / √n: 0.04.
+standard error of 30 % / √n at least, 3 % with 100. The root mean square of the block's shifts, east and north, over
+their sigmas, which should be 1, has one of 0.5 / √n: 0.05. 199 other blocks, seeds from 20001 on, had 91.6 ± 2.1 %
+within CE90 and 0.97 ± 0.04 of their sigma with the reference, 92.2 % and 0.99 with the laser alone.
 """
 MATCHING = """
 ## A reference of 10 m for images of 0.5 m
