@@ -59,8 +59,10 @@ def point_squares(
     equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
 ) -> np.ndarray:
     """Return each point's smallest weighted sum of squares for the cameras as they are, ``(m,)``."""
-    nobody = np.zeros(len(observations.points), dtype=bool)
-    normals = equations.normals(solution.state, weighting.image, weighting.points, nobody)
+    normals = solution.normals  # what they say of points does not depend on who has a say in the cameras
+    if weighting is not solution.weighting or not (solution.factor == 1.0).all():
+        nobody = np.zeros(len(observations.points), dtype=bool)
+        normals = equations.normals(solution.state, weighting.image, weighting.points, nobody)
     lengths = np.einsum("nc,nc->n", normals.residual, normals.residual) * weighting.image
     gain = np.einsum("mi,mij,mj->m", normals.point_right, normals.inverse, normals.point_right)
     return np.add.reduceat(lengths, observations.first[:-1]) - gain
