@@ -7,7 +7,8 @@ solving (with the sigmas of all points and image points), the latter in CPU seco
 worker, what the workers sent, and how the result agrees with the truth. ``--docs`` puts the table into
 docs/large_blocks.md.
 
-``workers_growth.py --same COUNT`` compares one process with 1, 2 and 4 workers, and with one of two killed.
+``workers_growth.py --same COUNT`` compares one process with 1, 2 and 4 workers, and with one of two killed; with
+heights of a DEM and of laser points and with cameras as observations too.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import argparse
 import os
 import resource
 import signal
+import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -35,19 +37,24 @@ from hrsi.hrsi_engine.adjustment.subtrees.descent import SeparatorPriors, Worker
 from hrsi.hrsi_engine.adjustment.subtrees.division import Division, Node
 from hrsi.hrsi_engine.adjustment.subtrees.leaf import Leaf, LeafAt, LeafPrecision, LeafStart
 from hrsi.hrsi_engine.adjustment.subtrees.loop import open_workers
-from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.block.block import Block, Image
+from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.io.deposits import FileDeposit
 from hrsi.hrsi_engine.refinement.models import MODELS
+from hrsi.hrsi_engine.surface.dem import GridSurface
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "large_blocks.md"
 BEGIN, END = "<!-- workers: made by benchmarks/workers_growth.py -->", "<!-- end of workers -->"
+SAME_MARKS = "<!-- same: made by benchmarks/workers_growth.py --same -->", "<!-- end of same -->"
 COUNTS = (1000, 10_000, 100_000)
 VIEWS, GSD_M, HALF_PX = 3, 0.8, 6000.0
 STEP_M = 0.87 * 2.0 * HALF_PX * GSD_M
 REACH_M = HALF_PX * GSD_M
 MODEL, SIGMA_PX, SIGMA_M, SHIFT_PX, DRIFT = "affine", 0.3, 0.1, 10.0, 1.0 / 12000
-LEAF_SCENES = 16  # along a side
+LEAF_SCENES = 12  # along a side, at most
+BEYOND = 0.41  # of a step: from so far before a scene's middle on, no point is seen by the scene before it
 ORIGIN = np.array([[15.0, 5.0, 500.0]])
 
 
@@ -61,7 +68,11 @@ class Field:
     seed: int = 1
 
     def scenes(self, tile: int) -> tuple[range, range]:
-        """Return the rows and columns of scenes of a tile."""
+        """Return the rows and columns of scenes of a tile.
+
+        Its points begin `BEYOND` before its first scenes and end there before the next tile's: so they are seen by its
+        own scenes and the first ones of the next tiles, and a separator is one row of scenes, as in a straight cut.
+        """
         edges = [round(k * self.width / self.tiles) for k in range(self.tiles + 1)]
         row, column = divmod(tile, self.tiles)
         return range(edges[row], edges[row + 1]), range(edges[column], edges[column + 1])
@@ -69,8 +80,8 @@ class Field:
     def cameras_near(self, tile: int) -> np.ndarray:
         """Return the numbers of the cameras that the points of a tile may be seen by, sorted."""
         rows, columns = self.scenes(tile)
-        r = np.arange(max(rows.start - 1, 0), min(rows.stop + 1, self.width))
-        c = np.arange(max(columns.start - 1, 0), min(columns.stop + 1, self.width))
+        r = np.arange(rows.start, min(rows.stop + 1, self.width))
+        c = np.arange(columns.start, min(columns.stop + 1, self.width))
         scenes = (r[:, None] * self.width + c).ravel()
         return (scenes[:, None] * VIEWS + np.arange(VIEWS)).ravel()
 
@@ -93,7 +104,7 @@ class Field:
 
 def field_of(count: int) -> Field:
     width = max(2, round(np.sqrt(count / VIEWS)))
-    return Field(width, 2 ** max(0, int(np.ceil(np.log2(width / LEAF_SCENES)))))
+    return Field(width, -(-width // LEAF_SCENES))
 
 
 @lru_cache(maxsize=1)
@@ -105,9 +116,11 @@ def made(field: Field, tile: int) -> tuple[Leaf, np.ndarray]:
     scenes = len(rows) * len(columns)
     total = max(8, round(field.per_image * VIEWS * scenes / 3.3))
     middle = 0.5 * (field.width - 1)
-    low = (np.array([rows.start, columns.start]) - 0.5 - middle) * STEP_M
-    size = np.array([len(rows), len(columns)]) * STEP_M
-    place = low + rng.uniform(0.0, 1.0, (total, 2)) * size
+    low, high = (
+        np.array([edge - (0.5 if edge in (0, field.width) else BEYOND) for edge in edges]) - middle
+        for edges in ((rows.start, columns.start), (rows.stop, columns.stop))
+    )
+    place = STEP_M * rng.uniform(low, high, (total, 2))
     place = place[np.argsort(place[:, 0])]
     truth = moved_ground(np.repeat(ORIGIN, total, axis=0), np.column_stack([place, rng.uniform(-200, 200, total)]))
     images = [field.image(int(camera)) for camera in cameras]
@@ -187,8 +200,8 @@ def prior_weight(p: int) -> np.ndarray:
 def inner_of(field: Field, tile: int) -> np.ndarray:
     """Return the cameras that the points of no other tile see."""
     rows, columns = field.scenes(tile)
-    r = np.arange(rows.start + (rows.start > 0), rows.stop - (rows.stop < field.width))
-    c = np.arange(columns.start + (columns.start > 0), columns.stop - (columns.stop < field.width))
+    r = np.arange(rows.start + (rows.start > 0), rows.stop)
+    c = np.arange(columns.start + (columns.start > 0), columns.stop)
     scenes = (r[:, None] * field.width + c).ravel()
     return (scenes[:, None] * VIEWS + np.arange(VIEWS)).ravel()
 
@@ -335,30 +348,60 @@ def killing(client: Any) -> Callable[[float, str], bool]:
     return progress
 
 
-def same(count: int) -> None:
-    """Print how a block adjusted by workers agrees with one process, and what a worker's death costs."""
-    block = simulated(count)
-    options = AdjustOptions(model=MODEL)
-    begin = time.process_time()
-    one = adjust(block, options)
-    print(
-        f"{count} images, {len(block.measurements)} image points; one process: {time.process_time() - begin:.1f} CPU s"
-    )
-    for workers, die in ((1, False), (2, False), (4, False), (2, True)):
-        cluster = distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        )
-        with cluster, open_workers(cluster.scheduler_address) as elsewhere:
-            wall = time.monotonic()
-            two = adjust(block, options, killing(elsewhere.client) if die else silent, elsewhere=elsewhere)
-            cpu, sent, memory = of_workers(elsewhere.client)
-        apart = np.nanmax(np.abs(two.residual_px - one.residual_px))
-        sigma = np.nanmax(np.abs(two.ground_sigma_m / one.ground_sigma_m - 1.0))
-        print(
-            f"{workers} workers{', one killed' if die else ''}: residuals differ by {apart:.1e} px, sigmas by "
-            f"{sigma:.1e}, decisions {int((one.decision != two.decision).sum())}; {time.monotonic() - wall:.1f} s, "
-            f"{cpu:.1f} CPU s of workers, {sent:.1f} MB sent, {memory:.0f} MB a worker", flush=True
-        )  # fmt: skip
+def kinds(block: Block) -> dict[str, tuple[Block, AdjustOptions]]:
+    """Return blocks and options by what holds points and cameras; the last has every second point of an earlier one."""
+    free = AdjustOptions(model=MODEL)
+    bare = replace(free, reject_sigma=0.0, test_sigmas=False)
+    result = adjust(block, bare)
+    rng = np.random.default_rng(4)
+    places = result.ground[np.isfinite(result.ground).all(axis=1)][::3]
+    beside = moved_ground(places, rng.normal(0.0, (2.0, 2.0, 0.3), places.shape))
+    beside[: len(beside) // 50, 2] += 30.0
+    laser = LaserPoints.create(beside, track=np.where(np.arange(len(beside)) % 2, "a", "b"), sigma_m=0.2)
+    low, high = places.min(axis=0)[:2] - 0.1, places.max(axis=0)[:2] + 0.1
+    flat = GridSurface.from_array(np.full((11, 11), ORIGIN[0, 2]), tuple(low), tuple((high - low) / 10))
+    rows = block.measurements
+    early, late = (replace(block, measurements=rows.select(rows.point % 2 == which)) for which in (0, 1))
+    return {
+        "surveys": (block, free),
+        "a DEM": (block, replace(free, dem=flat, sigma_dem_m=120.0)),
+        "laser points": (block, replace(free, laser=laser)),
+        "observed cameras": (late, replace(bare, earlier=adjust(early, bare).joint)),
+    }
+
+
+SAME_HEADER = (
+    "held by", "workers", "one process CPU s", "CPU s of workers", "sent MB", "residuals differ px",
+    "sigmas differ, of themselves", "decisions differ",
+)  # fmt: skip
+
+
+def same(count: int) -> list[list[str]]:
+    """Adjust a block by one process and by workers, of which one is killed; return rows of how they agree."""
+    rows = []
+    for kind, (block, options) in kinds(simulated(count)).items():
+        begin = time.process_time()
+        one = adjust(block, options)
+        alone = time.process_time() - begin
+        cases = ((1, False), (2, False), (4, False), (2, True)) if kind == "surveys" else ((2, False), (2, True))
+        for workers, die in cases:
+            with (
+                tempfile.TemporaryDirectory() as folder,
+                distributed.LocalCluster(
+                    n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+                ) as cluster,
+                open_workers(cluster.scheduler_address, deposit=FileDeposit(folder)) as elsewhere,
+            ):
+                two = adjust(block, options, killing(elsewhere.client) if die else silent, elsewhere=elsewhere)
+                cpu, sent, _ = of_workers(elsewhere.client)
+            apart = np.nanmax(np.abs(two.residual_px - one.residual_px))
+            sigma = np.nanmax(np.abs(two.ground_sigma_m / one.ground_sigma_m - 1.0))
+            rows.append([
+                kind, f"{workers}{', one killed' if die else ''}", f"{alone:.1f}", f"{cpu:.1f}", f"{sent:.1f}",
+                f"{apart:.1e}", f"{sigma:.1e}", str(int((one.decision != two.decision).sum())),
+            ])  # fmt: skip
+            print(" | ".join(rows[-1]), flush=True)
+    return rows
 
 
 def main() -> None:
@@ -369,21 +412,21 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true")
     given = parser.parse_args()
     if given.same:
-        same(given.same)
+        show(SAME_HEADER, same(given.same), SAME_MARKS if given.docs else None)
         return
     rows = [grow(count, given.memory_limit) for count in given.counts or COUNTS]
-    table = "\n".join(
-        [
-            "| " + " | ".join(HEADER) + " |",
-            "|" + "---:|" * len(HEADER),
-            *("| " + " | ".join(row) + " |" for row in rows),
-        ]
-    )
+    show(HEADER, rows, (BEGIN, END) if given.docs else None)
+
+
+def show(header: Sequence[str], rows: Sequence[Sequence[str]], marks: tuple[str, str] | None) -> None:
+    """Print a table, and put it between the marks of the page."""
+    lines = [" | ".join(header), "|".join(["---:"] * len(header)), *(" | ".join(row) for row in rows)]
+    table = "\n".join(f"| {line} |" for line in lines)
     print(table)
-    if given.docs:
+    if marks is not None:
         text = PAGE.read_text(encoding="utf-8")
-        before, rest = text.split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
+        before, rest = text.split(marks[0])
+        PAGE.write_text(f"{before}{marks[0]}\n\n{table}\n\n{marks[1]}{rest.split(marks[1])[1]}", encoding="utf-8")
 
 
 if __name__ == "__main__":

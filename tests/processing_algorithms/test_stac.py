@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -137,6 +138,22 @@ def test_pixels_that_stay_where_they_are(write: str, sources: Path, options: dic
         return
     assert (tmp_path / "out" / assets["image"]["href"]).resolve() == sources / "pixels" / "1.tif"
     assert assets["rpc"] == assets["rpc"] | {"href": "./hobart_ikonos_2_RPC.TXT", "roles": ["metadata", "rpc"]}
+
+
+def test_images_of_items_refined_in_place(sources: Path, options: dict[str, Any], tmp_path: Path):
+    """The image takes the refined RPC, although its item names another; the new item has it too."""
+    pixels = tmp_path / "pixels"
+    shutil.copytree(sources / "pixels", pixels)
+    (tmp_path / "items.json").write_text((sources / "items.json").read_text())
+    items, out = str(tmp_path / "items.json"), tmp_path / "out"
+    run("adjust", images=[items], output_dir=str(out), stac=True, write="in-place", **options)
+    offsets = []
+    for number, document in enumerate(read(out, "stac.json")["features"]):
+        assert (out / document["assets"]["image"]["href"]).resolve() == pixels / f"{number}.tif"
+        rpc, before = read_rpc(str(pixels / f"{number}.tif")).rpc, open_image(images_of_items(items, print)[number]).rpc
+        assert rpc.samp_off == document["properties"]["rpc:samp_off"]
+        offsets.append(rpc.samp_off - before.samp_off)
+    assert np.abs(offsets)[[0, 2]].min() > 1.0  # the second image has no control
 
 
 def test_rpcs_alone_of_unknown_time(repository: Path, options: dict[str, Any], tmp_path: Path):

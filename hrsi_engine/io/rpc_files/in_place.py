@@ -111,7 +111,7 @@ def prepare_in_place(
 
 def require_in_place(path: str, rpc: RPC) -> None:
     """Raise `OutputError` where a reader does not find the RPC that was written."""
-    require_same(path, rpc, read_rpc(path).rpc)
+    require_same(path, rpc, read_rpc(str(path)).rpc)  # what the file says, whatever a STAC item says of it
 
 
 def _prepare_rpc_file(path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
