@@ -94,3 +94,15 @@ def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_
     assert verdict["level"] != "ok"
     (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "heights-off-rpcs"]
     assert reason["message"].startswith("the heights of laser hold the block")
+
+
+def test_the_verdict_doubts_laser_points_that_hold_nothing(block: Path, tmp_path: Path):
+    file = tmp_path / "dim.csv"
+    rows = list(csv.DictReader((block / "laser.csv").open()))
+    with file.open("w", newline="") as target:
+        written = csv.DictWriter(target, list(rows[0]))
+        written.writeheader()
+        written.writerows(row | {"n_fit_photons": 4} for row in rows)
+    given = options(block, tmp_path / "out", image_points=str(block / "image_points.csv"), laser=str(file))
+    (reason,) = run("adjust", **given)["verdict"]["reasons"]
+    assert reason["code"] == "laser-holds-nothing" and "fewer than 10 photons" in reason["message"]

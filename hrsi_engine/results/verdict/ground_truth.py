@@ -218,7 +218,21 @@ def heights_against_rpcs(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
+def laser_holds_nothing(evidence: Evidence) -> Iterator[Reason]:
+    """Laser points of which none holds the block, though the user named them for that."""
+    found = evidence.result.laser
+    if found is None or (found.reason == "").any():
+        return
+    reasons, count = np.unique(found.reason, return_counts=True)
+    most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
+    yield Reason(
+        "laser-holds-nothing", Level.DOUBTFUL,
+        f"none of the {len(found.reason)} laser points holds the block's height: {most}",
+        "the layer laser_points has the reason of each; name a file with more passes over the images, or leave it out",
+    )  # fmt: skip
+
+
 ON_GROUND_TRUTH = (
     control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction, sources_of_heights,
-    heights_against_rpcs,
+    heights_against_rpcs, laser_holds_nothing,
 )  # fmt: skip
