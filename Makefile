@@ -64,6 +64,11 @@ test: set-up-test lint  ## lint, then the whole test suite, QGIS included (two r
 	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis tests || status=$$?; \
 	exit $$status
 
+.PHONY: qt6
+qt6: set-up-test  ## the plugin's code and widgets on PyQt6, which goes to build/qt6 and nowhere else
+	@[ -d $(BUILD)/qt6/PyQt6 ] || $(BIN)/python -m pip install --quiet --disable-pip-version-check --target $(BUILD)/qt6 -c constraints.txt PyQt6
+	@PYTHONPATH=$(BUILD)/qt6 $(PYTEST) -p no:pytest_qgis -s tests/test_qt6.py
+
 .PHONY: docs plugin wheel
 docs: set-up-test  ## the documentation site, in build/docs; warnings are errors
 	$(BIN)/python -m sphinx -q -W --keep-going -b html -d $(BUILD)/doctrees docs $(BUILD)/docs

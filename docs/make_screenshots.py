@@ -1,9 +1,9 @@
-"""Pictures of HRSI: toolbox, dialog and map in the QGIS desktop, the panel "HRSI Points" in use, and a report.
+"""Pictures of HRSI: dialogs, map and first steps in the QGIS desktop, the panel "HRSI Points" in use, and a report.
 
 ``python docs/make_screenshots.py [FOLDER]`` starts QGIS on a virtual screen (xvfb) with a fresh profile and runs this
-same file inside it, which writes ``qgis_dialog.png``, ``qgis_residuals.png`` and ``qgis_panel.png``; Chromium writes
-``report.png``, ``report_phone.png`` and ``report_dark.png``, which ``--reports`` makes alone. Dialog, map and reports
-show the Hobart block, panel and the dark report a simulated one with a gross error.
+same file inside it, which writes ``qgis_*.png``, and once more with QGIS's dark theme: ``qgis_*_dark.png``; Chromium
+writes ``report.png``, ``report_phone.png`` and ``report_dark.png``, which ``--reports`` makes alone. Dialog, map and
+reports show the Hobart block, panel and the dark report a simulated one with a gross error.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-PICTURES, WORK = "HRSI_PICTURES", "HRSI_PICTURES_WORK"  # environment variables: where pictures and temporary files go
+#: Environment variables: where pictures and temporary files go, and what is put to the pictures' names.
+PICTURES, WORK, ENDING = "HRSI_PICTURES", "HRSI_PICTURES_WORK", "HRSI_PICTURES_ENDING"
+THEMES = {"": "default", "_dark": "Night Mapping"}  #: of QGIS, by the ending of the pictures' names
 SCREEN_PX = (1400, 960)
 START_MS, SETTLE_MS = 3000, 2500
 DESK_PX, PHONE_PX, DARK_PX = (1400, 1560), (390, 1560), (1400, 1100)
@@ -34,17 +36,26 @@ def launch(pictures: Path) -> int:
     repository = Path(__file__).resolve().parents[1]
     pictures.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="hrsi-") as work:
-        profile = Path(work) / "profile"
         shutil.copytree(repository / "examples" / "hobart", Path(work) / "hobart")
-        environment = _module_of("profile_of_tests", Path("tests", "qgis", "profile.py")).make_profile(profile)
-        environment |= {PICTURES: str(pictures.resolve()), WORK: work}
-        environment["CPL_LOG"] = str(Path(work) / "gdal.log")  # QGIS's own world map has dates that GDAL warns of
         simulate_block(Path(work) / "simulated")
-        del environment["QT_QPA_PLATFORM"]  # a real (virtual) screen, not Qt's offscreen one
-        screen = ["xvfb-run", "-a", "-s", "-screen 0 {}x{}x24".format(*SCREEN_PX)]
-        qgis = ["qgis", "--nologo", "--noversioncheck", "--profiles-path", str(profile), "--code", __file__]
-        status = subprocess.run([*screen, *qgis], env=environment, timeout=300, check=False).returncode
+        status = 0
+        for ending in THEMES:
+            status = status or launch_qgis(Path(work), pictures, ending)
         return status or pictures_of_reports(Path(work) / "simulated", Path(work), pictures)
+
+
+def launch_qgis(work: Path, pictures: Path, ending: str) -> int:
+    """Run QGIS with a fresh profile and the theme of an ending; return its exit code."""
+    profile = work / f"profile{ending}"
+    environment = _module_of("profile_of_tests", Path("tests", "qgis", "profile.py")).make_profile(profile)
+    with (profile / "profiles" / "default" / "QGIS" / "QGIS3.ini").open("a", encoding="utf-8") as settings:
+        settings.write(f"[UI]\nUITheme={THEMES[ending]}\n[hrsi]\nfirst_steps_done=true\n")
+    environment |= {PICTURES: str(pictures.resolve()), WORK: str(work), ENDING: ending}
+    environment["CPL_LOG"] = str(work / "gdal.log")  # QGIS's own world map has dates that GDAL warns of
+    del environment["QT_QPA_PLATFORM"]  # a real (virtual) screen, not Qt's offscreen one
+    screen = ["xvfb-run", "-a", "-s", "-screen 0 {}x{}x24".format(*SCREEN_PX)]
+    qgis = ["qgis", "--nologo", "--noversioncheck", "--profiles-path", str(profile), "--code", __file__]
+    return subprocess.run([*screen, *qgis], env=environment, timeout=600, check=False).returncode
 
 
 def launch_reports(pictures: Path) -> int:
@@ -128,6 +139,7 @@ def hobart_parameters() -> dict[str, object]:
         "GCP_IDS": GCP_IDS,
         "MODEL": "shift",
         "OUTPUT_DIR": str(data / "result"),
+        "OVERWRITE": True,
     }
 
 
@@ -136,10 +148,13 @@ class Session:
 
     def __init__(self) -> None:
         self.steps = iter((
-            self.show_toolbox, self.show_dialog, self.save_dialog, self.run_and_zoom, self.save_map, self.show_panel,
-            self.click, self.adjust, self.choose_point, self.save_panel,
+            self.show_toolbox, self.show_dialog, self.save_dialog, self.run_and_zoom, self.save_map,
+            self.show_extent, self.save_extent, self.show_first_steps, self.save_first_steps,
+            self.show_panel, self.click, self.adjust, self.choose_point, self.save_panel,
+            self.begin_tie, self.save_tie, self.show_new_block, self.save_new_block,
         ))  # fmt: skip
         self.dialog: Any = None
+        self.tour: Any = None
         self.panel: Any = None
 
     def next_step(self) -> None:
@@ -194,16 +209,42 @@ class Session:
         QApplication.processEvents()
         save_screen("qgis_residuals.png")
 
-    def show_panel(self) -> None:
+    def show_extent(self) -> None:
+        import processing
+
+        self.dialog = processing.createAlgorithmDialog("hrsi:orthorectify", {})
+        self.dialog.setGeometry(60, 60, 950, 880)
+        self.dialog.show()
+
+    def save_extent(self) -> None:
+        save_screen("qgis_extent.png")
+        self.dialog.close()
+
+    def show_first_steps(self) -> None:
         from qgis.PyQt.QtWidgets import QDockWidget
         from qgis.utils import iface, plugins
 
+        iface.newProject()
+        for name in ("ProcessingToolbox", "Browser"):
+            iface.mainWindow().findChild(QDockWidget, name).setVisible(False)
+        self.tour, self.panel = plugins["hrsi"]._steps, plugins["hrsi"].dock
+        self.tour.show()
+        self.tour.move(SCREEN_PX[0] - 470, 130)
+        self.tour.buttons[0].click()
+        wait_until(lambda: self.tour.step() == 1)
+        self.tour.buttons[1].click()
+
+    def save_first_steps(self) -> None:
+        self.wait_for_images()
+        self.tour.raise_()
+        save_screen("qgis_first_steps.png")
+        self.tour.close()
+        self.panel.give_up()
+
+    def show_panel(self) -> None:
         from hrsi.processing_algorithms.point_session import files
 
-        iface.newProject()
-        iface.mainWindow().findChild(QDockWidget, "ProcessingToolbox").setVisible(False)
         folder = Path(os.environ[WORK]) / "simulated"
-        self.panel = plugins["hrsi"].dock
         self.panel.show_session(
             files.new_session(
                 simulated_images(folder), str(folder / "ground_points.csv"), str(folder / "image_points.csv"),
@@ -236,9 +277,34 @@ class Session:
             view.chip.show_chip(fit.chip_svg)
 
     def save_panel(self) -> None:
+        self.wait_for_images()
+        save_screen("qgis_panel.png")
+
+    def begin_tie(self) -> None:
+        """Click beside the crossing of two roads: matching finds the place in the other image, and waits for Y or X."""
+        view = self.panel.ui.shown_views()[0]
+        self.panel.ui.kind.setCurrentText("point")
+        self.panel.ui.tie.trigger()
+        self.panel.measure(view.image(), 350.0, 350.0)
+
+    def save_tie(self) -> None:
+        self.wait_for_images()
+        save_screen("qgis_ties.png")
+
+    def show_new_block(self) -> None:
+        from hrsi.plugin.points_panel.new_block import NewBlockDialog
+
+        self.panel.give_up()
+        self.panel.setVisible(False)
+        self.dialog = NewBlockDialog()
+        self.dialog.show()
+
+    def save_new_block(self) -> None:
+        self.dialog.grab().save(picture("qgis_new_block.png"))
+
+    def wait_for_images(self) -> None:
         for view in self.panel.ui.shown_views():
             view.canvas.waitWhileRendering()
-        save_screen("qgis_panel.png")
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
@@ -254,7 +320,13 @@ def save_screen(name: str) -> None:
     """Write a picture of the whole virtual screen."""
     from qgis.PyQt.QtWidgets import QApplication
 
-    QApplication.primaryScreen().grabWindow(0).save(str(Path(os.environ[PICTURES]) / name))
+    QApplication.primaryScreen().grabWindow(0).save(picture(name))
+
+
+def picture(name: str) -> str:
+    """Return where a picture goes, with the ending of the theme."""
+    path = Path(os.environ[PICTURES]) / name
+    return str(path.with_stem(path.stem + os.environ[ENDING]))
 
 
 def start_session() -> None:

@@ -9,13 +9,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-from qgis.core import QgsApplication, QgsCoordinateTransform, QgsProject, QgsSettings, QgsTask, QgsVectorLayer
+from qgis.core import QgsApplication, QgsCoordinateTransform, QgsProject, QgsSettings, QgsVectorLayer
 from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from ..hrsi_engine.foundation.errors import HrsiError
 from ..processing_algorithms import point_session, run
-from .dependencies import missing_package_message
+from .background_task import BackgroundTask
 from .points_panel.dock import PointsDock
 from .translation import tr
 
@@ -60,7 +59,7 @@ class FirstSteps(QDialog):
         self._dock, self._canvas = dock, canvas
         self.folder = Path(folder or Path(QgsApplication.qgisSettingsDirPath()) / "hrsi" / "example")
         self.missing: tuple[str, str] = ("", "")  # GCP and image that are to be measured
-        self._task: QgsTask | None = None
+        self._task: BackgroundTask | None = None
         layout = QVBoxLayout(self)
         self.texts, self.buttons = [], []
         for (text, button), act in zip(STEPS, (self.load, self.show_point, self.adjust, self.show_arrows), strict=True):
@@ -167,27 +166,15 @@ class FirstSteps(QDialog):
         self.close()
 
 
-class _Simulation(QgsTask):
-    """Makes the example; ``failure`` says why there is none."""
+class _Simulation(BackgroundTask):
+    """Makes the example."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(tr("HRSI: making the example"), QgsTask.Flag.CanCancel)
-        self._folder, self.failure = folder, ""
+        super().__init__(tr("HRSI: making the example"))
+        self._folder = folder
 
-    def run(self) -> bool:
-        try:
-            run("simulate", output_dir=str(self._folder), overwrite=True, progress=self._progress, **EXAMPLE)
-        except HrsiError as error:
-            self.failure = str(error)
-        except ImportError as error:
-            self.failure = missing_package_message(error) or repr(error)
-        except Exception as error:  # in a thread of QGIS it would vanish
-            self.failure = f"{type(error).__name__}: {error}"
-        return not self.failure
-
-    def _progress(self, fraction: float, message: str = "") -> bool:
-        self.setProgress(100.0 * fraction)
-        return not self.isCanceled()
+    def work(self) -> None:
+        run("simulate", output_dir=str(self._folder), overwrite=True, progress=self.progress, **EXAMPLE)
 
 
 def is_tour_wanted() -> bool:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,14 +84,12 @@ class PointSession:
 
     def rows(self) -> list[PointRow]:
         """Return all known points, in the order in which they came."""
-        counts: dict[str, int] = {}
-        for name, _ in self.measured:
-            counts[name] = counts.get(name, 0) + 1
+        counts = Counter(map(itemgetter(0), self.measured))
         stale = self._stale_points()
         return [
             PointRow(
                 point,
-                counts.get(name, 0),
+                counts[name],
                 NO_POSITION if name in stale else self._ground_residual(name),
                 "" if name in stale else self._suspicion(name),
             )

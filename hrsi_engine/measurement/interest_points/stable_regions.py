@@ -15,6 +15,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
+FEW_PAIRS = 500  #: are grouped one by one; SciPy's graphs take a third of a millisecond however small they are
+
 
 class MserLimits(NamedTuple):
     """Levels to both sides over which a region must change little; its area in pixels; the largest change."""
@@ -81,7 +83,7 @@ def _tree_of(image: np.ndarray) -> _Tree:
     new_at = np.searchsorted(depth[pixels], np.arange(len(levels) + 1))
     pairs_at = np.searchsorted(depth[first], np.arange(len(levels) + 1))
 
-    count, entered, place = 0, np.full(depth.size, -1), np.empty(depth.size, np.int64)
+    count, entered, place, slot = 0, np.full(depth.size, -1), *np.empty((2, depth.size), np.int64)
     regions = np.empty((5, depth.size), np.int64)  # not more than pixels; all but a few never used, and take no memory
     level_of, area, parent, main, holder = regions  # holder: one that holds it, the largest yet at the end of the way
     for level in levels:
@@ -89,13 +91,15 @@ def _tree_of(image: np.ndarray) -> _Tree:
         place[new] = np.arange(len(new))
         beside = second[pairs]
         is_new = entered[beside] < 0
-        old, which = np.unique(_largest_yet(holder, entered[beside[~is_new]]), return_inverse=True)
+        old = _largest_yet(holder, entered[beside[~is_new]])  # many times the same: it is joined with itself
+        slot[old] = np.arange(len(old))
+        of_old = len(new) + np.arange(len(old))
         to = np.empty(len(beside), np.int64)
-        to[is_new], to[~is_new] = place[beside[is_new]], len(new) + which
-        size = len(new) + len(old)
-        touching = sparse.csr_matrix((np.ones(len(to), np.int8), (place[first[pairs]], to)), (size, size))
-        made, region = csgraph.connected_components(touching, directed=False)
-        own, into = region[: len(new)], region[len(new) :] + count
+        to[is_new], to[~is_new] = place[beside[is_new]], of_old
+        made, region = _groups(len(new) + len(old), np.r_[place[first[pairs]], of_old], np.r_[to, len(new) + slot[old]])
+        is_once = slot[old] == np.arange(len(old))
+        old = old[is_once]
+        own, into = region[: len(new)], region[len(new) :][is_once] + count
         nodes = np.arange(count, count + made)
         entered[new] = count + own
         level_of[nodes], area[nodes] = level, np.bincount(own, minlength=made)
@@ -106,6 +110,26 @@ def _tree_of(image: np.ndarray) -> _Tree:
         main[into[by_area]] = old[by_area]
         count += made
     return _Tree(level_of[:count], area[:count], parent[:count], main[:count], entered)
+
+
+def _groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
+    """Return how many groups pairs make of ``count`` things, and the group of each."""
+    if len(first) > FEW_PAIRS:
+        graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), (count, count))
+        return csgraph.connected_components(graph, directed=False)
+    head = list(range(count))  # of each thing one of its group that is not behind it
+    for one, other in zip(first.tolist(), second.tolist(), strict=True):
+        while head[one] != one:
+            head[one] = one = head[head[one]]
+        while head[other] != other:
+            head[other] = other = head[head[other]]
+        head[max(one, other)] = min(one, other)
+    group: list[int] = []
+    made = 0
+    for thing, before in enumerate(head):
+        group.append(made if before == thing else group[before])
+        made += before == thing
+    return made, np.array(group, np.int64)
 
 
 def _neighbours(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
