@@ -2,8 +2,9 @@
 
 ``python docs/make_screenshots.py [FOLDER]`` starts QGIS on a virtual screen (xvfb) with a fresh profile and runs this
 same file inside it, which writes ``qgis_*.png``, and once more with QGIS's dark theme: ``qgis_*_dark.png``; Chromium
-writes ``report.png``, ``report_phone.png`` and ``report_dark.png``, which ``--reports`` makes alone. Dialog, map and
-reports show the Hobart block, panel and the dark report a simulated one with a gross error.
+writes ``report.png``, ``report_phone.png`` and ``report_dark.png``, which ``--reports`` makes alone. Without FOLDER all
+go to ``build/pictures``, and those that the pages show to ``docs/pictures``. Dialog, map and reports show the Hobart
+block, panel and the dark report a simulated one with a gross error.
 """
 
 from __future__ import annotations
@@ -343,4 +344,10 @@ elif __name__ == "__main__":
         sys.exit(launch_reports(Path(__file__).parent / "pictures"))
     if shutil.which("xvfb-run") is None:
         sys.exit("xvfb-run is not installed: apt-get install xvfb xauth")
-    sys.exit(launch(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "pictures"))
+    if len(sys.argv) > 1:
+        sys.exit(launch(Path(sys.argv[1])))
+    made, shown = Path(__file__).parents[1] / "build" / "pictures", Path(__file__).parent / "pictures"
+    status = launch(made)
+    for page_picture in () if status else shown.glob("*.png"):  # the others are there to be looked at
+        shutil.copy(made / page_picture.name, page_picture)
+    sys.exit(status)

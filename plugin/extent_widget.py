@@ -33,6 +33,7 @@ class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
             self._words.addItem(word, word)
         self._words.addItem(tr("a box:"), "")
         self._box.setNullValueAllowed(True, tr("from the map, a layer, or drawn"))
+        self._box.clear()  # which shows that text
         self._words.currentIndexChanged.connect(lambda _index: self.widgetValueHasChanged.emit(self))
         self._box.extentChanged.connect(lambda _extent: self._on_box())
         self._box.toggleDialogVisibility.connect(self._show_dialog)

@@ -25,7 +25,8 @@ def short_help(declaration: Algorithm) -> str:
 
 
 def _parameter_help(param: Param, declaration: Algorithm) -> str:
-    return f"<p><b>{_text(label_of(param))}</b><br/>{_text(_told(param.help, declaration))}.</p>"
+    # QGIS writes <b> in dark grey, which nobody reads with its dark theme
+    return f"<p><strong>{_text(label_of(param))}</strong><br/>{_text(_told(param.help, declaration))}.</p>"
 
 
 def _told(text: str, declaration: Algorithm) -> str:

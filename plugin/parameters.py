@@ -140,14 +140,14 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
 
 
 def _is_asked_first(param: Param, params: Sequence[Param]) -> bool:
-    """Return whether a field stands above "Advanced": in a long dialog what is read or written, and what must be given.
+    """Return whether a field stands above "Advanced": in a long dialog inputs, outputs, and what must be given.
 
     How it is done has defaults, and thirty fields in a column hide the three that are needed.
     """
     if len(params) <= SHORT_DIALOG or not any(other.kind in READ_KINDS for other in params):
         return True
     takes_file = "FILE" in param.metavar.split("|")
-    return param.required or takes_file or param.kind in (*READ_KINDS, Kind.FOLDERS, Kind.OUTPUT_DIR)
+    return param.required or takes_file or param.kind in (*READ_KINDS, Kind.EXTENT, Kind.FOLDERS, Kind.OUTPUT_DIR)
 
 
 def option_value(param: Param, reading: Reading) -> Any:

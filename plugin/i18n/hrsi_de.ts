@@ -404,7 +404,7 @@
       <translation>Bodenpixel</translation>
     </message>
     <message>
-      <source>Go to map place</source>
+      <source>Go to place</source>
       <translation>Kartenstelle zeigen</translation>
     </message>
     <message>
@@ -860,7 +860,7 @@
       <translation>Relief</translation>
     </message>
     <message>
-      <source>Remove point</source>
+      <source>Remove</source>
       <translation>Punkt entfernen</translation>
     </message>
     <message>

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 HALF_VIEW_PX = 60.0  # image pixels around the predicted position
 STRETCH_PIXELS = 20_000
+ACTIVE = "#ffb000"  # the frame of the view that the keyboard acts on, seen with bright and dark themes
 STRETCH = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum
 
 
@@ -107,8 +108,8 @@ class ImageView(QWidget):
 
     def mark_active(self, is_active: bool) -> None:
         """Show whether the keyboard acts on this view."""
-        self.canvas.setFrameShape(QgsMapCanvas.Shape.Box if is_active else QgsMapCanvas.Shape.NoFrame)
-        self.canvas.setLineWidth(2 if is_active else 0)
+        colour = ACTIVE if is_active else "transparent"  # of the same width: the image stays as it is
+        self.canvas.setStyleSheet(f"QgsMapCanvas {{ border: 2px solid {colour}; }}")
 
     def let_go(self) -> None:
         """Stop drawing, and drop the image, before the view is deleted: its threads would outlive it."""

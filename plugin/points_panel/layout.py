@@ -95,6 +95,11 @@ class PanelLayout(QWidget):
         self.live = _action(bar, "Live", "Adjust again after every change: the residuals follow at once")
         self.live.setCheckable(True)
         self.cancel = _action(bar, "Cancel", "Stop the adjustment")
+        bar.addSeparator()
+        bar.addWidget(QLabel(f" {tr('Click on')}: "))
+        bar.addWidget(self.kind)
+        bar.addWidget(QLabel(f" {tr('Images')}: "))
+        bar.addWidget(self.number)
         return bar
 
     def _second_bar(self) -> QToolBar:
@@ -104,11 +109,11 @@ class PanelLayout(QWidget):
             bar, "Point from map", "Click in the map: a new ground point there, with the height of a DEM"
         )
         self.pick.setCheckable(True)
-        self.go_to = _action(bar, "Go to map place", "Click in the map: the images show that place")
+        self.go_to = _action(bar, "Go to place", "Click in the map: the images show that place")
         self.go_to.setCheckable(True)
         self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, looked for in the others", "T")
         self.tie.setCheckable(True)
-        self.remove = _action(bar, "Remove point", "Remove the chosen point and its measurements")
+        self.remove = _action(bar, "Remove", "Remove the chosen point and its measurements")
         bar.addSeparator()
         self.previous = _action(bar, "Previous", "The point before that is not measured everywhere", "P")
         self.next = _action(bar, "Next", "The next point that is not measured on all images that show it", "N")
@@ -120,11 +125,6 @@ class PanelLayout(QWidget):
         self.accept = _action(bar, "Accept", "Take what was found in the active view", "Y")
         self.accept_all = _action(bar, "Accept all", "Take what was found in all images", "Shift+Y")
         self.reject = _action(bar, "Reject", "Refuse what was found in the active view", "X")
-        bar.addSeparator()
-        bar.addWidget(QLabel(f" {tr('Click on')}: "))
-        bar.addWidget(self.kind)
-        bar.addWidget(QLabel(f" {tr('Images')}: "))
-        bar.addWidget(self.number)
         return bar
 
     def _arrange(self) -> None:

@@ -88,8 +88,8 @@ def test_parameter(declaration: Algorithm, param: Param) -> None:
 def test_help_is_html_with_every_parameter() -> None:
     text = made(TINY).shortHelpString()
     assert "<p>First paragraph.</p><p>Second with a &lt; sign.</p>" in text
-    assert "<b>Sigma image (px)</b><br/>Sigma of a measurement." in text
-    assert text.count("<b>") == len(TINY.params)
+    assert "<strong>Sigma image (px)</strong><br/>Sigma of a measurement." in text
+    assert text.count("<strong>") == len(TINY.params)
 
 
 @pytest.mark.parametrize("declaration", DECLARED, ids=lambda declaration: declaration.name)

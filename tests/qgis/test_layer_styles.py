@@ -103,7 +103,7 @@ def test_image_rows_are_off_while_there_are_ground_rows(block: Path) -> None:
     layer = loaded(block, "residuals_wgs84")  # the rules live as long as the layer
     shown = {rule.label().split(",")[0]: rule.active() for rule in layer.renderer().rootRule().children()}
     assert shown["Check point"]
-    assert not shown["Image measurement"]
+    assert not shown["In image"]
 
 
 @pytest.mark.parametrize(

@@ -74,9 +74,6 @@ class QgsRectangle:
 class QgsMapCanvas(QtWidgets.QGraphicsView):
     """Shows an extent; a click in it goes to the map tool."""
 
-    class Shape:
-        Box, NoFrame = QtWidgets.QFrame.Shape.Box, QtWidgets.QFrame.Shape.NoFrame
-
     def __init__(self, parent: Any = None) -> None:
         super().__init__(parent)
         self.setScene(QtWidgets.QGraphicsScene(self))
