@@ -29,6 +29,7 @@ from ..hrsi_engine.foundation.json_values import json_text
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 from .translation import tr
 
+TEMPORARY = "OUTPUT_DIR"  #: what QGIS calls a temporary folder: the name of the parameter
 REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
 
 
@@ -90,7 +91,8 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     """
     if context.project() is None or not options.get("output_dir"):
         return
-    group = f"HRSI {tr(declaration.title)}: {Path(options['output_dir']).name}"
+    folder = Path(options["output_dir"]).name
+    group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
     rasters = images_made(report) if declaration.are_maps else []
     for source in [*rasters, *_written_layers(declaration, options)]:
         name = layer_name(source)

@@ -378,6 +378,8 @@ class PointsDock(QDockWidget):
 
     @told
     def _accept(self, found: dict[str, Any]) -> None:
+        if not found:
+            return
         self.session.accept_transfers(self.point(), found)
         self.proposals = {image: one for image, one in self.proposals.items() if image not in found}
         self._place_tie()

@@ -158,9 +158,19 @@ class PointSession:
         return image.rpc.project(ground)
 
     def middle_height_m(self) -> float:
-        """Return the middle height of the points; without any that of the images' RPCs."""
-        heights = [point.height for point in self.points.values() if point.role != TIE]
-        return float(np.median(heights or [image.middle_height_m for image in self.images.values()] or [0.0]))
+        """Return the middle height of the ground; where nothing is known of it that of the images' RPCs."""
+        heights = self.ground_heights_m()
+        if not len(heights):
+            heights = np.array([image.middle_height_m for image in self.images.values()] or [0.0])
+        return float(np.median(heights))
+
+    def ground_heights_m(self) -> np.ndarray:
+        """Return heights of the ground ``(n,)``: of the known points, without any of the adjusted tie points."""
+        known = [point.height for point in self.points.values() if point.role != TIE]
+        if known or self.adjusted is None:
+            return np.array(known)
+        ties = self.adjusted.result.ground[:, 2]
+        return ties[np.isfinite(ties)]
 
     def _predict_all(self, image_id: str) -> None:
         """Predict all points on an image at once: one by one takes seconds with many images and points."""

@@ -112,8 +112,7 @@ def _heights(session: PointSession, name: str) -> tuple[float, float, float]:
     if point.role != TIE or rays > 1:
         margin = 2.0 * HILLS_M / 3.0
         return point.height - margin, point.height, point.height + margin
-    heights = [one.height for one in session.points.values() if one.role != TIE]
-    middle = session.middle_height_m()
-    if not heights:
+    heights, middle = session.ground_heights_m(), session.middle_height_m()
+    if not len(heights):
         return middle - UNKNOWN_HEIGHTS_M, middle, middle + UNKNOWN_HEIGHTS_M
-    return min(heights) - HILLS_M, middle, max(heights) + HILLS_M
+    return float(heights.min()) - HILLS_M, middle, float(heights.max()) + HILLS_M

@@ -25,6 +25,7 @@ from hrsi.processing_algorithms.point_session import (
 )
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of, follow
 from hrsi.processing_algorithms.point_session.rows import KnownPoint, Measured
+from hrsi.processing_algorithms.point_session.tables import image_points
 from hrsi.processing_algorithms.point_session.targets import IDENTIFICATION_PX, fit_target
 
 HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"
@@ -371,3 +372,16 @@ def test_residuals_follow_an_edit(session: PointSession) -> None:
     session.remove_point(name)
     session.follow(follow(session))
     assert all(math.isfinite(row.residual_m[0]) for row in session.rows() if row.images)
+
+
+def test_without_known_points_the_ground_is_where_the_adjusted_ties_are(session: PointSession) -> None:
+    """The RPCs' own middle height may be hundreds of metres off: nobody would look for a new tie point far enough."""
+    ties = image_points(session)
+    alone = PointSession(list(session.images.values()), ties=ties)
+    known = np.array([point.height for point in session.points.values()])
+    rpc_m = float(np.median([image.middle_height_m for image in session.images.values()]))
+    assert alone.middle_height_m() == rpc_m and not len(alone.ground_heights_m())
+    alone.accept(adjust_block(block_of(alone), "shift"))
+    assert alone.middle_height_m() == pytest.approx(float(np.median(known)), abs=30.0)  # free: as the RPCs have it
+    assert abs(rpc_m - float(np.median(known))) > 60.0
+    assert known.min() - 30.0 < alone.ground_heights_m().min() < alone.ground_heights_m().max() < known.max() + 30.0
