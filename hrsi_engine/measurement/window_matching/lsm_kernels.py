@@ -14,6 +14,9 @@ from numba import njit
 from ...foundation.compiled_code import OPTIONS, Arrays
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, SMALLEST_GAIN, TERMS, WEAK
 
+FLAT = 1e-9  # share of a window's squares below which its spread is rounding
+SIDE_BY_SIDE = 8  # products at a time: as many as fit into a register of 32 bytes
+
 
 @njit(**OPTIONS)
 def _cubic_weights(t: float) -> tuple[float, float, float, float]:
@@ -222,12 +225,82 @@ def match_range(
 
 
 @njit(**OPTIONS)
+def window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
+    """Return the sum of squared differences from the mean of the window around each pixel, 0 where it is flat.
+
+    Windows are square, ``2 half + 1`` pixels a side; at pixels whose window leaves the image there is 0.
+    """
+    rows, columns = grey.shape
+    side = 2 * half + 1
+    spreads = np.zeros((rows, columns), np.float32)
+    if rows < side or columns < side:
+        return spreads
+    totals, squares = np.zeros(columns), np.zeros(columns)  # of the columns of the windows of a row
+    for y in range(rows):
+        for x in range(columns):
+            value = float(grey[y, x])
+            totals[x] += value
+            squares[x] += value * value
+            if y >= side:
+                value = float(grey[y - side, x])
+                totals[x] -= value
+                squares[x] -= value * value
+        if y < side - 1:
+            continue
+        total, square = 0.0, 0.0
+        for x in range(columns):
+            total += totals[x]
+            square += squares[x]
+            if x >= side:
+                total -= totals[x - side]
+                square -= squares[x - side]
+            if x >= side - 1:
+                spread = square - total * total / (side * side)
+                if spread > FLAT * square:
+                    spreads[y - half, x - half] = spread
+    return spreads
+
+
+@njit(**OPTIONS)
+def _products(template: np.ndarray, second: np.ndarray, x: int, y: int, products: np.ndarray) -> None:
+    """Write the products of a template with the windows whose first pixels are ``x … x + 7`` in row ``y``.
+
+    Eight neighbours at a time: each pixel of the template is multiplied with eight pixels that lie side by side.
+    """
+    products[:] = 0.0
+    for b in range(template.shape[0]):
+        row, own = second[y + b], template[b]
+        q0 = q1 = q2 = q3 = q4 = q5 = q6 = q7 = np.float32(0.0)
+        place = np.uintp(x)
+        for a in range(np.uintp(template.shape[1])):
+            t = own[a]
+            at = place + a
+            q0 += t * row[at]
+            q1 += t * row[at + np.uintp(1)]
+            q2 += t * row[at + np.uintp(2)]
+            q3 += t * row[at + np.uintp(3)]
+            q4 += t * row[at + np.uintp(4)]
+            q5 += t * row[at + np.uintp(5)]
+            q6 += t * row[at + np.uintp(6)]
+            q7 += t * row[at + np.uintp(7)]
+        products[0] += q0
+        products[1] += q1
+        products[2] += q2
+        products[3] += q3
+        products[4] += q4
+        products[5] += q5
+        products[6] += q6
+        products[7] += q7
+
+
+@njit(**OPTIONS)
 def search_range(
     begin: int,
     end: int,
     first: np.ndarray,
     second: np.ndarray,
     clear: np.ndarray,
+    spreads: np.ndarray,
     centre: np.ndarray,
     predicted: np.ndarray,
     direction: np.ndarray,
@@ -236,10 +309,13 @@ def search_range(
     best: np.ndarray,
     figures: np.ndarray,
 ) -> None:
-    """Search the windows ``begin:end``; arguments as in `window_search.search_windows`."""
+    """Search the windows ``begin:end``; arguments as in `window_search.search_windows`, `window_spreads` besides.
+
+    ``second`` is as wide as ``clear`` and seven columns more, which are never a window's.
+    """
     side = 2 * half + 1
-    rows, columns = second.shape
-    template = np.empty((side, side), np.float32)
+    rows, columns = clear.shape
+    template, products = np.empty((side, side), np.float32), np.empty(SIDE_BY_SIDE)
     largest = 2 * math.ceil(math.hypot(reach[begin:end, 0].max(), reach[begin:end, 1].max())) + 3
     score = np.empty((largest, largest))
     count = side * side
@@ -261,6 +337,7 @@ def search_range(
         x0, y0 = round(predicted[n, 0]) - middle, round(predicted[n, 1]) - middle
         top, at_i, at_j = -2.0, -1, -1
         for j in range(size):
+            done = -1  # the last place whose product is known
             for i in range(size):
                 score[j, i] = -2.0
                 dx, dy = x0 + i - predicted[n, 0], y0 + j - predicted[n, 1]
@@ -271,19 +348,12 @@ def search_range(
                 x, y = x0 + i, y0 + j
                 if x < half or y < half or x >= columns - half or y >= rows - half or not clear[y, x]:
                     continue
-                total, squares, product = 0.0, 0.0, 0.0
-                for b in range(side):
-                    t, s, q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                    for a in range(side):
-                        value = second[y - half + b, x - half + a]
-                        t += value
-                        s += value * value
-                        q += value * template[b, a]
-                    total += float(t)
-                    squares += float(s)
-                    product += float(q)
-                spread = squares - total * total / count
-                value = product / math.sqrt(max(norm * spread, 1e-20))
+                if i > done:
+                    _products(template, second, x - half, y - half, products)
+                    done = i + SIDE_BY_SIDE - 1
+                value = 0.0
+                if spreads[y, x] > 0.0:
+                    value = products[i - done + SIDE_BY_SIDE - 1] / math.sqrt(max(norm * spreads[y, x], 1e-20))
                 score[j, i] = value
                 if value > top:
                     top, at_i, at_j = value, i, j

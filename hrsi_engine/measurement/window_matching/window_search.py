@@ -62,9 +62,11 @@ Inputs = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 def _by_compiled_loops(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    from .lsm_kernels import search_range
+    from .lsm_kernels import SIDE_BY_SIDE, search_range, window_spreads
 
-    search_range(0, len(inputs[0]), first.grey, second.grey, second.clear(half), *inputs, half, *results)
+    spreads = second.once("spreads", half, lambda: window_spreads(second.grey, half))
+    grey = np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1)))
+    search_range(0, len(inputs[0]), first.grey, grey, second.clear(half), spreads, *inputs, half, *results)
 
 
 def _by_arrays(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -72,7 +73,7 @@ class MatchImage:
         self.grey = blur(raw, smooth_px) if smooth_px > 0.0 else raw
         if remove_px > 0.0:
             self.grey = self.grey - blur(raw, remove_px)
-        self._clear: dict[int, np.ndarray] = {}
+        self._made: dict[tuple[str, int], np.ndarray] = {}
 
     @cached_property
     def coefficients(self) -> np.ndarray:
@@ -94,9 +95,14 @@ class MatchImage:
 
     def clear(self, distance_px: int) -> np.ndarray:
         """Return the mask of pixels with nothing but valid pixels of the image so far around them (square)."""
-        if distance_px not in self._clear:
-            self._clear[distance_px] = erode(self.valid, 2 * distance_px + 1, outside=False)
-        return self._clear[distance_px]
+        return self.once("clear", distance_px, lambda: erode(self.valid, 2 * distance_px + 1, outside=False))
+
+    def once(self, what: str, distance_px: int, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """Return what is made of the image for windows of a size, by name: made the first time, kept for the next."""
+        key = what, distance_px
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
 
 
 Results = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
