@@ -38,6 +38,7 @@ from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
+from .plausibility import explained_by
 from .rpc_outputs import (
     IN_PLACE,
     WRITE_NOTHING,
@@ -158,8 +159,9 @@ def write_results(
     """
     images = result.block.images
     left = residuals(result)
-    refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
-    refined = state_accuracy(result, refined)
+    with explained_by(reasons):  # corrections that wrong inputs made may lead where a camera has no ground
+        refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
+        refined = state_accuracy(result, refined)
     clock.lap("residuals")
     evidence = Evidence(result, left, refined)
     report = {

@@ -12,9 +12,11 @@ import pytest
 from rpc_samples import write_image
 from simulated_blocks import VIEWS, oblique_rpc
 
+from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.block_steps import outputs
 from hrsi.processing_algorithms.interface.cli import main
 
 SIZE, GSD_M = 301, 10.0
@@ -152,3 +154,20 @@ def test_reasons_say_what_to_do_on_terminal_and_page(scene: Path, tmp_path: Path
     for reason in reasons:
         assert reason["message"] in out and reason["advice"] in out and f"[{reason['code']}]" in out
         assert reason["code"] in page
+
+
+@pytest.mark.parametrize("name", ["adjust", "refine-rpc"])
+def test_a_camera_that_wrong_inputs_spoilt_is_told_by_what_is_wrong_with_them(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+):
+    """Refined cameras may end where there is no ground: then the slip is named, not what became of it."""
+
+    def fail(*_given: object) -> None:
+        raise SolveError("the RPC has no ground positions")
+
+    monkeypatch.setattr(outputs, "state_accuracy", fail)
+    with pytest.raises(InputError, match=r"sample and line are exchanged.*sample-line-swapped.*no ground positions"):
+        run(name, **options(scene, tmp_path / "out", "swapped.csv"))
+    with pytest.raises(SolveError, match=r"^the RPC has no ground positions$"):
+        run(name, **options(scene, tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
