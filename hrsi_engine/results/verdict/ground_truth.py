@@ -213,7 +213,7 @@ def heights_against_rpcs(evidence: Evidence) -> Iterator[Reason]:
             "heights-off-rpcs", Level.DOUBTFUL,
             f"the heights of {' and '.join(held)} hold the block {away_m:+.1f} m from where its RPCs see it, "
             f"{abs(away_m) / sigma_m:.0f} times what these are taken to be off",
-            "check unit and datum of these heights (--laser-datum, --dem-datum): above a geoid and above the ellipsoid "
+            "check unit and datum of these heights (`laser_datum`, `dem_datum`): above a geoid and above the ellipsoid "
             "they differ by tens of metres",
         )  # fmt: skip
 
