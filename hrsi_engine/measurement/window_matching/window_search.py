@@ -65,7 +65,7 @@ def _by_compiled_loops(
     from .lsm_kernels import SIDE_BY_SIDE, search_range, window_spreads
 
     spreads = second.once("spreads", half, lambda: window_spreads(second.grey, half))
-    grey = np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1)))
+    grey = second.once("padded", SIDE_BY_SIDE - 1, lambda: np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1))))
     search_range(0, len(inputs[0]), first.grey, grey, second.clear(half), spreads, *inputs, half, *results)
 
 
