@@ -14,7 +14,7 @@ from numba import njit
 from ...foundation.compiled_code import OPTIONS, Arrays
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, SMALLEST_GAIN, TERMS, WEAK
 
-FLAT = 1e-9  # share of a window's squares below which its spread is rounding
+ROUNDING_SHARE = 1e-9  # share of a window's squares below which its spread is rounding
 SIDE_BY_SIDE = 8  # products at a time: as many as fit into a register of 32 bytes
 
 
@@ -256,7 +256,7 @@ def window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
                 square -= squares[x - side]
             if x >= side - 1:
                 spread = square - total * total / (side * side)
-                if spread > FLAT * square:
+                if spread > ROUNDING_SHARE * square:
                     spreads[y - half, x - half] = spread
     return spreads
 
