@@ -5,7 +5,7 @@ Positions are always (sample, line) of the full-resolution image, (0, 0) the cen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -13,10 +13,11 @@ import numpy as np
 from scipy import ndimage
 
 from ...camera.rpc import RPC
+from ..window_matching.windows import MadeOnce
 
 
 @dataclass(frozen=True, eq=False)
-class ImageTile:
+class ImageTile(MadeOnce):
     """A window of an image, possibly of a level of its pyramid.
 
     pixels : (rows, cols) float32 grey values; valid : (rows, cols) bool, False for nodata, clouds, saturated areas
@@ -32,15 +33,6 @@ class ImageTile:
     step: float = 1.0
     noise: float | None = None
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
-
-    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what ``make`` returned when the tile was first asked for it under a key.
-
-        A window is matched with many others: what depends on it alone is made once.
-        """
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
 
     def times(self, contrast: int) -> ImageTile:
         """Return the tile, or (-1) its negative."""

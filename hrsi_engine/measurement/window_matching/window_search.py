@@ -64,8 +64,8 @@ def _by_compiled_loops(
 ) -> None:
     from .lsm_kernels import SIDE_BY_SIDE, search_range, window_spreads
 
-    spreads = second.once("spreads", half, lambda: window_spreads(second.grey, half))
-    grey = second.once("padded", SIDE_BY_SIDE - 1, lambda: np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1))))
+    spreads = second.once(("spreads", half), lambda: window_spreads(second.grey, half))
+    grey = second.once("padded", lambda: np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1))))
     search_range(0, len(inputs[0]), first.grey, grey, second.clear(half), spreads, *inputs, half, *results)
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,7 +61,19 @@ class Patches(NamedTuple):
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2.0)
 
 
-class MatchImage:
+class MadeOnce:
+    """Pixels that are matched with many others: what depends on them alone is made once, and kept with them."""
+
+    _made: dict[Hashable, Any]
+
+    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return what ``make`` returned when it was first asked for under a key."""
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
+
+
+class MatchImage(MadeOnce):
     """An image prepared for matching: band-passed grey values, spline coefficients, slopes.
 
     ``smooth_px`` is the Gaussian that smooths, ``remove_px`` the one whose result is taken away; 0 for neither.
@@ -73,7 +85,7 @@ class MatchImage:
         self.grey = blur(raw, smooth_px) if smooth_px > 0.0 else raw
         if remove_px > 0.0:
             self.grey = self.grey - blur(raw, remove_px)
-        self._made: dict[tuple[str, int], np.ndarray] = {}
+        self._made = {}
 
     @cached_property
     def coefficients(self) -> np.ndarray:
@@ -95,14 +107,10 @@ class MatchImage:
 
     def clear(self, distance_px: int) -> np.ndarray:
         """Return the mask of pixels with nothing but valid pixels of the image so far around them (square)."""
-        return self.once("clear", distance_px, lambda: erode(self.valid, 2 * distance_px + 1, outside=False))
-
-    def once(self, what: str, distance_px: int, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """Return what is made of the image for windows of a size, by name: made the first time, kept for the next."""
-        key = what, distance_px
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
+        clear: np.ndarray = self.once(
+            ("clear", distance_px), lambda: erode(self.valid, 2 * distance_px + 1, outside=False)
+        )
+        return clear
 
 
 Results = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
