@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from qgis.core import QgsTask
+from collections.abc import Callable
+from typing import Any
+
+from qgis.core import QgsApplication, QgsTask
 
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from .dependencies import missing_package_message
 
+_BEGUN: set[BackgroundTask] = set()  # QGIS holds the C++ half of a task only: the Python half must outlive it
+
 
 class BackgroundTask(QgsTask):
-    """Runs `work`; ``failure`` says why it has come to nothing, empty where the user has cancelled."""
+    """Runs `work` once it is started, and then, in the main thread, calls ``on_end`` with itself.
 
-    def __init__(self, title: str) -> None:
+    ``failure`` says why it has come to nothing, empty where the user has cancelled. Nobody needs to hold one that has
+    begun. Who waits for its end gives ``on_end`` instead of connecting to its signals: a function that holds a task and
+    is held by its signals is a cycle that Python's collector may clear, in any thread, before the signal calls it.
+    """
+
+    def __init__(self, title: str, on_end: Callable[[Any], None]) -> None:
         super().__init__(title, QgsTask.Flag.CanCancel)
         self.failure = ""
+        self.is_done = False
+        self._on_end = on_end
+
+    def start(self) -> None:
+        """Hand it to the task manager of QGIS."""
+        _BEGUN.add(self)
+        QgsApplication.taskManager().addTask(self)
 
     def work(self) -> None:
         """Do it, with `progress` where it is to be cancelled."""
@@ -30,7 +47,13 @@ class BackgroundTask(QgsTask):
             self.failure = missing_package_message(error) or repr(error)
         except Exception as error:  # in a thread of QGIS it would vanish
             self.failure = f"{type(error).__name__}: {error}"
-        return not self.failure
+        self.is_done = not self.failure
+        return self.is_done
+
+    def finished(self, _result: bool) -> None:
+        """Tell who waits; called by QGIS in the main thread, also for a task that was cancelled before it began."""
+        _BEGUN.discard(self)
+        self._on_end(self)
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Show how far it is; return False once the user has cancelled."""

@@ -6,6 +6,7 @@ The example is simulated in a second or two: nothing has to be downloaded, and i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -107,14 +108,19 @@ class FirstSteps(QDialog):
         if not self._dock.may_leave():
             return
         self.note.setText(tr("making the images …"))
-        self._task = _Simulation(self.folder)
-        self._task.taskCompleted.connect(self._open)
-        self._task.taskTerminated.connect(lambda: self._fail(self._task.failure if self._task else ""))
+        self._task = _Simulation(self.folder, self._on_simulated)
         self.refresh()
-        QgsApplication.taskManager().addTask(self._task)
+        self._task.start()
+
+    def _on_simulated(self, task: BackgroundTask) -> None:
+        self._task = None
+        if task.is_done:
+            self._open()
+        else:
+            self.note.setText(task.failure or tr("cancelled"))
+            self.refresh()
 
     def _open(self) -> None:
-        self._task = None
         images = [str(self.folder / f"image_{number}.tif") for number in range(1, IMAGES + 1)]
         session = point_session.new_session(
             images, str(self.folder / "ground_points.csv"), str(self.folder / "image_points.csv")
@@ -125,11 +131,6 @@ class FirstSteps(QDialog):
         self._dock.show_session(session, self.missing[0])
         self._dock.show()
         self.note.setText("")
-        self.refresh()
-
-    def _fail(self, reason: str) -> None:
-        self._task = None
-        self.note.setText(reason or tr("cancelled"))
         self.refresh()
 
     def show_point(self) -> None:
@@ -169,8 +170,8 @@ class FirstSteps(QDialog):
 class _Simulation(BackgroundTask):
     """Makes the example."""
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(tr("HRSI: making the example"))
+    def __init__(self, folder: Path, on_end: Callable[[Any], None]) -> None:
+        super().__init__(tr("HRSI: making the example"), on_end)
         self._folder = folder
 
     def work(self) -> None:

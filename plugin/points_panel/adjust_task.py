@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from ...processing_algorithms import point_session
@@ -13,8 +14,8 @@ from ..translation import tr
 class AdjustTask(BackgroundTask):
     """Adjusts what a session held when it was made (``seen``); ``adjusted`` holds the result, None without one."""
 
-    def __init__(self, session: PointSession, model: str, save: bool) -> None:
-        super().__init__(tr("HRSI: adjusting the block"))
+    def __init__(self, session: PointSession, model: str, save: bool, on_end: Callable[[Any], None]) -> None:
+        super().__init__(tr("HRSI: adjusting the block"), on_end)
         self.seen, self.is_to_be_saved = Snapshot(session), save
         self._block, self._model, self._listed = point_session.block_of(session), model, frozenset(session.points)
         self.adjusted: Any = None

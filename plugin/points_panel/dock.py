@@ -536,14 +536,12 @@ class PointsDock(QDockWidget):
         """Adjust the block in the background, and save it where it has a file; `adjusted` is emitted at the end."""
         if self._task is not None:
             return
-        task = AdjustTask(self.session, self.ui.model.currentText(), save)
+        task = AdjustTask(self.session, self.ui.model.currentText(), save, self._on_adjusted)
         task.progressChanged.connect(self.ui.show_progress)
-        task.taskCompleted.connect(lambda: self._on_adjusted(task))
-        task.taskTerminated.connect(lambda: self._on_adjusted(task))
         self._task, self._began_s = task, time.monotonic()
         self.refresh()
         self.tell(tr("adjusting …"))
-        QgsApplication.taskManager().addTask(task)
+        task.start()
 
     def _adjust_live(self) -> None:
         """Adjust what has changed since the last adjustment; after the one that runs."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import time
+from collections.abc import Callable
 
 import pytest
 from qgis.core import QgsApplication
@@ -15,14 +17,12 @@ from hrsi.plugin.background_task import BackgroundTask
 class Work(BackgroundTask):
     """Raises what it is given, or goes on until it is cancelled."""
 
-    def __init__(self, error: Exception | None = None) -> None:
-        super().__init__("work")
+    def __init__(self, error: Exception | None = None, on_end: Callable[[Work], None] | None = None) -> None:
+        super().__init__("work", on_end or Work.end)
         self.error, self.ended = error, ""
-        self.taskCompleted.connect(lambda: self.end("completed"))
-        self.taskTerminated.connect(lambda: self.end("terminated"))
 
-    def end(self, how: str) -> None:
-        self.ended = how
+    def end(self) -> None:
+        self.ended = "completed" if self.is_done else "terminated"
 
     def work(self) -> None:
         if self.error is not None:
@@ -49,16 +49,30 @@ def wait_for(task: Work) -> None:
 )
 def test_failures_are_told(qgis_app, error: Exception, told: str) -> None:
     task = Work(error)
-    QgsApplication.taskManager().addTask(task)
+    task.start()
     wait_for(task)
     assert task.ended == "terminated" and told in task.failure
 
 
 def test_cancelled_says_nothing(qgis_app) -> None:
     task = Work()
-    QgsApplication.taskManager().addTask(task)
+    task.start()
     while not task.isActive():
         QgsApplication.processEvents()
     task.cancel()
     wait_for(task)
     assert (task.ended, task.failure) == ("terminated", "")
+
+
+def test_nobody_needs_to_hold_a_task(qgis_app) -> None:
+    """What only QGIS knows ends, and tells its end, while Python collects all that nobody holds."""
+    failures: list[str] = []
+    for number in range(3):
+        Work(InputError(str(number)), on_end=lambda task: failures.append(task.failure)).start()
+        gc.collect()
+    end = time.monotonic() + 30.0
+    while len(failures) < 3:
+        assert time.monotonic() < end, "waited in vain"
+        QgsApplication.processEvents()
+        gc.collect()
+    assert sorted(failures) == ["0", "1", "2"]

@@ -6,6 +6,7 @@ The truth is the simulation's own: image points without noise, where the physica
 from __future__ import annotations
 
 import csv
+import gc
 import shutil
 import time
 from pathlib import Path
@@ -293,6 +294,22 @@ def test_project_keeps_the_block(measured, tmp_path: Path) -> None:
     assert QgsProject.instance().read(str(project))
     assert len(measured.session.measured) == 20
     assert measured.point() == "G000002"
+
+
+def test_a_panel_is_closed_while_it_adjusts(measured) -> None:
+    """Nobody but QGIS knows the task then: collecting what nobody holds must not take it away from under it."""
+    task_manager = QgsApplication.taskManager()
+    for _ in range(5):
+        measured.adjust(save=False)
+        assert measured.is_adjusting()
+        end = time.monotonic() + 0.05  # some have begun, some have not
+        while time.monotonic() < end:
+            QgsApplication.processEvents()
+        measured.show_session(measured.session)  # which gives the adjustment up
+        gc.collect()
+        wait_for(lambda: task_manager.count() == 0, 60.0)
+        assert not measured.is_adjusting()
+    assert adjust(measured)
 
 
 def test_rpc_files_without_pixels(qgis_app, qgis_new_project, tmp_path: Path) -> None:

@@ -122,8 +122,6 @@ class QgsMapToolEmitPoint(QtCore.QObject):
 
 class QgsTask(QtCore.QObject):
     progressChanged = QtCore.pyqtSignal(float)
-    taskCompleted = QtCore.pyqtSignal()
-    taskTerminated = QtCore.pyqtSignal()
 
     class Flag:
         CanCancel = 1
@@ -153,7 +151,7 @@ class _Tasks:
         QtCore.QTimer.singleShot(0, lambda: self._run(task))
 
     def _run(self, task: QgsTask) -> None:
-        (task.taskCompleted if task.run() else task.taskTerminated).emit()
+        task.finished(task.run())
         self._waiting.remove(task)
 
 
