@@ -349,21 +349,41 @@ def rounded(pixels: float) -> Spoil:
     return spoil
 
 
-def control_as_checks(inputs: Inputs, rng: np.random.Generator) -> Inputs:
-    """The check points are the GCPs once more, under other ids."""
-    points, measured = inputs.ground.select(inputs.gcps), inputs.measured
-    rows = measured.select(np.isin(measured.ids, points.ids))
-    twins = replace(points, ids=np.char.add("X", points.ids), role=np.full(len(points), Role.CHECK, dtype=np.int8))
-    again = replace(rows, ids=np.char.add("X", rows.ids))
-    both = GroundPoints.create(
-        np.r_[points.ids, twins.ids], np.tile(points.ground, (2, 1)), np.r_[points.role, twins.role],
-        np.tile(points.sigma_m, (2, 1)),
-    )  # fmt: skip
-    joined = ImagePoints.create(
-        np.r_[measured.ids, again.ids], np.r_[measured.image_ids, again.image_ids], np.vstack([measured.xy, again.xy]),
-        np.r_[measured.sigma_px, again.sigma_px],
-    )  # fmt: skip
-    return replace(inputs, ground=both, measured=joined)
+def control_as_checks(metres: float = 0.0, pixels: float = 0.0) -> Spoil:
+    """The check points are the GCPs once more, under other ids, with other errors of survey and measurement."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        points, measured = inputs.ground.select(inputs.gcps), inputs.measured
+        rows = measured.select(np.isin(measured.ids, points.ids))
+        noise = rng.normal(0.0, metres, points.ground.shape) if metres else np.zeros_like(points.ground)
+        both = GroundPoints.create(
+            np.r_[points.ids, np.char.add("X", points.ids)],
+            np.vstack([points.ground, moved_ground(points.ground, noise)]),
+            np.r_[points.role, np.full(len(points), Role.CHECK)], np.tile(points.sigma_m, (2, 1)),
+        )  # fmt: skip
+        joined = ImagePoints.create(
+            np.r_[measured.ids, np.char.add("X", rows.ids)], np.r_[measured.image_ids, rows.image_ids],
+            np.vstack([measured.xy, rows.xy + pixels * rng.uniform(-1.0, 1.0, rows.xy.shape)]),
+            np.r_[measured.sigma_px, rows.sigma_px],
+        )  # fmt: skip
+        return replace(inputs, ground=both, measured=joined)
+
+    return spoil
+
+
+def renamed(surveyed: Callable[[int], str], measured: Callable[[int], str]) -> Spoil:
+    """Known points are numbered, and their numbers spelt in one way in the survey and in another where measured."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        number = {name: index for index, name in enumerate(inputs.ground.ids.tolist(), start=1)}
+        ids = [measured(number[name]) if name in number else name for name in inputs.measured.ids.tolist()]
+        ground = [surveyed(number[name]) for name in inputs.ground.ids.tolist()]
+        return replace(
+            inputs, ground=replace(inputs.ground, ids=np.array(ground)),
+            measured=replace(inputs.measured, ids=np.array(ids)),
+        )  # fmt: skip
+
+    return spoil
 
 
 def heights(factor: float = 1.0, step_m: float = 0.0) -> Spoil:
@@ -521,7 +541,12 @@ KINDS: tuple[Kind, ...] = (
     Kind("UTM read as Web Mercator", other_projection(None, 3857), ("other-projection",)),
     Kind("degrees rounded, 30 to 300 px", rounded(30.0), ("coordinates-rounded",)),
     Kind("degrees rounded, 5 to 50 px", rounded(5.0), ("coordinates-rounded",), False),
-    Kind("check points are the GCPs once more", control_as_checks, ("check-is-control",), False),
+    Kind("check points are the GCPs once more", control_as_checks(), ("check-is-control",), False),
+    Kind("… surveyed and measured once more", control_as_checks(0.3, 0.5), ("check-is-control",), False),
+    Kind("ids in capitals in one file", renamed("G{}".format, "g{}".format), ("ids-spelt-apart",)),
+    Kind("ids with zeros in front in one file", renamed("{:03d}".format, "{}".format), ("ids-spelt-apart",)),
+    Kind("ids as numbers with .0 in one file", renamed("{}.0".format, "{}".format), ("ids-spelt-apart",)),
+    Kind("image points of other GCPs", renamed("A{}".format, "B{}".format), ("control-unmeasured",), False),
     Kind("sample and line swapped, all points", swapped_columns(_all), ("sample-line-swapped",)),
     Kind("sample and line swapped, GCPs", swapped_columns(_gcps), ("sample-line-swapped",)),
     Kind("sample and line swapped, GCPs of one image", swapped_columns(_on_first_image), ("sample-line-swapped",)),

@@ -231,12 +231,15 @@ class Block:
         Where they were measured, with indices of images and points.
     warnings : tuple of str
         What was put right on the way.
+    unmeasured : GroundPoints
+        Known points that were given and are measured on no image, with their roles.
     """
 
     images: tuple[Image, ...]
     points: GroundPoints
     measurements: Measurements
     warnings: tuple[str, ...] = field(default=())
+    unmeasured: GroundPoints = field(default_factory=lambda: GroundPoints.create([], np.empty((0, 3))))
 
     def __repr__(self) -> str:
         return f"<Block: {len(self.images)} images, {len(self.points)} points, {len(self.measurements)} measurements>"
@@ -375,10 +378,10 @@ def assemble(
     ids, point_index = unique_ids(rows.ids)
     warnings += _confused_ids(ids, rows, known)
     measured = np.isin(known.ids, ids)
-    known, unmeasured = known.select(measured), known.ids[~measured]
+    known, unmeasured = known.select(measured), known.select(~measured)
     if len(unmeasured):
         warnings.append(
-            f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured)}"
+            f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured.ids)}"
         )
     role = _roles(known, gcp_ids, check_ids)
     points = _all_points(ids, known, role, defaults)
@@ -387,7 +390,8 @@ def assemble(
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
     measurements = _without_repetitions(measurements, ids, warnings)
     _require_finite(measurements, ids, images)
-    return Block(tuple(images), points, measurements, tuple(warnings))
+    unmeasured = replace(unmeasured, role=_roles(unmeasured, None, None))
+    return Block(tuple(images), points, measurements, tuple(warnings), unmeasured)
 
 
 def _confused_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:

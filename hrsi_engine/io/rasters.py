@@ -8,7 +8,6 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -146,7 +145,16 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
     item = item_of(path)
     sensor = found.sensor or ("" if item is None else item.platform)
     image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
-    return image, replace(found, doubt=map_grid_doubt(path, raster.dataset, found.rpc))
+    return image, found
+
+
+def pixel_doubt(image: Image) -> str:
+    """Return in words why an image's RPC may not be that of its pixels; nothing where nothing speaks against it."""
+    return (
+        map_grid_doubt(image.raster.path, image.raster.dataset, image.rpc)
+        if isinstance(image.raster, GdalRaster)
+        else ""
+    )
 
 
 def file_stamp(path: str) -> tuple[int, ...]:

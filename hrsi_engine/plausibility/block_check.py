@@ -8,6 +8,7 @@ from ..surface.dem import HeightSurface
 from .accuracy import image_accuracies
 from .control import control_of
 from .control_reasons import OF_HEIGHTS, control_reasons
+from .identities import spelling_reasons
 from .places import crop_reasons, dem_reasons, duplicate_reasons, height_reasons, outside_reasons
 from .survey import independence_reasons, rounding_reasons
 from .ties import tie_reasons
@@ -41,7 +42,7 @@ def check_block(
     control = control_of(block, accuracies)
     reasons = [] if control is None else control_reasons(control)
     reasons += rounding_reasons(block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)]))
-    reasons += independence_reasons(block)
+    reasons += independence_reasons(block) + spelling_reasons(block, accuracies)
     reasons += height_reasons(block, contradicted=bool(reasons))
     reasons += tie_reasons(block, accuracies)
     reasons += [] if surface is None else dem_reasons(block, surface)

@@ -1,4 +1,4 @@
-"""Ids that were mixed up: which image or which ground point the measurements really belong to.
+"""Ids that were mixed up: which image or which ground point the measurements really belong to, and ids spelt apart.
 
 Every label is tried with every owner, and the best assignment of all is taken (Kuhn 1955). A right assignment needs no
 guess of the images' shifts: these are small against the distances between points, or the assignment fits nothing.
@@ -6,15 +6,78 @@ guess of the images' shifts: these are small against the distances between point
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from ..block.block import Block
+from ..block.points import GroundPoints, Role
+from ..block.similar_ids import resembling
+from ..foundation.errors import list_ids
+from ..foundation.reasons import Level, Reason
+from .accuracy import ImageAccuracy
 from .control import SurveyedRows
 from .sights import Sights, sights
 
 MOST_PERMUTED_POINTS = 400  # the costs grow with their square
 MOST_PERMUTED_IMAGES = 12
 TRIED_PER_IMAGE = 12
+AT_ITS_PLACE_SIGMAS = 5.0  # of the RPC's shift: what is measured so near to where a survey lies may be that point
+
+
+def spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
+    """Return whether surveyed points take no part because their ids are spelt otherwise where they are measured.
+
+    Likeness alone tells nothing: tie points are numbered too. The look-alikes must also be measured where the surveys
+    lie, up to the errors of the RPCs, half of them at least. Where no GCP at all is measured, that is a reason too.
+    """
+    meant = block.unmeasured.select(block.unmeasured.role != Role.TIE)
+    gcps = int((meant.role == Role.GCP).sum())
+    if not len(meant):
+        return []
+    held = bool((block.points.role == Role.GCP).any())
+    pairs = _measured_at_their_places(block, accuracies, meant)
+    if pairs:
+        listed = ", ".join(f"{surveyed!r} is measured as {name!r}" for surveyed, name in list(pairs.items())[:4])
+        return [
+            Reason(
+                "ids-spelt-apart", Level.DOUBTFUL if held or not gcps else Level.UNUSABLE,
+                f"{len(pairs)} surveyed points take no part, because ids are compared as text: {listed}"
+                f"{' …' if len(pairs) > 4 else ''}; they are measured where their surveys lie",
+                "give the same points the same ids in both files", points=tuple(pairs),
+            )
+        ]  # fmt: skip
+    if held or not gcps:
+        return []
+    ids = tuple(meant.ids[meant.role == Role.GCP].tolist())
+    return [
+        Reason(
+            "control-unmeasured", Level.DOUBTFUL,
+            f"none of the {gcps} GCPs is measured on an image ({list_ids(ids)}): no survey holds the block",
+            "check the ids in both files, and that the image points are those of these GCPs", points=ids,
+        )
+    ]  # fmt: skip
+
+
+def _measured_at_their_places(
+    block: Block, accuracies: Sequence[ImageAccuracy], surveyed: GroundPoints
+) -> dict[str, str]:
+    """Return which surveyed points are measured under a like id where they lie; nothing where most are elsewhere."""
+    alike = resembling(surveyed.ids, block.points.ids[~block.known])
+    alike = {name: others for name, others in alike.items() if len(others) == 1}
+    if not alike:
+        return {}
+    row = {name: index for index, name in enumerate(surveyed.ids.tolist())}
+    index_of = {name: index for index, name in enumerate(block.points.ids.tolist())}
+    first = np.searchsorted(block.measurements.point, [index_of[others[0]] for others in alike.values()])
+    image = block.measurements.image[first]
+    seen = sights(block.images, image, block.measurements.xy[first])
+    away = np.hypot(*seen.distance_m(surveyed.ground[[row[name] for name in alike]]).T)
+    near = away < AT_ITS_PLACE_SIGMAS * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
+    if 2 * near.sum() < len(near):
+        return {}
+    return {name: others[0] for (name, others), there in zip(alike.items(), near, strict=True) if there}
 
 
 def permuted_images(control: SurveyedRows, wrong: np.ndarray) -> tuple[np.ndarray, Sights] | None:

@@ -18,7 +18,7 @@ import pyproj
 from ..block.block import Image
 from ..foundation.errors import InputError
 from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, wrap_degrees
-from ..ground.map_crs import utm_zone
+from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import SurveyedRows
 from .datums import datum_shifts
 
@@ -179,8 +179,9 @@ def _other_projection(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
     """Numbers of one kind of CRS read in another: Web Mercator, as web maps show it, UTM, and degrees."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
-    utm = (32600 if near[1] >= 0.0 else 32700) + utm_zone(float(near[0]), float(near[1]))
-    names = {WEB_MERCATOR: "Web Mercator", utm: f"UTM (EPSG:{utm})", DEGREES: "degrees of longitude and latitude"}
+    utm = map_epsg(float(near[0]), float(near[1]))
+    own = f"{'UPS' if utm in (UPS_SOUTH, UPS_NORTH) else 'UTM'} (EPSG:{utm})"
+    names = {WEB_MERCATOR: "Web Mercator", utm: own, DEGREES: "degrees of longitude and latitude"}
     for read, meant in ((utm, WEB_MERCATOR), (WEB_MERCATOR, utm), (utm, DEGREES), (WEB_MERCATOR, DEGREES)):
         moved = _as_meant(ground, read, meant)
         if moved is not None:

@@ -18,6 +18,8 @@ COARSE_DECIMALS = 5  # of a degree: 1.1 m; what is rounded to less harms no sate
 DECIMAL_SLACK = 1e-6  # of the last decimal: what reading, writing and a turn of 360 degrees leave
 LEAST_SURVEYED = 4  # from which on no survey has only round numbers by chance
 HARMFUL_PX = 0.5
+COPIED_SHARE = 0.5  # of the check points measured where GCPs are, from which on they are copies
+TARGETS_APART_PX = 1.5  # between two measurements of one target; two targets are farther apart
 
 
 def rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
@@ -54,7 +56,10 @@ def rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: L
 
 
 def independence_reasons(block: Block) -> list[Reason]:
-    """Return whether check points lie where GCPs lie: fitted to them, a block agrees with them whatever it is worth."""
+    """Return whether check points lie where GCPs lie, on the ground or on the images: they tell nothing then.
+
+    Copies of GCPs, with a little noise or surveyed again, are measured at the same pixels of every image, most of them.
+    """
     points = np.unique(block.measurements.point)
     known = points[np.isfinite(block.points.ground[points]).all(axis=1)]
     role = block.points.role[known]
@@ -64,6 +69,9 @@ def independence_reasons(block: Block) -> list[Reason]:
     ground = block.points.ground
     _, nearest = cKDTree(to_ecef(ground[gcps])).query(to_ecef(ground[checks]))
     same = ~lie_apart(ground[checks], ground[gcps[nearest]])
+    alike = _measured_alike(block, checks, gcps[nearest])
+    if alike.mean() > COPIED_SHARE:  # a few may stand beside a GCP by chance
+        same |= alike
     if not same.any():
         return []
     ids = tuple(block.points.ids[checks[same]].tolist())
@@ -76,3 +84,19 @@ def independence_reasons(block: Block) -> list[Reason]:
             f"name other check points, or leave these out ({list_ids(ids)})", points=ids,
         )
     ]  # fmt: skip
+
+
+def _measured_alike(block: Block, points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Tell of pairs of points whether they are measured at the same pixels of every image that has both."""
+    rows = block.measurements
+    at = {(int(point), int(image)): row for row, (point, image) in enumerate(zip(rows.point, rows.image, strict=True))}
+    alike = np.zeros(len(points), dtype=bool)
+    for number, pair in enumerate(zip(points.tolist(), others.tolist(), strict=True)):
+        common = [
+            (at[pair[0], image], at[pair[1], image])
+            for image in range(len(block.images))
+            if (pair[0], image) in at and (pair[1], image) in at
+        ]
+        apart = [float(np.hypot(*(rows.xy[a] - rows.xy[b]))) for a, b in common]
+        alike[number] = bool(apart) and max(apart) < TARGETS_APART_PX
+    return alike

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError, SolveError
-from ...hrsi_engine.foundation.reasons import Reason
+from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.io.rasters import pixel_doubt
 from ...hrsi_engine.plausibility import check_block
 from ..files.terrain import dem_surface
 from ..interface.option_groups import DemOptions, PointFiles
@@ -25,7 +26,13 @@ def input_reasons(
     The sigmas are those of the RPCs' errors where the user states them.
     """
     surface = None if dem is None else dem_surface(dem, points.height_datum)
-    return check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
+    found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
+    doubts = [(image.id, doubt) for image in block.images if (doubt := pixel_doubt(image))]
+    found += [
+        Reason("orthoimage-rpc", Level.DOUBTFUL, f"image {name}: {doubt}", "name the image as it was taken", (name,))
+        for name, doubt in doubts[:1]
+    ]
+    return found
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters import open_image_and_source
+from ...hrsi_engine.io.rasters import open_image_and_source, pixel_doubt
 from ...hrsi_engine.io.transactions import finish_interrupted
 from ..interface.declare import Context
 
@@ -30,8 +30,8 @@ def open_images(paths: Sequence[str], context: Context, always: bool = True) -> 
         image, found = open_image_and_source(path)
         if found.ignored or (always and len(paths) <= MOST_LINES):
             context.log(f"{image.id}: {found.summary}")
-        if found.doubt:
-            context.log(f"warning: {image.id}: {found.doubt}")
+        if doubt := pixel_doubt(image):
+            context.log(f"warning: {image.id}: {doubt}")
         images.append(image)
     require_ids(paths, [image.id for image in images])
     return images

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.budgets import LEAST_SCALES, MOST_COEFFICIENT, RPC_RANGES
-from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, geom, read_rpc, rpb, rpc_txt, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
 
 WITHIN = [
@@ -78,3 +79,24 @@ def test_no_reader_hangs_on_long_runs(key: str, piece: bytes, folder: Path) -> N
     file.write_bytes(piece * (3_000_000 // len(piece)))
     with pytest.raises(InputError):
         RPC_READERS[key].read(str(file))
+
+
+@pytest.mark.parametrize("key", ["rpb", "rpc-txt", "geom"])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_number_that_stands_there_twice(key: str, first: bool, folder: Path) -> None:
+    """Nothing tells which of two is right; the same number once more does no harm."""
+    title, file = {
+        "rpb": ("lineOffset = {};", rpb.text_of), "rpc-txt": ("LINE_OFF: {} pixels", rpc_txt.text_of),
+        "geom": ("line_off: {}", geom.text_of),
+    }[key]  # fmt: skip
+    path, rpc = folder / "twice", sample_rpc(3)
+
+    def read(value: float) -> RPC:
+        lines = file(rpc).splitlines()
+        lines.insert(1 if first else len(lines) - 1, title.format(value))
+        path.write_text("\n".join(lines) + "\n")
+        return RPC_READERS[key].read(str(path)).rpc
+
+    assert read(rpc.line_off) == rpc
+    with pytest.raises(InputError, match=r"(?i)line_?off(set)? stands there twice"):
+        read(rpc.line_off + 1.0)

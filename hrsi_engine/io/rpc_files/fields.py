@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -171,6 +171,32 @@ def _optional(where: str, name: str, text: Text | None) -> float | None:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) and value >= 0.0 else None
+
+
+def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[str]) -> dict[str, str]:
+    """Return name -> text of its value; the first one, where a name stands there again.
+
+    Of ``names`` (those of coefficients without their number) one may stand there twice with the same numbers only:
+    nothing tells which of two is right, and programs differ in which they take. Raises `InputError` else.
+    """
+    entries: dict[str, str] = {}
+    for name, value in pairs:
+        before = entries.setdefault(name, value)
+        if before is value or re.sub(r"_\d+$", "", name) not in names or _numbers(before) == _numbers(value):
+            continue
+        raise InputError(
+            f"{where}: {name} stands there twice, as {shorten(before)} and as {shorten(value)}: get the file again"
+        )
+    return entries
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers among the words of a text; units are none."""
+    return [
+        float(word.replace("d", "e").replace("D", "e"))
+        for word in re.split(r"[,;\s]+", text)
+        if _NUMBER.fullmatch(word)
+    ]
 
 
 def numbered_values(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ...camera.rpc import RPC
 from .content import positive_size, read_text
-from .fields import ERRORS, POLYNOMIALS, SCALARS, numbered_values, rpc_from_text
+from .fields import ERRORS, POLYNOMIALS, SCALARS, entries_of, numbered_values, rpc_from_text
 from .reading import RpcReader, RpcReading
 
 GEOM_NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name in POLYNOMIALS}
@@ -18,8 +18,8 @@ GEOM_NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
 
 def read(path: str) -> RpcReading:
     """Return the RPC of a ``.geom`` file and the scene's size where it is written there."""
-    pairs = (line.partition(":") for line in read_text(path).splitlines())
-    entries = {name.strip(): value.strip() for name, _, value in pairs}
+    parts = (line.partition(":") for line in read_text(path).splitlines())
+    entries = entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
     values: dict[str, str | list[str] | None] = {name: entries.get(GEOM_NAMES[name]) for name in SCALARS}
     values |= {name: numbered_values(entries, f"{GEOM_NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
     values |= {name: text for name in ERRORS if (text := entries.get(GEOM_NAMES[name], "0")).strip("0. ")}

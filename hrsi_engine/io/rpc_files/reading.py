@@ -79,8 +79,6 @@ class FoundRpc:
         Ellipsoidal height of the scene's middle, where the delivery states it.
     sensor : str
         What the source calls the satellite; empty where it does not say.
-    doubt : str
-        Why it may not be the RPC of these pixels; empty where nothing speaks against it.
     """
 
     rpc: RPC
@@ -90,7 +88,6 @@ class FoundRpc:
     tile: Tile | None = None
     height_m: float | None = None
     sensor: str = ""
-    doubt: str = ""
 
     @property
     def summary(self) -> str:

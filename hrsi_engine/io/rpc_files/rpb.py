@@ -6,7 +6,7 @@ import re
 
 from ...camera.rpc import RPC
 from .content import read_text
-from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
+from .fields import ERRORS, POLYNOMIALS, SCALARS, entries_of, rpc_from_text
 from .reading import RpcReader, RpcReading
 
 #: RPC field -> its name in the file.
@@ -25,18 +25,14 @@ _ENTRY = re.compile(r"(?<!\w)(\w+)\s*=\s*(?:\(([^()]*)\)|([^;\n(]*))")
 
 def read(path: str) -> RpcReading:
     """Return the RPC of an ``.RPB`` file."""
-    lists: dict[str, list[str]] = {}
-    scalars: dict[str, str] = {}
-    for name, listed, scalar in _ENTRY.findall(read_text(path)):
-        if listed:
-            lists[name.lower()] = [item.strip() for item in listed.split(",")]
-        else:
-            scalars[name.lower()] = scalar
-    values: dict[str, str | list[str] | None] = {
-        name: scalars.get(RPB_NAMES[name].lower()) for name in (*ERRORS, *SCALARS)
-    }
-    values |= {name: lists.get(RPB_NAMES[name].lower()) for name in POLYNOMIALS}
-    return RpcReading(rpc_from_text(path, values, RPB_NAMES), sensor=scalars.get("satid", "").strip(' "'))
+    keys = {name: title.lower() for name, title in RPB_NAMES.items()}
+    found = ((name.lower(), listed or scalar) for name, listed, scalar in _ENTRY.findall(read_text(path)))
+    entries = entries_of(path, found, keys.values())
+    values: dict[str, str | list[str] | None] = {name: entries.get(keys[name]) for name in (*ERRORS, *SCALARS)}
+    for name in POLYNOMIALS:
+        listed = entries.get(keys[name])
+        values[name] = None if listed is None else [item.strip() for item in listed.split(",")]
+    return RpcReading(rpc_from_text(path, values, RPB_NAMES), sensor=entries.get("satid", "").strip(' "'))
 
 
 def text_of(rpc: RPC) -> str:

@@ -6,11 +6,11 @@ The two are one format, but GDAL takes the vendor's XML between them.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from ...camera.rpc import RPC
 from .content import read_text
-from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, numbered_values, rpc_from_text
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, entries_of, numbered_values, rpc_from_text
 from .reading import RpcReader, RpcReading
 
 #: In files from here, below the numbers: `restore` may take them away again.
@@ -21,19 +21,17 @@ _MARK = re.compile(rb"(LINE_OFF|LINE_NUM_COEFF_1)[:=\s]", re.IGNORECASE)
 
 def read(path: str) -> RpcReading:
     """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
-    entries = _entries(read_text(path))
+    entries = entries_of(path, _entries(read_text(path)), GDAL_NAMES.values())
     values: dict[str, str | list[str] | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
     values |= {name: numbered_values(entries, f"{GDAL_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
     return RpcReading(rpc_from_text(path, values))
 
 
-def _entries(text: str) -> dict[str, str]:
-    """Return name (capitals) -> text of its value; a colon, an equals sign or blanks stand between them."""
-    entries: dict[str, str] = {}
+def _entries(text: str) -> Iterator[tuple[str, str]]:
+    """Yield each name (capitals) with the text of its value; a colon, an equals sign or blanks stand between them."""
     for line in text.splitlines():
         name, _, value = line.replace("=", " ", 1).replace(":", " ", 1).strip().partition(" ")
-        entries.setdefault(name.upper(), value.strip())
-    return entries
+        yield name.upper(), value.strip()
 
 
 def text_of(rpc: RPC, lineage: Mapping[str, str] = NOTHING) -> str:
