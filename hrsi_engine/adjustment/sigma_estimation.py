@@ -22,15 +22,15 @@ What was tested, found and done is in `SigmaEstimation.tests`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
 from ..refinement.model import believed_priors
 from ..refinement.selection import DRIFTS_ESTIMATED
-from .blunders.discrepancies import IMAGE, discrepancies
+from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import SETTLED_SHARE, DriftPrior
 from .equations.camera_system import Factored
 from .gauss_newton import GaussNewton, Solution
@@ -132,8 +132,14 @@ class SigmaEstimation:
         failed = 2.0 * min(larger, smaller) < SIGNIFICANCE_OF_SIGMA and not 1.0 / MATERIAL < ratio < MATERIAL
         return ModelTest(name, ratio, freedom, bool(failed))
 
-    def update(self, loop: GaussNewton, solution: Solution) -> float:
-        """Correct the sigmas; return the largest relative change."""
+    def update(
+        self, loop: GaussNewton, solution: Solution, control: Callable[[Solution, np.ndarray], Discrepancies]
+    ) -> float:
+        """Correct the sigmas; return the largest relative change.
+
+        One below `SETTLED_SHARE` is not worth another solution: all stays as it is. ``control`` returns the
+        discrepancies of some GCPs at a solution.
+        """
         change, unit_variance = 0.0, 1.0
         if self.sigmas.free.any():
             precise = self.precision_at(loop, solution)
@@ -141,21 +147,25 @@ class SigmaEstimation:
             self.sums = components(self.groups, self.problem.observations, solution, precise)
             before = self.sigmas.factor
             self.sigmas.update(self.sums)
-            self._settle_surveys(loop, solution, before)
+            self._settle_surveys(solution, before, control)
             change = float(np.abs(self.sigmas.factor / before - 1.0).max())
+            if change < SETTLED_SHARE:
+                self.sigmas.factor = before
         else:
             variances, cofactors = camera_cofactors(loop, solution)
             freedom = max(redundancy_of(self.problem, loop, solution, variances, cofactors), 0.0)
             unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
         return max(change, self.drift.update(loop, solution, variances, unit_variance)) if self.drifts else change
 
-    def _settle_surveys(self, loop: GaussNewton, solution: Solution, before: np.ndarray) -> None:
+    def _settle_surveys(
+        self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]
+    ) -> None:
         """Repeat the update of the surveys' sigmas until it settles; ``before`` are the factors of the solution."""
         observations, weighting = self.problem.observations, solution.weighting
         points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
         if len(points) < (HIDDEN_BY_DRIFT if self.drifts else 2) or observations.correlated[points].any():
             return
-        control = discrepancies(self.problem, loop, solution, points)
+        control = control_at(solution, points)
         surveys = np.flatnonzero(control.kind != IMAGE)
         group = survey_groups(observations)[points][control.point[surveys], control.axis[surveys]]
         u, s = control.u[surveys], control.s[np.ix_(surveys, surveys)]
@@ -163,7 +173,8 @@ class SigmaEstimation:
         sums[:-SURVEYS, 0] = sums[:-SURVEYS, 1]  # those of the image points wait for the next solution
         for _ in range(ROUNDS):
             variance = np.append((self.sigmas.factor / before)[-SURVEYS:] ** 2, 1.0)[group]
-            left = np.linalg.solve(np.eye(len(u)) + s * (variance - 1.0), np.column_stack([u, s]))
+            factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
+            left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             own = left[:, 1:].diagonal()
             kind = np.where(variance * own < 1.0 - UNINFORMED, group, SURVEYS)[:, None] == np.arange(SURVEYS)
             squares, freedom = left[:, 0] ** 2 @ kind, own @ kind

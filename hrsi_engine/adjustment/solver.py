@@ -9,6 +9,7 @@ import numpy as np
 from ..block.block import Block
 from ..foundation.errors import SolveError
 from ..foundation.progress import Progress, advance, silent, stage
+from ..foundation.threads import one_thread_calls
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
 from .drift_prior import SETTLED_SHARE
@@ -70,8 +71,9 @@ def run_adjuster(
 ) -> tuple[Adjustment, Adjuster]:
     """Do what `adjust` does; return the result, and what it was made with for those who go on from there."""
     try:
-        adjuster = Adjuster(replace(prepare(block, options or AdjustOptions(), start), elsewhere=elsewhere))
-        return adjuster.run(progress), adjuster
+        with one_thread_calls():  # fronts are small, and two threads wait for each other longer than they work
+            adjuster = Adjuster(replace(prepare(block, options or AdjustOptions(), start), elsewhere=elsewhere))
+            return adjuster.run(progress), adjuster
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(
             f"the equations are singular ({error}): points and images do not belong together, or the points are so far "
@@ -136,13 +138,14 @@ class Adjuster(Snooping):
         how = self.problem.options.robust, self.problem.options.tolerance, silent
         for number in range(ROUNDS if sigmas.tried else 0):
             advance(progress, number / ROUNDS, "sigmas from the residuals")
-            change = sigmas.update(self.loop, solution)
-            if sigmas.sigmas.free.any():
+            change = sigmas.update(self.loop, solution, self.discrepancies_at)
+            if change < SETTLED_SHARE:
+                if not sigmas.test(self.loop, solution):
+                    break
+            elif sigmas.sigmas.free.any():
                 self.image_weight = sigmas.image_weight()
                 self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
                 solution = self.solve(solution, silent)
-            elif change >= SETTLED_SHARE:
+            else:
                 solution = self.loop.run_on(solution, *how)
-            if change < SETTLED_SHARE and not sigmas.test(self.loop, solution):
-                break
         return solution, sigmas.precision_at(self.loop, solution)

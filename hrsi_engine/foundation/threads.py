@@ -20,12 +20,14 @@ class _OneThreadCalls:
 
     def __init__(self) -> None:
         self._lock, self._runs, self._limits = Lock(), 0, ExitStack()
+        self.held = False
 
     @contextmanager
     def wanted(self) -> Iterator[None]:
         with self._lock:
             if not self._runs and find_spec("threadpoolctl") is not None:
                 self._limits.enter_context(import_module("threadpoolctl").threadpool_limits(1, user_api="blas"))
+                self.held = True
             self._runs += 1
         try:
             yield
@@ -33,10 +35,17 @@ class _OneThreadCalls:
             with self._lock:
                 self._runs -= 1
                 if not self._runs:
+                    self.held = False
                     self._limits.close()
 
 
 #: Context in which calls of BLAS make no threads of their own, where threadpoolctl is there. The number is that of the
 #: process, and several runs may share one, as tasks of QGIS do. Products of small matrices from two threads at once
 #: otherwise spend a tenth of the processor's time on waiting for one another, and more on more cores.
-one_thread_calls = _OneThreadCalls().wanted
+_calls = _OneThreadCalls()
+one_thread_calls = _calls.wanted
+
+
+def are_one_thread_calls() -> bool:
+    """Return whether calls of BLAS make no threads of their own at present, because of `one_thread_calls`."""
+    return _calls.held

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -17,6 +18,7 @@ from hrsi.hrsi_engine.adjustment.equations.nested_dissection import SparseFactor
 from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.adjustment.equations.states import PointPriors, State
 from hrsi.hrsi_engine.adjustment.observations import select
+from hrsi.hrsi_engine.foundation.threads import one_thread_calls
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
 
 
@@ -39,8 +41,15 @@ def grid_matrix(width: int, size: int, seed: int = 0) -> tuple[Pattern, np.ndarr
     return pattern, blocks_, dense.reshape(count * size, count * size)
 
 
+@pytest.mark.parametrize("calls", [nullcontext, one_thread_calls])  # the products of NumPy, and those of SciPy
 @pytest.mark.parametrize(("width", "size"), [(1, 6), (3, 2), (14, 6), (25, 2)])
-def test_nested_dissection_equals_dense_algebra(width, size):
+def test_nested_dissection_equals_dense_algebra(width, size, calls):
+    with calls():
+        equals_dense_algebra(width, size)
+
+
+def equals_dense_algebra(width: int, size: int) -> None:
+    """Check solution, inverse and quadratic forms of a matrix on a grid."""
     pattern, upper, dense = grid_matrix(width, size)
     factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, size, pattern.position)
     factor.factorise(upper)

@@ -50,6 +50,7 @@ class Snooping:
         self.ties = observations.contributing_points & ~observations.located
         self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
         self._undecided: list[Finding] = []
+        self._control: tuple[Solution, np.ndarray, Discrepancies] | None = None
 
     def weighting(self, last: Solution | None, survey_weight: np.ndarray | None = None) -> Weighting:
         """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own.
@@ -146,7 +147,7 @@ class Snooping:
             gcps = self._gcps(solution)
             if len(gcps) < 2:
                 break
-            control = discrepancies(problem, self.loop, solution, gcps)
+            control = self.discrepancies_at(solution, gcps)
             found = suspects(control, problem.options.reject_sigma)
             if found and self._may_drift():
                 drifting = suspects(self._drifting(solution, gcps), problem.options.reject_sigma)
@@ -163,6 +164,17 @@ class Snooping:
             part = stage(progress, number / CONTROL_ROUNDS, (number + 1) / CONTROL_ROUNDS)
             solution = self.settled(self.solve(solution, part), part)
         return solution
+
+    def discrepancies_at(self, solution: Solution, points: np.ndarray) -> Discrepancies:
+        """Return the discrepancies of some GCPs at a solution; those that were computed last are kept."""
+        last = self._control
+        if last is None or not (
+            last[0] is solution and last[1] is self.loop.prior_weight and np.array_equal(last[2].points, points)
+        ):
+            self._control = last = None  # one is large enough
+            control = discrepancies(self.problem, self.loop, solution, points)
+            self._control = last = solution, self.loop.prior_weight, control
+        return last[2]
 
     def _may_drift(self) -> bool:
         """Return whether the cameras have a drift whose size is a guess of ours so far."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...foundation.threads import one_thread_calls
 from ...ground.geodesy import moved_ground
 from ...refinement.model import RefinementModel
 from ..equations import NormalEquations, Normals, Pattern, PointPriors, State, find_pattern
@@ -172,7 +173,8 @@ def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
     prior = np.where(inner[:, None], at.start.prior, 0.0)
     scale = np.ones_like(own)
     scale[inner] = unit_scales(own[inner], prior[inner])
-    remainder = factor.factorise(scaled_blocks(pattern, blocks, scale, damping, inner))
+    with one_thread_calls():
+        remainder = factor.factorise(scaled_blocks(pattern, blocks, scale, damping, inner))
     finite = np.where(np.isinf(prior), 0.0, prior)
     right = scale * (at.normals.right - finite * at.state.values)
     forward = factor.forward(right.ravel())
@@ -238,7 +240,8 @@ def precise(leaf: Leaf, at: LeafAt, eliminated: Eliminated, above: BorderInverse
     factor = _with_factor(leaf, eliminated)
     border = np.flatnonzero(~leaf.inner)
     kept = np.zeros((0, 0)) if above is None else above.of(leaf.cameras[border])
-    cameras = factor.inverse_blocks(kept)
+    with one_thread_calls():
+        cameras = factor.inverse_blocks(kept)
     cameras *= eliminated.scale[pattern.rows][:, :, None]
     cameras *= eliminated.scale[pattern.columns][:, None, :]
     spread = equations.cofactors(at.state, at.weight, at.normals, cameras)
