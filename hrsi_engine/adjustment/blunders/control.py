@@ -220,24 +220,33 @@ class _Search:
         rng = np.random.default_rng(1)  # the same starts every time
         alone = np.array([self.explain((gcp,))[0] for gcp in range(self.gcps)])
         starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(STARTS))]
-        return max((self._concentrated(start) for start in starts), key=lambda group: self.explain(group)[0])
+        after: dict[tuple[int, ...], tuple[int, ...]] = {}  # what starts come through in common
+        ended = {self._concentrated(tuple(sorted(start.tolist())), after): None for start in starts}
+        return max(ended, key=lambda group: self.explain(group)[0])
 
-    def _concentrated(self, start: np.ndarray) -> tuple[int, ...]:
-        """Return a group whose members are those that disagree most with the rest, beginning at ``start``."""
-        group = tuple(sorted(start.tolist()))
+    def _concentrated(self, group: tuple[int, ...], after: dict[tuple[int, ...], tuple[int, ...]]) -> tuple[int, ...]:
+        """Return a group whose members are those that disagree most with the rest, beginning at ``group``.
+
+        ``after`` keeps which group follows which.
+        """
         for _ in range(GROUP_STEPS):
-            out = self.control.measurements_of(group)
-            inverse, own = self.control.inverse(out), np.zeros(self.gcps)
-            rest = self.control.without(out, inverse)
-            parts = [np.flatnonzero(self.control.point[out] == gcp) for gcp in group]
-            own[list(group)] = self.control.tests_beyond(out, parts, inverse)
-            for gcp in set(range(self.gcps)) - set(group):
-                own[gcp], _ = rest.test(rest.measurements_of((gcp,)))
-            following = tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
-            if following == group:
+            if group not in after:
+                after[group] = self._following(group)
+            if after[group] == group:
                 break
-            group = following
+            group = after[group]
         return group
+
+    def _following(self, group: tuple[int, ...]) -> tuple[int, ...]:
+        """Return as many GCPs as a group has: those that disagree most with the rest."""
+        out = self.control.measurements_of(group)
+        inverse, own = self.control.inverse(out), np.zeros(self.gcps)
+        rest = self.control.without(out, inverse)
+        parts = [np.flatnonzero(self.control.point[out] == gcp) for gcp in group]
+        own[list(group)] = self.control.tests_beyond(out, parts, inverse)
+        for gcp in set(range(self.gcps)) - set(group):
+            own[gcp], _ = rest.test(rest.measurements_of((gcp,)))
+        return tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
 
     def wrong(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
