@@ -56,6 +56,10 @@
       <translation>Punkte hinzufügen…</translation>
     </message>
     <message>
+      <source>Add raster layers of the project</source>
+      <translation>Rasterlayer des Projekts hinzufügen</translation>
+    </message>
+    <message>
       <source>Add the ground points of a layer or file</source>
       <translation>Bodenpunkte eines Layers oder einer Datei hinzufügen</translation>
     </message>
@@ -78,6 +82,10 @@
     <message>
       <source>Adjust the block with what is measured so far</source>
       <translation>Den Block mit dem bisher Gemessenen ausgleichen</translation>
+    </message>
+    <message>
+      <source>All</source>
+      <translation>Alle</translation>
     </message>
     <message>
       <source>Along</source>
@@ -562,6 +570,10 @@
     <message>
       <source>Layer or file</source>
       <translation>Layer oder Datei</translation>
+    </message>
+    <message>
+      <source>Layers</source>
+      <translation>Layer</translation>
     </message>
     <message>
       <source>Least</source>

@@ -20,6 +20,7 @@ from qgis.core import (
     QgsProject,
     QgsRasterLayer,
     QgsRectangle,
+    QgsVectorLayer,
 )
 from qgis.gui import QgsMapCanvas, QgsMessageBar
 from qgis.PyQt.QtCore import QEvent, QPoint, QPointF, Qt, QTimer
@@ -187,6 +188,28 @@ def test_new_block_by_the_dialog(dock, sources) -> None:
     assert list(dock.session.images) == ["image_1", "image_2", "image_3"]
     assert NAME in dock.session.points and any(name == NAME for name, _ in dock.session.measured)
     wait_for(lambda: not dock.is_adjusting())
+
+
+def test_a_new_block_of_layers(dock, sources: dict) -> None:
+    """*New…* offers the rasters and points of the project; a raster chosen twice is one image."""
+    project = QgsProject.instance()
+    for path in sources["images"]:
+        project.addMapLayer(QgsRasterLayer(path, Path(path).stem))
+    gcps = QgsVectorLayer(sources["gcps"], "my GCPs", "ogr")
+    project.addMapLayer(gcps)
+    dialog = NewBlockDialog(dock)
+    actions = {action.text(): action for action in dialog.layers.menu().actions()}
+    assert sorted(actions) == ["All", "image_1", "image_2", "image_3"]
+    actions["image_2"].trigger()
+    assert dialog.sources()["images"] == [sources["images"][1]]
+    actions["All"].trigger()
+    assert sorted(dialog.sources()["images"]) == sorted(sources["images"])
+    dialog.gcps.set_value(gcps.id())
+    session = point_session.new_session(**dialog.sources())
+    assert sorted(session.images) == ["image_1", "image_2", "image_3"]
+    assert set(session.points) == set(dock.session.points)
+    project.clear()
+    assert not NewBlockDialog(dock).layers.isEnabled()
 
 
 def test_views_are_as_many_as_wanted(dock) -> None:
