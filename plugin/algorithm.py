@@ -21,7 +21,7 @@ from .help_page import help_url
 from .help_text import short_help
 from .icons import icon_path
 from .parameters import Reading, definition, label_of, option_value
-from .results import collect_results, output_definitions, show_layers
+from .results import collect_results, output_definitions, show_layers, without_what_batch_cannot_list
 from .translation import tr
 from .verdict import headline, log_verdict, show_in_message_bar
 
@@ -98,7 +98,8 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
             log_verdict(verdict, self._spelt(headline(verdict)), feedback)
         self._report = report
         show_layers(self.declaration, self._options, report, context)
-        return collect_results(self.declaration, self._options, report)
+        made = collect_results(self.declaration, self._options, report)
+        return without_what_batch_cannot_list(made, feedback)
 
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
         """Show the verdict above the map."""

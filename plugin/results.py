@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from qgis.core import (
+    Qgis,
     QgsLayerTreeGroup,
     QgsLayerTreeLayer,
     QgsLayerTreeNode,
@@ -29,6 +30,7 @@ from ..hrsi_engine.foundation.json_values import json_text
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 from .translation import tr
 
+BATCH_LISTS_REPORTS = 32800  #: the version of QGIS from which on it does; 3.22 ends a batch with a TypeError instead
 TEMPORARY = "OUTPUT_DIR"  #: what QGIS calls a temporary folder: the name of the parameter
 REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", "IMAGES_MADE"
 
@@ -64,6 +66,13 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
     return {"OUTPUT_DIR": str(folder), **layers, **verdict, **made} | {
         name: str(path) for name, path in files.items() if path.exists()
     }
+
+
+def without_what_batch_cannot_list(made: dict[str, Any], feedback: QgsProcessingFeedback) -> dict[str, Any]:
+    """Return the result dictionary for the dialog that has asked: that of batches of an old QGIS fails at reports."""
+    if Qgis.QGIS_VERSION_INT < BATCH_LISTS_REPORTS and type(feedback).__name__ == "BatchFeedback":
+        return {name: value for name, value in made.items() if name != REPORT_HTML}
+    return made
 
 
 def images_made(report: Report) -> list[str]:
