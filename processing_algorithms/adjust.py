@@ -8,6 +8,7 @@ from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.adjusting_workers import adjusting_workers
+from .block_steps.dem_offset import ground_reasons
 from .block_steps.earlier_block import read_earlier
 from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_free_control
 from .block_steps.model_choice import choice_entries, choice_warnings
@@ -44,4 +45,5 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     rest = context.stage(0.6, 1.0)
     warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
     entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
+    reasons += ground_reasons(result, options.dem, options.points.height_datum, how.sigma_dem_m)
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons)

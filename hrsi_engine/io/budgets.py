@@ -45,10 +45,8 @@ MOST_SIDE_PX, MOST_PIXELS = 4_000_000, 4 * 10**11  # a mosaic of the world at 60
 PIXELS_PER_BYTE, EMPTY_PIXELS = 10_000, 2 * 10**8  # no compression but emptiness comes to more; small files may
 LARGEST_BLOCK_BYTES = 1024 * MIB  # pixels that a format can give only together
 
-LOWEST_M, HIGHEST_M = (
-    -12_000.0,
-    10_000.0,
-)  # of the ground: the deepest trench, the highest mountain, and a datum's error
+LOWEST_M, HIGHEST_M = -12_000.0, 9_000.0  # of the ground: the deepest trench, the highest mountain, and a datum's error
+NO_DATA_M = -9999.0  # what files mean by "no height" that do not declare it; no ground that images show is so deep
 #: Of an RPC: what its offsets and scales can be; longitudes count to 360 or around the date line.
 RPC_RANGES = {
     "line_off": (-1e8, 1e8), "samp_off": (-1e8, 1e8), "lat_off": (-90.0, 90.0), "long_off": (-540.0, 540.0),
@@ -147,7 +145,7 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
 
     ``where`` names the place of an index: file and cell, or file and row.
     """
-    wrong = (heights_m < LOWEST_M) | (heights_m > HIGHEST_M)
+    wrong = (heights_m < LOWEST_M) | (heights_m > HIGHEST_M) | (heights_m == NO_DATA_M)
     if wrong.any():
         index = int(np.flatnonzero(wrong)[0])
         share = f"{wrong.sum()} of {len(heights_m)}"

@@ -1,4 +1,4 @@
-"""Does a block without GCPs lie on the DEM that was named, though nothing holds it there?"""
+"""Does the DEM that was named show the ground of the block, and does a block without GCPs lie on it?"""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Role
+from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.plausibility.accuracy import image_accuracies
+from ...hrsi_engine.plausibility.relief import relief_reasons
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
 from ..interface.option_groups import DemOptions
@@ -42,3 +45,21 @@ def offset_warning(result: Adjustment, dem: DemOptions, height_datum: str, sigma
         f"{len(above)}), and without GCPs nothing holds the block to it: orthoimages made with this DEM will not "
         "fit one another; give `sigma_dem_m`, the DEM's accuracy in metres"
     ]
+
+
+def ground_reasons(result: Adjustment, dem: DemOptions, height_datum: str, sigma_dem_m: float | None) -> list[Reason]:
+    """Return what says that the DEM does not show the ground that the adjusted tie points have."""
+    surface = dem_surface(dem, height_datum)
+    if surface is None:
+        return []
+    role = result.block.points.role
+    chosen = (role == Role.TIE) & np.isfinite(result.ground).all(axis=1) & (result.block.rays_per_point() > 1)
+    sigma = result.ground_sigma_m[chosen, 2]
+    of_points = float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else 0.0
+    in_place = bool((role == Role.GCP).any()) or result.plan is not None
+    holds = any(one.source == "DEM" and one.left_out < one.observations and one.share > 0.5 for one in result.heights)
+    return relief_reasons(
+        result.ground[chosen], surface,
+        0.0 if in_place else max(accuracy.sigma_m for accuracy in image_accuracies(result.block.images)),
+        float(np.hypot(of_points, sigma_dem_m or 0.0)), holds,
+    )  # fmt: skip

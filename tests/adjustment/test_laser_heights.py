@@ -120,6 +120,30 @@ def test_the_verdict_doubts_sources_that_contradict(scene):
     assert name in reason.message and "cannot be told" in reason.message
 
 
+def with_heights(points: LaserPoints, height_m: np.ndarray) -> LaserPoints:
+    return replace(points, ground=np.column_stack([points.ground[:, :2], height_m]))
+
+
+def test_the_verdict_doubts_laser_points_on_tops(scene):
+    """Two thirds of the points on 15 m of canopy hold the block too high; those on the ground are the lower ones."""
+    height = scene.points.ground[:, 2]
+    of_canopy = adjusted(
+        scene, with_heights(scene.points, height + 15.0 * (np.sin(np.arange(len(height)) / 30.0) > -0.5))
+    )
+    assert "laser-tops" in codes(of_canopy)
+    assert np.median(scene.height_errors_m(of_canopy)[:, 2]) > 10.0
+    assert not {"laser-tops", "heights-scatter"} & codes(adjusted(scene))
+    for seed in (31, 32):
+        wooded = laser_scene(seed, LaserSpec(3, canopy=0.3, clouds=0.05))
+        assert not {"laser-tops", "heights-scatter"} & codes(adjusted(wooded))
+
+
+def test_the_verdict_doubts_heights_of_something_else(scene):
+    """Heights that have nothing to do with the ground below: 30 m about it, stated to be decimetres."""
+    other = scene.points.ground[:, 2] + np.random.default_rng(1).normal(0.0, 30.0, len(scene.points))
+    assert "heights-scatter" in codes(adjusted(scene, with_heights(scene.points, other)))
+
+
 LASER, DEM = SharedError(0.05, wrong_together=False), SharedError(1.2, wrong_together=True)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import special
 
+from ...adjustment.laser_heights import MISFIT
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
@@ -20,6 +21,8 @@ from .significance import RISK, chi_square_limit, is_significant
 
 LARGE_MISFIT, RUINED_MISFIT = 3.5, 7.0  # times the standard deviation that is expected
 RUINED_ERROR = 10.0  # the same of check points against prediction
+SCATTERED, SCATTERED_M = 2.0, 5.0  # times the stated sigma, and metres: right heights stay below one of both
+LOWER_M, FEW_LOWER, LOWER_SHARE = 3.0, 10, 0.1  # of laser points below those that hold: metres, points, share
 MOST_CONDITION = 1e12  # of the normal equations of a point: rays that do not intersect
 ALONE = 4.0  # times the fields that its image has: a GCP that is wrong by more than the camera is
 LONE_ERROR = 3.0  # of one check point, times what the others show
@@ -218,6 +221,36 @@ def heights_against_rpcs(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
+def scattered_heights(evidence: Evidence) -> Iterator[Reason]:
+    """Heights that scatter about the ground by far more than they are stated to: they are of something else."""
+    for one in evidence.result.heights:
+        if one.sigma_factor > SCATTERED and one.rmse_m > SCATTERED_M and not one.contradicts:
+            yield Reason(
+                "heights-scatter", Level.DOUBTFUL,
+                f"{one.source}: its heights scatter by {one.rmse_m:.0f} m about the ground that the images show, far more than "
+                "they are stated to",
+                "check that they are heights of the ground there, in metres: place, column, unit; or state their sigma",
+            )  # fmt: skip
+
+
+def laser_on_tops(evidence: Evidence) -> Iterator[Reason]:
+    """Laser points that do not fit because they are lower than those that hold the block: these may be tree tops."""
+    found = evidence.result.laser
+    if found is None:
+        return
+    fits = found.reason == ""
+    low = (found.reason == MISFIT) & (found.residual_m < -LOWER_M)
+    if low.sum() < max(FEW_LOWER, LOWER_SHARE * (fits.sum() + (found.reason == MISFIT).sum())):
+        return
+    yield Reason(
+        "laser-tops", Level.DOUBTFUL,
+        f"{low.sum()} laser points lie {-np.median(found.residual_m[low]):.1f} m (median) lower than the {fits.sum()} "
+        "that hold the block: the lower ones are the ground where the higher are tops of trees or roofs",
+        "take the heights of the ground (of ATL08 those of the terrain, of SlideRule a fit without canopy), name the "
+        "canopy's height in a field `canopy_m`, or name a DEM",
+    )  # fmt: skip
+
+
 def laser_holds_nothing(evidence: Evidence) -> Iterator[Reason]:
     """Laser points of which none holds the block, though the user named them for that."""
     found = evidence.result.laser
@@ -234,5 +267,5 @@ def laser_holds_nothing(evidence: Evidence) -> Iterator[Reason]:
 
 ON_GROUND_TRUTH = (
     control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction, sources_of_heights,
-    heights_against_rpcs, laser_holds_nothing,
+    heights_against_rpcs, scattered_heights, laser_on_tops, laser_holds_nothing,
 )  # fmt: skip
