@@ -227,8 +227,8 @@ def scattered_heights(evidence: Evidence) -> Iterator[Reason]:
         if one.sigma_factor > SCATTERED and one.rmse_m > SCATTERED_M and not one.contradicts:
             yield Reason(
                 "heights-scatter", Level.DOUBTFUL,
-                f"{one.source}: its heights scatter by {one.rmse_m:.0f} m about the ground that the images show, far more than "
-                "they are stated to",
+                f"{one.source}: its heights scatter by {one.rmse_m:.0f} m about the ground that the images show, "
+                "far more than they are stated to",
                 "check that they are heights of the ground there, in metres: place, column, unit; or state their sigma",
             )  # fmt: skip
 
