@@ -126,6 +126,21 @@ def test_what_a_killed_run_was_writing_goes(tmp_path):
     assert not dead.exists()
 
 
+def test_parts_side_by_side_call_opencv_with_one_thread_each():
+    opencv = pytest.importorskip("cv2")
+    before = opencv.getNumThreads()
+    parts = [
+        WorkPart(f"part {number}", lambda _: {"threads": np.array(opencv.getNumThreads())}, None) for number in range(3)
+    ]
+    opencv.setNumThreads(3)
+    try:
+        found = run_parts(parts, [part.key for part in parts], open_scheduler(None, 2))
+        assert all(result["threads"] == 1 for result in found.values())
+        assert opencv.getNumThreads() == 3
+    finally:
+        opencv.setNumThreads(before)
+
+
 def test_parts_side_by_side_call_blas_with_one_thread_each():
     threadpoolctl = pytest.importorskip("threadpoolctl")
 

@@ -20,7 +20,7 @@ import numpy as np
 from .certificates import CONFIGURED, Certificates
 from .cluster import OnWorker, connected
 from .progress import Progress, advance, silent
-from .threads import one_thread_calls, thread_count
+from .threads import one_thread_calls, one_thread_filters, thread_count
 
 PartResult = dict[str, np.ndarray]
 
@@ -202,6 +202,7 @@ def _threads(count: int) -> Scheduler:
         working: dict[Future[PartResult], str] = {}
         with ExitStack() as ending:
             ending.enter_context(one_thread_calls())
+            ending.enter_context(one_thread_filters())
             pool = ThreadPoolExecutor(count)
             ending.callback(pool.shutdown, wait=True, cancel_futures=True)
             while ready or working:

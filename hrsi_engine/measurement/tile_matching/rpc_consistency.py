@@ -77,8 +77,9 @@ def rpc_consistency(
 
     Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
     it is found as the mode of the distances and refined by a robust plane. Matches beyond 3.5 robust sigmas (at
-    least ``floor_px``) fail. Along the lines a match must not leave its neighbours by more than terrain does.
-    ``unit_px`` is the size of a matched pixel in pixels of the image (pyramids); thresholds are in units of it.
+    least ``floor_px``) fail, and all where chance alone made the mode: then that limit grows until it takes them in.
+    Along the lines a match must not leave its neighbours by more than terrain does. ``unit_px`` is the size of a
+    matched pixel in pixels of the image (pyramids); thresholds are in units of it.
     """
     miss = epipolar_miss(first, second, first_xy, second_xy, height_m)
     across, along = miss.across_px / unit_px, miss.along_px / unit_px
@@ -100,6 +101,8 @@ def rpc_consistency(
         terms = 3 if good.sum() >= FEWEST_FOR_TREND else 1
         deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
         sigma = float(robust_sigma(deviation[good]))
+        if sigma > MODE_WIDTH_PX:
+            return nothing
         good = np.abs(deviation) < max(3.5 * sigma, floor_px)
     good = good & _like_neighbours(first_xy, along, good)
     return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
