@@ -238,7 +238,8 @@ def _seeds(task: _Task) -> _Seeds:
     if not options.finders:
         return _sought_first(task) or _Seeds(task.points, np.zeros((len(task.points), 2)))
     reach = float(np.hypot(*frame.reach_px))
-    own = ImageTile(frame.first.pixels, frame.first.valid)  # in its own pixels, wherever in the image it is
+    # in its own pixels, wherever in the image it is; what finders make of it serves all partners
+    own = frame.first.once("own", lambda: ImageTile(frame.first.pixels, frame.first.valid))
     found = [MATCHERS[name](own, frame.resampled, reach, options) for name in options.finders]
     first, second = (np.concatenate(part) for part in zip(*found, strict=True))
     if len(first) < FEWEST:
@@ -307,11 +308,18 @@ def _find(
     name = task.chosen[0].name
     band, images = MATCHING_BANDS[name], task.images(name)
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _lsm(task, window))
-    inner = match_patches(*images, points[hits], fine.xy, fine.affine, _lsm(task, int(window * INNER)))
-    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy, axis=1), np.inf)
-    sigma = np.hypot(fine.sigma_px * band.sigma_factor, CHANGE_WEIGHT * change)
-    good = (fine.status == DONE) & (fine.correlation > options.min_correlation) & (sigma < options.largest_sigma_px)
-    return hits[good], fine.xy[good], fine.correlation[good], sigma[good]
+    own = band.sigma_factor * fine.sigma_px
+    kept = np.flatnonzero(
+        (fine.status == DONE) & (fine.correlation > options.min_correlation) & (own < options.largest_sigma_px)
+    )
+    inner = match_patches(
+        *images, points[hits[kept]], fine.xy[kept], fine.affine[kept], _lsm(task, int(window * INNER))
+    )  # fmt: skip
+    change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[kept], axis=1), np.inf)
+    sigma = np.hypot(own[kept], CHANGE_WEIGHT * change)
+    good = sigma < options.largest_sigma_px
+    found = kept[good]
+    return hits[found], fine.xy[found], fine.correlation[found], sigma[good]
 
 
 def _lsm(task: _Task, window: int) -> LsmOptions:
