@@ -11,6 +11,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.rasters import open_image
+from hrsi.hrsi_engine.measurement.tile_matching import pair_matching
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
@@ -22,6 +23,7 @@ from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
 )
 from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
 from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import rpc_consistency
+from hrsi.hrsi_engine.measurement.window_matching.window_search import search_windows
 
 HALF = 200.0
 SIZE = int(2 * HALF) + 1
@@ -170,6 +172,46 @@ def test_without_finders_the_prediction_is_enough(pair):
     matches = match_tile(*pair, known, options)
     assert len(matches) > 80
     assert np.mean(np.linalg.norm(errors(matches), axis=1) > 1.0) < 0.01
+
+
+def test_without_finders_some_points_tell_where_the_others_are(pair, monkeypatch):
+    """Where little is known of heights, most points are sought in small boxes, and no fewer are found."""
+    boxes: list[np.ndarray] = []
+
+    def search(*inputs):
+        boxes.append(inputs[5])
+        return search_windows(*inputs)
+
+    monkeypatch.setattr(pair_matching, "search_windows", search)
+    options = TileMatchOptions(finders=(), windows_px=(31,), most_points=200, bands=("fine",))
+    near, far = (
+        match_tile(*pair, geometry(bias=(0.5, -0.4), margin_px=(4.0, across), height_sigma_m=sigma), options)
+        for across, sigma in ((3.0, 6.0), (8.0, 40.0))
+    )
+    searched = np.sum(np.prod(boxes[-1], axis=1)) + np.sum(np.prod(boxes[-2], axis=1))
+    print(
+        f"{len(near)} and {len(far)} matches; of wide boxes {searched / (200 * boxes[-2][0].prod()):.2f} are searched"
+    )
+    assert len(boxes) == 3  # near; some of far, all of far
+    assert searched < 0.5 * 200 * boxes[1][0].prod()
+    assert len(far) >= 0.95 * len(near)
+    assert np.linalg.norm(errors(far), axis=1).max() < 0.5
+
+
+def test_matches_that_agree_by_chance_are_none():
+    """Points anywhere in a band of 256 px, as pairs without common ground give: no offset is theirs."""
+    rng = np.random.default_rng(31)
+    first = rng.uniform(0.0, SIZE, (300, 2))
+    true = transfer(camera(0), camera(1), first, blocks.HEIGHT)
+    chance = rpc_consistency(camera(0), camera(1), first, true + rng.uniform(-128.0, 128.0, (300, 2)), blocks.HEIGHT)
+    away = np.concatenate([rng.normal(0.0, 0.5, (60, 2)), rng.uniform(-128.0, 128.0, (240, 2))])
+    told = rpc_consistency(camera(0), camera(1), first, true + away, blocks.HEIGHT)
+    print(
+        f"{chance.good.sum()} of 300 by chance; {told.good[:60].sum()} of 60 right ones, {told.good[60:].sum()} others"
+    )
+    assert chance.good.sum() < 20
+    assert told.good[:60].sum() >= 55
+    assert told.good[60:].sum() < 20
 
 
 @pytest.mark.parametrize("what", ["nodata", "water", "other place"])
