@@ -11,7 +11,6 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.measurement.tile_matching import pair_matching
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
@@ -23,7 +22,6 @@ from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
 )
 from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
 from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import rpc_consistency
-from hrsi.hrsi_engine.measurement.window_matching.window_search import search_windows
 
 HALF = 200.0
 SIZE = int(2 * HALF) + 1
@@ -172,30 +170,6 @@ def test_without_finders_the_prediction_is_enough(pair):
     matches = match_tile(*pair, known, options)
     assert len(matches) > 80
     assert np.mean(np.linalg.norm(errors(matches), axis=1) > 1.0) < 0.01
-
-
-def test_without_finders_some_points_tell_where_the_others_are(pair, monkeypatch):
-    """Where little is known of heights, most points are sought in small boxes, and no fewer are found."""
-    boxes: list[np.ndarray] = []
-
-    def search(*inputs):
-        boxes.append(inputs[5])
-        return search_windows(*inputs)
-
-    monkeypatch.setattr(pair_matching, "search_windows", search)
-    options = TileMatchOptions(finders=(), windows_px=(31,), most_points=200, bands=("fine",))
-    near, far = (
-        match_tile(*pair, geometry(bias=(0.5, -0.4), margin_px=(4.0, across), height_sigma_m=sigma), options)
-        for across, sigma in ((3.0, 6.0), (8.0, 40.0))
-    )
-    searched = np.sum(np.prod(boxes[-1], axis=1)) + np.sum(np.prod(boxes[-2], axis=1))
-    print(
-        f"{len(near)} and {len(far)} matches; of wide boxes {searched / (200 * boxes[-2][0].prod()):.2f} are searched"
-    )
-    assert len(boxes) == 3  # near; some of far, all of far
-    assert searched < 0.5 * 200 * boxes[1][0].prod()
-    assert len(far) >= 0.95 * len(near)
-    assert np.linalg.norm(errors(far), axis=1).max() < 0.5
 
 
 def test_matches_that_agree_by_chance_are_none():

@@ -1,8 +1,7 @@
 """Matching of two windows with RPC geometry: interest points of the first, positions in the second to ~0.05 px.
 
 1. The second window is resampled to the geometry of the first (`tile_frame`); finders (`matchers`) name candidates,
-   and RPC geometry that tolerates a bias keeps the true ones: the seeds. Without finders the prediction is the seed;
-   where it leaves much to search, some of the points are sought first, and those that agree are the seeds.
+   and RPC geometry that tolerates a bias keeps the true ones: the seeds.
 2. Every interest point of the first window (`tile_points`) is sought where its neighbours among the seeds predict it,
    in a box along the epipolar line (`window_search`), and brought to sub-pixel precision by least-squares matching on
    the original pixels of both windows. What is found are seeds of the next round.
@@ -21,7 +20,7 @@ from scipy.spatial import cKDTree
 from ...foundation.robust_scale import robust_sigma
 from ..window_matching.bands import MATCHING_BANDS, SEARCH_BAND
 from ..window_matching.least_squares_matching import match_patches
-from ..window_matching.window_search import PeaksFound, search_windows
+from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .epipolar import MIN_STRETCH
 from .frame import TileFrame
@@ -46,8 +45,6 @@ PAIR_NEIGHBOURS = 8
 SPREAD_SEARCHED = 0.7  # of the neighbours' range of parallax, to both sides
 SLOPE_SEARCHED = 0.02  # px of parallax per px of distance to the neighbours
 SEARCH_MARGIN_PX = 3  # windows of the search are so much smaller on each side than those of least squares
-SOUGHT_FIRST, FEWEST_FOUND = 40, 12  # points that tell where the others are, and how many of them must agree
-WIDE_PX2 = 120.0  # quarter of a box's area, from which on that costs less than seeking all points in such boxes
 TRIAL, FEWEST_OF_A_TRIAL = 150, 20  # matches that the band is chosen on
 INNER = 2.0 / 3.0  # of a window is matched again: where it holds two surfaces, or is false, the result moves
 CHANGE_WEIGHT = 0.35  # of that movement in the standard deviation
@@ -233,10 +230,10 @@ class _Matched:
 
 
 def _seeds(task: _Task) -> _Seeds:
-    """Return the candidates of all finders that geometry allows; without finders, the prediction or what it led to."""
+    """Return the candidates of all finders that geometry allows; without finders, the prediction itself."""
     frame, options = task.frame, task.options
     if not options.finders:
-        return _sought_first(task) or _Seeds(task.points, np.zeros((len(task.points), 2)))
+        return _Seeds(task.points, np.zeros((len(task.points), 2)))
     reach = float(np.hypot(*frame.reach_px))
     # in its own pixels, wherever in the image it is; what finders make of it serves all partners
     own = frame.first.once("own", lambda: ImageTile(frame.first.pixels, frame.first.valid))
@@ -246,35 +243,6 @@ def _seeds(task: _Task) -> _Seeds:
         return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
     good = _consistency(task, first, frame.predict(second)).good
     return _Seeds(first[good], (second - first)[good])
-
-
-def _sought_first(task: _Task) -> _Seeds | None:
-    """Return what was found of some points in boxes as wide as the prediction may be off; None where that tells little.
-
-    That is where boxes are small, or too few of these points agree with one another.
-    """
-    along, across = task.frame.reach_px
-    if along * across < WIDE_PX2 or len(task.points) < 2 * SOUGHT_FIRST:
-        return None
-    rows = np.linspace(0, len(task.points) - 1, SOUGHT_FIRST).round().astype(np.int64)
-    predicted = _Seeds(task.points, np.zeros((len(task.points), 2)))
-    sought, hits = _search(task, rows, _expect(task, rows, predicted), task.options.windows_px[0])
-    points, found = task.points[rows[hits]], task.frame.predict(sought.xy[hits] - task.frame.pad_px)
-    good = _consistency(task, points, found).good
-    if good.sum() < FEWEST_FOUND:
-        return None
-    return _Seeds(points[good], task.frame.displacements(points[good], found[good]))
-
-
-def _search(task: _Task, rows: np.ndarray, expected: _Expected, window: int) -> tuple[PeaksFound, np.ndarray]:
-    """Search points in the resampled window; return the peaks, and which of them are clear and without rival."""
-    options, points = task.options, task.points[rows]
-    half = max(window // 2 - SEARCH_MARGIN_PX, 4)
-    sought = search_windows(
-        *task.searched, points, points + expected.shift + task.frame.pad_px, task.direction[rows], expected.reach, half
-    )
-    clear = sought.inside & (sought.correlation > options.min_correlation)
-    return sought, np.flatnonzero(clear & (sought.rival < options.largest_rival * sought.correlation))
 
 
 def _expect(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
@@ -301,8 +269,14 @@ def _find(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Search points and match them; return which of ``rows`` are found, positions, correlations and sigmas (px)."""
     frame, options, points = task.frame, task.options, task.points[rows]
-    sought, hits = _search(task, rows, expected, window)
-    start = frame.predict(sought.xy[hits] - frame.pad_px)
+    half = max(window // 2 - SEARCH_MARGIN_PX, 4)
+    pad = frame.pad_px
+    sought = search_windows(
+        *task.searched, points, points + expected.shift + pad, task.direction[rows], expected.reach, half
+    )
+    clear = sought.inside & (sought.correlation > options.min_correlation)
+    hits = np.flatnonzero(clear & (sought.rival < options.largest_rival * sought.correlation))
+    start = frame.predict(sought.xy[hits] - pad)
     if not task.chosen:
         task.chosen.append(_best_band(task, rows[hits], start, sought.correlation[hits], window))
     name = task.chosen[0].name
