@@ -127,6 +127,8 @@ def test_longitudes_of_one_place_stay_together(middle: float, offsets: list[floa
     joined = geodesy.continuous_longitudes(np.append(lon, np.nan))[:-1]
     assert np.ptp(joined) == pytest.approx(np.ptp(offsets), abs=1e-9)
     np.testing.assert_allclose(geodesy.wrap_degrees(joined - lon + 90.0), 90.0, atol=1e-9)
+    ends = np.array([lon.min(), lon.max(), np.nan])
+    assert not geodesy.are_continuous(ends) or np.array_equal(joined, lon)  # what the ends say holds for all
 
 
 def test_places_on_different_continents_are_not_brought_together() -> None:

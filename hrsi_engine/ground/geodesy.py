@@ -73,6 +73,23 @@ def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
     return eastwards if np.ptp(eastwards[np.isfinite(eastwards)]) < ONE_PLACE_DEG else wrapped
 
 
+def are_continuous(lon_deg: np.ndarray) -> bool:
+    """Return whether longitudes, or the ends of them, are what `continuous_longitudes` makes of them; NaN counts not.
+
+    Parameters
+    ----------
+    lon_deg : (n,) ndarray
+        Degrees in any turn.
+
+    Returns
+    -------
+    bool
+        Whether all are in [-180, 180) and lie less than three quarters of a turn apart.
+    """
+    west, east = np.fmin.reduce(lon_deg), np.fmax.reduce(lon_deg)
+    return bool(west >= -180.0 and east < 180.0 and east - west <= 360.0 - ONE_PLACE_DEG)
+
+
 def longitudes_near(lon_deg: np.ndarray, middle_deg: float, half_width_deg: float) -> np.ndarray:
     """Return longitudes in the turn about the middle of an area, NaN for those on the other side of the Earth.
 

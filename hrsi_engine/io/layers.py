@@ -23,7 +23,7 @@ from shapely.geometry import Polygon
 from ..foundation.dates import run_date
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
-from ..ground.geodesy import WGS84, WGS84_3D, continuous_longitudes, metres_per_degree
+from ..ground.geodesy import WGS84, WGS84_3D, are_continuous, continuous_longitudes, metres_per_degree
 from .datasets import config_option, gdal_messages, quiet
 from .layer_styles import Style, default_style
 from .layer_texts import FIELD_TEXTS, LAYER_TEXTS
@@ -165,7 +165,8 @@ def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
         for number, layer in enumerate(layers)
         if layer.crs in (WGS84, WGS84_3D) and layer.geometry != "None"
     }
-    if not places:
+    ends = [(np.fmin.reduce(part), np.fmax.reduce(part)) for part in places.values() if len(part)]
+    if not ends or are_continuous(np.concatenate(ends)):  # nothing of the length of the layers is made
         return list(layers)
     west = np.concatenate(list(places.values()))
     turns = np.round((continuous_longitudes(west) - west) / 360.0)

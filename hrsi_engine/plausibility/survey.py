@@ -89,7 +89,9 @@ def independence_reasons(block: Block) -> list[Reason]:
 def _measured_alike(block: Block, points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Tell of pairs of points whether they are measured at the same pixels of every image that has both."""
     rows = block.measurements
-    at = {(int(point), int(image)): row for row, (point, image) in enumerate(zip(rows.point, rows.image, strict=True))}
+    compared = np.flatnonzero(np.isin(rows.point, np.concatenate([points, others])))  # not the ties, which are many
+    places = zip(rows.point[compared].tolist(), rows.image[compared].tolist(), strict=True)
+    at = dict(zip(places, compared.tolist(), strict=True))
     alike = np.zeros(len(points), dtype=bool)
     for number, pair in enumerate(zip(points.tolist(), others.tolist(), strict=True)):
         common = [

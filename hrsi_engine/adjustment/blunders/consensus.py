@@ -124,34 +124,44 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
 
     An image pair with few parallaxes has a constant instead; with less than three nothing to compare.
     """
-    images, one, other = len(observations.images), observations.image[pairs.first], observations.image[pairs.second]
-    swapped = one > other
-    low, high = np.where(swapped, other, one), np.where(swapped, one, other)
-    order = np.argsort(low.astype(np.int64) * images + high, kind="stable")
-    key = (low.astype(np.int64) * images + high)[order]
-    bounds = np.r_[np.flatnonzero(np.r_[True, key[1:] != key[:-1]]), len(key)]
+    order, rows, bounds = _by_image_pair(observations, pairs)
     middle = np.array([image.centre_px for image in observations.images])
     half = np.array([image.half_size_px for image in observations.images])
-    rows = np.where(swapped, pairs.second, pairs.first)[order]
-    terms = np.column_stack([np.ones(len(rows)), (observations.xy[rows] - middle[low[order]]) / half[low[order]]])
-    y, sigma = pairs.y[order], pairs.sigma[order]
-    departure, judged = np.zeros(len(y)), np.zeros(len(y), dtype=bool)
+    departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     rng = np.random.default_rng(1)  # the same planes every time
     large = np.flatnonzero(count >= 3)
     for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE):
-        begin, size = bounds[part], count[part]
+        if not len(part):
+            continue
+        size, span = count[part], slice(bounds[part[0]], bounds[part[-1] + 1])
+        begin, image = bounds[part] - span.start, observations.image[rows[span]]
+        place = (observations.xy[rows[span]] - middle[image]) / half[image]
+        terms = np.column_stack([np.ones(len(place)), place])
+        y, sigma = pairs.y[order[span]], pairs.sigma[order[span]]
         # evenly over the parallaxes of each image pair; those of a small one more than once
         step = np.maximum(size / SAMPLE, 1.0)[:, None] * np.arange(SAMPLE)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
         planes = _planes(terms[picked], y[picked], sigma[picked], size, rng)
         for plane, start, some in zip(planes, begin.tolist(), size.tolist(), strict=True):
             here = slice(start, start + some)
-            departure[here] = (y[here] - terms[here] @ plane) / sigma[here]
-            judged[here] = some >= LEAST_FOR_SCALE
-    back = np.empty(len(order), dtype=np.int64)
-    back[order] = np.arange(len(order))
-    return departure[back], judged[back]
+            back = order[span][here]
+            departure[back] = (y[here] - terms[here] @ plane) / sigma[here]
+            judged[back] = some >= LEAST_FOR_SCALE
+    return departure, judged
+
+
+def _by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the order of the parallaxes by image pairs, their rows on the first image, and where pairs begin and end.
+
+    The last is one longer than there are pairs.
+    """
+    one, other = observations.image[pairs.first], observations.image[pairs.second]
+    key = np.minimum(one, other).astype(np.int64) * len(observations.images) + np.maximum(one, other)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    bounds = np.r_[np.flatnonzero(np.r_[True, key[1:] != key[:-1]]), len(key)]
+    return order, np.where(one > other, pairs.second, pairs.first)[order], bounds
 
 
 def _planes(
