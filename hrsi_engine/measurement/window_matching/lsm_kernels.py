@@ -12,9 +12,8 @@ import numpy as np
 from numba import njit
 
 from ...foundation.compiled_code import OPTIONS, Arrays
-from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, SMALLEST_GAIN, TERMS, WEAK
+from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN, TERMS, WEAK
 
-ROUNDING_SHARE = 1e-9  # share of a window's squares below which its spread is rounding
 SIDE_BY_SIDE = 8  # products at a time: as many as fit into a register of 32 bytes
 
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import uniform_filter
 
 from ...foundation import compiled_code
-from .windows import RIVAL_PX, MatchImage
+from .windows import RIVAL_PX, ROUNDING_SHARE, MatchImage
 
-SEARCHED_AT_A_TIME = 64  # windows in memory at a time (NumPy)
+SEARCHED_AT_A_TIME, PLACES_AT_A_TIME = 64, 512  # windows and places whose pixels are in memory at a time (NumPy)
 
 
 class PeaksFound(NamedTuple):
@@ -88,28 +90,42 @@ def _scores(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return correlations ``(n, size, size)``, -2 where not tried, and the boxes' first positions ``(n, 2)``."""
     centre, predicted, direction, reach = inputs
-    offset = np.arange(-half, half + 1)
-    template = first.grey[centre[:, 1, None, None] + offset[:, None], centre[:, 0, None, None] + offset]
-    template = template.astype(np.float64) - template.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
-    norm = np.sum(template**2, axis=(1, 2))
+    side = 2 * half + 1
+    template = sliding_window_view(first.grey, (side, side))[centre[:, 1] - half, centre[:, 0] - half]
+    template = template.reshape(len(centre), -1)
+    template = template - template.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
+    norm = np.einsum("np,np->n", template, template)
     corner = np.round(predicted).astype(np.int64) - size // 2
-    clear = second.clear(half)
-    rows, columns = clear.shape
     scores = np.full((len(centre), size, size), -2.0)
-    for j in range(size):
-        for i in range(size):
-            x, y = corner[:, 0] + i, corner[:, 1] + j
-            away = np.column_stack([x, y]) - predicted
-            along = np.abs(np.sum(away * direction, axis=1))
-            across = np.abs(away[:, 0] * direction[:, 1] - away[:, 1] * direction[:, 0])
-            tried = (along <= reach[:, 0]) & (across <= reach[:, 1])
-            tried &= (x >= half) & (y >= half) & (x < columns - half) & (y < rows - half)
-            tried[tried] = clear[y[tried], x[tried]]
-            seen = second.grey[y[tried, None, None] + offset[:, None], x[tried, None, None] + offset].astype(np.float64)
-            spread = np.sum(seen**2, axis=(1, 2)) - np.sum(seen, axis=(1, 2)) ** 2 / seen[0].size if len(seen) else 0.0
-            product = np.sum(seen * template[tried], axis=(1, 2))
-            scores[tried, j, i] = product / np.sqrt(np.maximum(norm[tried] * spread, 1e-20))
+    clear = second.clear(half)
+    spreads = second.once(("spreads", half), lambda: _window_spreads(second.grey, half))
+    windows = sliding_window_view(second.grey, (side, side))  # at their first pixels
+    row, column = np.mgrid[:size, :size]
+    away_x, away_y = ((corner[:, k] - predicted[:, k])[:, None, None] + grid for k, grid in ((0, column), (1, row)))
+    dx, dy = direction.T[:, :, None, None]
+    tried = np.abs(away_x * dx + away_y * dy) <= reach[:, 0, None, None]
+    tried &= np.abs(away_x * dy - away_y * dx) <= reach[:, 1, None, None]
+    number, row, column = np.nonzero(tried)
+    x, y = corner[number, 0] + column, corner[number, 1] + row
+    inside = (x >= half) & (y >= half) & (x < clear.shape[1] - half) & (y < clear.shape[0] - half)
+    inside[inside] = clear[y[inside], x[inside]]
+    number, row, column, x, y = (values[inside] for values in (number, row, column, x, y))
+    for begin in range(0, len(number), PLACES_AT_A_TIME):
+        part = slice(begin, begin + PLACES_AT_A_TIME)
+        seen = windows[y[part] - half, x[part] - half].reshape(-1, side * side)
+        product = np.einsum("np,np->n", seen, template[number[part]])  # the mean of what is seen falls out
+        power = norm[number[part]] * spreads[y[part], x[part]]
+        scores[number[part], row[part], column[part]] = product / np.sqrt(np.maximum(power, 1e-20))
     return scores, corner
+
+
+def _window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
+    """Return the sum of squared differences from the mean of the window around each pixel inside the image."""
+    side = 2 * half + 1
+    mean = uniform_filter(grey, side, output=np.float64)
+    square = uniform_filter(np.square(grey, dtype=np.float64), side)
+    spread = np.maximum(square - mean**2, ROUNDING_SHARE * square) * side**2
+    return spread.astype(np.float32)
 
 
 def _judge(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from ...foundation.pixel_filters import blur, erode, filter_separably, slopes
 DONE, OUTSIDE, WEAK, DIVERGED, ITERATIONS_USED_UP = 0, 1, 2, 3, 4
 TERMS = 8  # two shifts, four affine terms, gain, offset
 SMALLEST_GAIN = 0.05
+ROUNDING_SHARE = 1e-9  # share of a window's squares below which its spread is rounding
 RIVAL_PX = 3  # peaks nearer to the best one belong to it
 SPLINE_REACH = 12  # pixels over which a spline's coefficients depend on the grey values: to 1e-7
 TAPER = 0.6  # of half the window: standard deviation of the Gaussian weights
