@@ -222,7 +222,7 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
                 slip.advice, ids,
             )
         ]  # fmt: skip
-    ids = tuple(block.images[index].id for index in np.unique(pairs.image[np.isin(pairs.pair, failing)]))
+    ids = tuple(block.images[index].id for index in _blamed(pairs.ends[failing]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
     unusable = share >= MOST_WRONG or bool((given.good < 0.25).any())
     return [
@@ -234,6 +234,20 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
             ids, wrong,
         )
     ]  # fmt: skip
+
+
+def _blamed(ends: np.ndarray) -> list[int]:
+    """Return few images that failing pairs ``(k, 2)`` have in common; both of a pair that shares none with others."""
+    blamed: list[int] = []
+    ends = np.unique(np.sort(ends, axis=1), axis=0)
+    while len(ends):
+        count = np.bincount(ends.ravel())
+        worst = int(count.argmax())
+        if count[worst] == 1:
+            return sorted([*blamed, *ends.ravel().tolist()])
+        blamed.append(worst)
+        ends = ends[(ends != worst).all(axis=1)]
+    return sorted(blamed)
 
 
 def _suspects(pairs: SampledPairs, given: Joint, failing: np.ndarray) -> np.ndarray:

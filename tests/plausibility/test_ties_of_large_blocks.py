@@ -46,6 +46,24 @@ def test_the_slip_of_one_image_among_many_is_named() -> None:
     assert reason.images == (pairs.block.images[SLIPPED].id,)
 
 
+def test_of_pairs_that_fail_the_image_that_is_in_all_of_them_is_named() -> None:
+    """An RPC far beside the others makes no neighbour suspicious."""
+    block = simulated(IMAGES)
+    images = list(block.images)
+    images[SLIPPED] = replace(images[SLIPPED], rpc=images[SLIPPED].rpc.shift(3000.0, 2000.0))
+    block = replace(block, images=tuple(images))
+    [reason] = ties.tie_reasons(block, image_accuracies(block.images))
+    assert reason.code == "ties-wrong"
+    assert reason.images == (images[SLIPPED].id,)
+    assert images[SLIPPED].id in reason.message
+
+
+def test_both_images_of_a_pair_that_fails_by_itself_are_named() -> None:
+    assert ties._blamed(np.array([[3, 1], [5, 6], [3, 8], [2, 3]])) == [3, 5, 6]
+    assert ties._blamed(np.array([[0, 1], [1, 0]])) == [0, 1]
+    assert ties._blamed(np.empty((0, 2), np.int64)) == []
+
+
 def test_modes_are_those_of_each_pair() -> None:
     rng = np.random.default_rng(2)
     sizes = rng.integers(1, 70, 200)
