@@ -9,8 +9,10 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable
+from itertools import islice
 
 _APART = "\x01"  # between ids while all are spelt in one go; it is no blank, and no sane id holds it
+_AT_ONCE = 50_000  # strangers, whose texts take a hundred times the memory of a table's
 _DASHES = dict.fromkeys(map(ord, "‐‑‒–—―−⁃﹘﹣－"), "-")
 _INVISIBLE = dict.fromkeys(map(ord, "\u00ad\u200b\u200c\u200d\u2060\ufeff"), None)
 #: What spellings differ in, and what stands for it here; in this order.
@@ -43,6 +45,8 @@ def resembling(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list
         return {}
     for name, spelling in zip(known, plain_spellings(known), strict=True):
         by_spelling.setdefault(spelling, []).append(name)
-    names = list(map(str, strangers))
-    spelt = zip(names, plain_spellings(names), strict=True)
-    return {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
+    waiting, found = map(str, strangers), dict[str, list[str]]()
+    while names := list(islice(waiting, _AT_ONCE)):
+        spelt = zip(names, plain_spellings(names), strict=True)
+        found |= {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
+    return found

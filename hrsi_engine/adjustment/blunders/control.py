@@ -144,8 +144,8 @@ def _suspects_of_many(control: Discrepancies, sigmas: float) -> Iterator[Suspect
     related = np.add.reduceat(np.add.reduceat(control.s**2, first, axis=0), first, axis=1)
     related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
     waiting, present = np.ones(gcps, dtype=bool), np.ones(gcps, dtype=bool)
-    rest = control
-    suspicion = _suspicion(rest)
+    out, inverse = np.zeros(0, dtype=np.int64), np.zeros((0, 0))  # measurements of those that are wrong for sure
+    suspicion = _suspicion(control, out, inverse)
     while waiting.any():
         centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
         order = np.argsort(-np.where(present, related[centre], -1.0), kind="stable")
@@ -153,7 +153,7 @@ def _suspects_of_many(control: Discrepancies, sigmas: float) -> Iterator[Suspect
         judged, near = near[: GCPS_AROUND // 2], np.sort(near)
         waiting[judged] = False
         wrong = []
-        for one in _Search(rest.of_some(near), sigmas, gcps).suspects():
+        for one in _Search(control.of_some(near, out, inverse), sigmas, gcps).suspects():
             group, rivals = (tuple(near[list(some)].tolist()) for some in (one.group, one.rivals))
             said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
             if not np.isin(said.concerned, judged).any():  # its own neighbourhood will tell
@@ -163,17 +163,22 @@ def _suspects_of_many(control: Discrepancies, sigmas: float) -> Iterator[Suspect
             wrong += [said.gcp] if said.clear else []
         if wrong:
             present[wrong] = False
-            rest = rest.without(rest.measurements_of(wrong))
-            suspicion = _suspicion(rest)
+            out = control.measurements_of(np.flatnonzero(~present).tolist())
+            inverse = control.inverse(out)
+            suspicion = _suspicion(control, out, inverse)
 
 
-def _suspicion(control: Discrepancies) -> np.ndarray:
-    """Return the largest -log probability of what may be wrong with each GCP alone, ``(g,)``."""
-    factor = VarianceFactor(1.0, 1e9, ())
-    return np.array([
-        max((factor.surprise(*control.test(one.out)) for one in _explanations(control, gcp)), default=0.0)
-        for gcp in range(len(control.points))
-    ])  # fmt: skip
+def _suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Return the largest -log probability of what may be wrong with each GCP alone, ``(g,)``, some left ``out``.
+
+    Only the GCP's own part of S is looked at, so that nothing of the size of the whole is made.
+    """
+    factor, surprise = VarianceFactor(1.0, 1e9, ()), np.zeros(len(control.points))
+    for gcp in range(len(control.points)):
+        own = control.of_some(np.array([gcp]), out, inverse)
+        tests = (factor.surprise(*own.test(one.out)) for one in _explanations(own, 0))
+        surprise[gcp] = max(tests, default=0.0)
+    return surprise
 
 
 class _Search:

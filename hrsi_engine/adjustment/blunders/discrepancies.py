@@ -99,10 +99,13 @@ class Discrepancies:
             self.sigma[chosen],
         )  # fmt: skip
 
-    def of_some(self, gcps: np.ndarray) -> Discrepancies:
-        """Return those of some GCPs (numbers into ``points``), which are numbered from 0 in it; all others stay in."""
-        chosen = np.flatnonzero(np.isin(self.point, gcps))
-        some = self.among(chosen, np.zeros(0, dtype=np.int64))
+    def of_some(self, gcps: np.ndarray, out: np.ndarray, inverse: np.ndarray) -> Discrepancies:
+        """Return those of some GCPs (numbers into ``points``, ascending), which are numbered from 0 in it.
+
+        Observations ``out`` with their ``inverse`` are left out, and no part of it; all others stay in.
+        """
+        chosen = np.setdiff1d(self.of(gcps.tolist()), out)
+        some = self.among(chosen, out, inverse)
         return replace(some, points=self.points[gcps], point=np.searchsorted(gcps, some.point))
 
     def of(self, gcps: Sequence[int]) -> np.ndarray:
