@@ -58,10 +58,11 @@ FOOT_M = 0.3048
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What a user has: images, ground points, measurements, perhaps a DEM; and options.
+    """What a user has: images, ground points, measurements, perhaps a DEM and laser points; and options.
 
-    ``dem`` and the true ``terrain`` are heights ``(rows, columns)`` and a geotransform. ``crs`` is what the ground
-    points are written in, by default longitude and latitude; ``options`` are those of `adjust`.
+    ``dem`` and the true ``terrain`` are heights ``(rows, columns)`` and a geotransform; ``laser (n, 3)`` are lon, lat,
+    height of laser points in four passes, and ``overflown (m, 3)`` the ground at the tie points. ``crs`` is what the
+    ground points are written in, by default longitude and latitude; ``options`` are those of `adjust`.
     """
 
     images: tuple[Image, ...]
@@ -69,6 +70,8 @@ class Inputs:
     measured: ImagePoints
     dem: tuple[np.ndarray, tuple[float, ...]] | None = None
     terrain: tuple[np.ndarray, tuple[float, ...]] | None = None
+    overflown: np.ndarray | None = None
+    laser: np.ndarray | None = None
     crs: int | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -139,6 +142,7 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
             measured.sigma_px, measured.kind,
         ),
         terrain=_grid_of(simulated),
+        overflown=simulated.truth.ground[simulated.truth.role == Role.TIE],
     )  # fmt: skip
 
 
@@ -181,6 +185,13 @@ def written(inputs: Inputs, folder: Path) -> dict[str, Any]:
     if inputs.dem is not None:
         options["dem"] = str(folder / "dem.tif")
         write_dem(options["dem"], *inputs.dem)  # type: ignore[arg-type]
+    if inputs.laser is not None:
+        options["laser"] = str(folder / "laser.csv")
+        passes = np.argsort(np.argsort(inputs.laser[:, 0])) * 4 // len(inputs.laser)
+        lines = [
+            f"{k},{x!r},{y!r},{z!r},0.2,pass {k}" for k, (x, y, z) in zip(passes, inputs.laser.tolist(), strict=True)
+        ]
+        Path(options["laser"]).write_text("\n".join(["number,lon,lat,height,sigma_h,track", *lines]) + "\n")
     return {"height_datum": "ellipsoidal", **options, **inputs.options}
 
 
@@ -213,8 +224,8 @@ Spoil = Callable[[Inputs, np.random.Generator], Inputs]
 class Kind(NamedTuple):
     """A kind of wrong input: how it is made, by which codes it may be named, whether nothing may be written.
 
-    ``measure`` tells the size of one that not every block can see, in sigmas: above 20 it counts as gross, above 5 as
-    subtle, below it need not be seen.
+    ``whole`` says that it is the adjustment that shows it; ``measure`` tells the size of one that not every block can
+    see, in sigmas: above 20 it counts as gross, above 5 as subtle, below it need not be seen.
     """
 
     name: str
@@ -224,6 +235,7 @@ class Kind(NamedTuple):
     images: int = 3
     gcps: int = 8
     measure: Callable[[Inputs, Inputs], float] | None = None
+    whole: bool = False
 
     def size(self, right: Inputs, wrong: Inputs) -> str:
         """Return ``gross``, ``subtle`` or ``below``: what a block can tell."""
@@ -283,6 +295,18 @@ def from_below(which: Callable[[Inputs], np.ndarray]) -> Spoil:
     def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
         xy = inputs.measured.xy.copy()
         xy[:, 1] = inputs.sizes()[:, 1] - 1.0 - xy[:, 1]
+        return inputs.with_xy(xy, which(inputs))
+
+    return spoil
+
+
+def turned(quarters: int, which: Callable[[Inputs], np.ndarray]) -> Spoil:
+    """Coordinates of copies turned clockwise by quarters of a circle."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        xy, size = inputs.measured.xy.copy(), inputs.sizes()
+        for _ in range(quarters):
+            xy, size = np.column_stack([size[:, 1] - 1.0 - xy[:, 1], xy[:, 0]]), size[:, ::-1]
         return inputs.with_xy(xy, which(inputs))
 
     return spoil
@@ -524,11 +548,88 @@ def with_dem(shift_share: float = 0.0, heights_m: float = 0.0) -> Spoil:
     return spoil
 
 
+def holding_dem(change: Callable[[np.ndarray], np.ndarray], shift_cells: int = 0) -> Spoil:
+    """A DEM that holds the heights (3 m), whose cells are changed; or that lies some cells too far east."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        assert inputs.terrain is not None
+        heights, (west, step, *rest) = inputs.terrain
+        return replace(
+            inputs, dem=(change(heights.copy()), (west + shift_cells * step, step, *rest)),
+            options={**inputs.options, "sigma_dem": 3.0},
+        )  # fmt: skip
+
+    return spoil
+
+
+def filled(value: float) -> Callable[[np.ndarray], np.ndarray]:
+    """A value that means no data in a third of a DEM."""
+
+    def change(heights: np.ndarray) -> np.ndarray:
+        heights[: len(heights) // 3] = value
+        return heights
+
+    return change
+
+
+def with_laser(
+    change: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None, dem: bool = False
+) -> Spoil:
+    """Laser points (0.2 m) at the tie points' ground, whose positions and heights ``(n, 3)`` are changed."""
+
+    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
+        assert inputs.overflown is not None
+        points = inputs.overflown + rng.normal(0.0, 0.2, (len(inputs.overflown), 1)) * [0.0, 0.0, 1.0]
+        points = points if change is None else change(points, rng)
+        with_both = holding_dem(lambda heights: heights)(inputs, rng) if dem else inputs
+        return replace(with_both, laser=points)
+
+    return spoil
+
+
+def _canopy(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return points + 15.0 * (rng.random((len(points), 1)) < 0.65) * [0.0, 0.0, 1.0]
+
+
+def _above_geoid(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.column_stack([points[:, :2], points[:, 2] - geoid_heights(points, "egm96")])
+
+
+def by_relief(right: Inputs, wrong: Inputs) -> float:
+    """The relief tells a DEM from another where it is more than a DEM's errors."""
+    assert right.terrain is not None
+    return 10.0 if np.std(right.terrain[0]) > 35.0 else 0.0
+
+
+def by_height(right: Inputs, wrong: Inputs) -> float:
+    """The ground's own height tells that a height is none."""
+    assert right.terrain is not None
+    return 10.0 if np.median(right.terrain[0]) > 120.0 else 0.0
+
+
+def by_pixels(right: Inputs, wrong: Inputs) -> float:
+    """Trees of 15 m are told by images that see heights of a few metres."""
+    return 10.0 if right.gsd_m < 3.0 else 0.0
+
+
+def by_geoid(right: Inputs, wrong: Inputs) -> float:
+    """A DEM tells from 10 m and two pixels on that laser points have another datum, not which of both."""
+    return (
+        10.0
+        if max(10.0, 2.0 * right.gsd_m) < abs(float(np.median(geoid_heights(right.ground.ground, "egm96"))))
+        else 0.0
+    )
+
+
 def _dem_then(spoil: Spoil) -> Spoil:
     """A right DEM, then points spoilt."""
     return lambda inputs, rng: spoil(with_dem()(inputs, rng), rng)
 
 
+OTHER_GROUND = ("dem-unlike-ground", "dem-displaced", "sources-disagree", "heights-scatter")
+OF_DEM_HEIGHTS = ("height-offset", "height-datum", *OTHER_GROUND)
+OF_LASER = ("sources-disagree", "heights-off-rpcs", "heights-scatter", "laser-holds-nothing", "none of its points")
+ON_TREES = ("laser-tops", "laser-holds-nothing")
 APART = ("control-groups", "control-outliers")
 KINDS: tuple[Kind, ...] = (
     Kind("longitude and latitude swapped", exchanged_lonlat, ("lon-lat-swapped",)),
@@ -583,6 +684,30 @@ KINDS: tuple[Kind, ...] = (
     Kind("a DEM of another place", with_dem(shift_share=5.0), ("dem-coverage",), False),
     Kind("a DEM that covers half of the block", with_dem(shift_share=0.5), ("dem-coverage",), False),
     Kind("a DEM 100 m too high", with_dem(heights_m=100.0), ("height-offset",), False),
+    Kind("0 for no data in a third of a DEM", holding_dem(filled(0.0)), ("dem-nodata",), False, measure=by_height,
+         whole=True),
+    Kind("-9999 for no data in a third of a DEM", holding_dem(filled(-9999.0)), ("means no data",), whole=True),
+    Kind("a DEM ten cells too far east", holding_dem(np.array, 10), ("dem-displaced",), False, measure=by_relief,
+         whole=True),
+    Kind("a DEM upside down", holding_dem(lambda cells: cells[::-1]), OTHER_GROUND, False, measure=by_relief,
+         whole=True),
+    Kind("… without GCPs", holding_dem(lambda cells: cells[::-1]), OTHER_GROUND, False, gcps=0, measure=by_relief,
+         whole=True),
+    Kind("a DEM in feet", holding_dem(lambda cells: cells / FOOT_M), OF_DEM_HEIGHTS, False,
+         measure=by_height, whole=True),
+    Kind("laser heights in feet, no GCPs", with_laser(lambda points, rng: points * [1.0, 1.0, 1.0 / FOOT_M]),
+         OF_LASER, False, gcps=0, measure=by_height, whole=True),
+    Kind("laser longitude and latitude swapped", with_laser(lambda points, rng: points[:, [1, 0, 2]]),
+         ("none of its laser points", "look swapped", "laser-holds-nothing"), False, gcps=0, whole=True),
+    Kind("laser heights of other places, no GCPs", with_laser(
+        lambda points, rng: np.column_stack([points[:, :2], rng.permutation(points[:, 2])])), OF_LASER, False, gcps=0,
+         measure=by_relief, whole=True),
+    Kind("two thirds of the laser points on trees of 15 m", with_laser(_canopy), ON_TREES, False, gcps=0,
+         measure=by_pixels, whole=True),
+    Kind("laser heights above the geoid, with a DEM", with_laser(_above_geoid, True), OF_LASER, False, gcps=0,
+         measure=by_geoid, whole=True),
+    Kind("turned by 90 degrees, all points", turned(1, _all), ("image-turned",)),
+    Kind("turned by 180 degrees, GCPs", turned(2, _gcps), ("image-turned",)),
     Kind("GCP coordinates from the corner (+ 0.5 px)", pixel_origin(0.5), (), measure=never),
     Kind("GCP coordinates from 1 (+ 1 px)", pixel_origin(1.0), (), measure=never),
 )  # fmt: skip
@@ -783,6 +908,8 @@ def main(words: Sequence[str] = ()) -> None:
     rows, parts = [], []
     for kind in KINDS:
         if options.kinds is not None and not any(kind.name.startswith(name) for name in options.kinds):
+            continue
+        if kind.whole and options.checks_only:
             continue
         row = judge(kind, options.sensors, range(first, last), runner, options.tell)
         others = "; ".join(f"{text[:70]} ({count})" for text, count in list(row.others.items())[:2])

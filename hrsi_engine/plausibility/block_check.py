@@ -14,7 +14,14 @@ from .survey import independence_reasons, rounding_reasons
 from .ties import tie_reasons
 
 #: Slips of image coordinates or heights that explain why points lie outside an image, or heights outside a range.
-OF_PIXELS = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-scale", "image-ids-permuted"}
+OF_PIXELS = {
+    "sample-line-swapped",
+    "lines-from-below",
+    "samples-from-right",
+    "image-turned",
+    "image-scale",
+    "image-ids-permuted",
+}
 OF_SCATTER = {"control-implausible", "control-groups", "control-outliers"}  #: what lost decimals look like
 EXPLAIN_RANGE = OF_HEIGHTS | {"heights-alike"}
 

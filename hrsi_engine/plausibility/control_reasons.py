@@ -14,7 +14,7 @@ import numpy as np
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from .control import USUAL_SCATTER, RowFit, SurveyedRows, fit
+from .control import BELONG, USUAL_SCATTER, RowFit, SurveyedRows, fit
 from .groups import Disagreement, disagreement
 from .identities import permuted_images, permuted_points
 from .sights import sights
@@ -270,8 +270,10 @@ def _misfit_reason(control: SurveyedRows, given: RowFit) -> Reason:
     return Reason(
         "control-implausible", Level.UNUSABLE,
         f"the ground points lie {_typical(given)} from where the RPCs of {list_ids(control.image_ids(wrong))} put "
-        f"them, which no error of these RPCs explains (about {sigma:.3g} m); none of the usual slips does either",
-        "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together",
+        f"them, which no error of these RPCs explains (about {sigma:.3g} m); none of the usual slips does either"
+        + (f" (all alike: {_pixels(control, wrong)})" if given.belongs[rows].mean() > BELONG else ""),
+        "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together: a "
+        "crop and its whole scene have different ones",
         control.image_ids(wrong), control.point_ids(points),
     )  # fmt: skip
 
@@ -286,11 +288,23 @@ def _large_shift(control: SurveyedRows, given: RowFit) -> list[Reason]:
         Reason(
             "control-far", Level.DOUBTFUL,
             f"the ground points on {list_ids(control.image_ids(large))} lie {_metres(float(size[large].max()))} from "
-            f"where the RPCs put them, which is much for RPCs of about {sigma:.3g} m",
-            "check the datum of the ground points and that RPC and image belong together",
+            f"where the RPCs put them, which is much for RPCs of about {sigma:.3g} m ({_pixels(control, large)})",
+            "check the datum of the ground points, and that RPC and image points are of these pixels, not of a crop or "
+            "the whole scene",
             control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)])),
         )
     ]  # fmt: skip
+
+
+def _pixels(control: SurveyedRows, images: np.ndarray) -> str:
+    """Return shifts of images in words, ``-200 px in sample, 300 px in line on img``: what a crop's origin would be."""
+    told = []
+    for index in images[:3].tolist():
+        rows = control.image == index
+        seen = control.block.images[index].rpc.project(control.ground[rows])
+        sample, line = np.median(seen - control.xy[rows], axis=0)
+        told.append(f"{sample:+.0f} px in sample, {line:+.0f} px in line on {control.block.images[index].id}")
+    return "; ".join(told)
 
 
 def _common_height(control: SurveyedRows, given: RowFit) -> list[Reason]:

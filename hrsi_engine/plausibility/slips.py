@@ -57,8 +57,17 @@ def _scale(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
     return (xy + 0.5) * factor - 0.5
 
 
+def _turn(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
+    """Return coordinates of the image of which this one is a copy turned clockwise by quarters of a circle."""
+    across, down = (2.0 * image.centre_px) if quarters % 2 == 0 else (2.0 * image.centre_px)[::-1]
+    sample, line = xy.T
+    turned = {1: (line, across - sample), 2: (across - sample, down - line), 3: (down - line, sample)}
+    return np.column_stack(turned[quarters])
+
+
 SCALES = (
-    (2.0, "twice as large"), (4.0, "four times as large"), (0.5, "half as large"), (0.25, "a quarter as large"),
+    (2.0, "twice as large"), (3.0, "three times as large"), (4.0, "four times as large"), (0.5, "half as large"),
+    (1.0 / 3.0, "a third as large"), (0.25, "a quarter as large"),
 )  # fmt: skip
 
 #: How measured image points are to be read, by slip; each takes ``xy (n, 2)`` of an image and undoes the slip.
@@ -78,6 +87,16 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     (
         Slip("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
         lambda xy, image: _mirror(xy, image, 0),
+    ),
+    *(
+        (
+            Slip(
+                "image-turned", f"image coordinates are those of a copy that is turned by {90 * quarters} degrees",
+                "measure on the image as its RPC has it, or turn the coordinates back",
+            ),
+            partial(_turn, quarters=quarters),
+        )
+        for quarters in (1, 2, 3)
     ),
     *(
         (

@@ -28,6 +28,9 @@ MOST_SAMPLED = 20_000
 LEAST_OF_PAIR = 8  # points of a pair that tell something
 WEAK_SLOPE = 0.02  # difference of the slopes of two rays below which they tell no height
 MISS_PX, MISS_SIGMAS, MISS_DRIFT = 4.0, 6.0, 3e-4
+MOST_RELATIVE_DRIFT = 4e-3  # px/px, of two RPCs against each other
+FEW_OFF = 0.05  # share of a pair's points beyond its bulk that asks for a drift, and that a drift may leave
+DRIFT_STEPS = 6
 MODE_SHARE = 0.15  # of a pair's points, whose narrowest interval is where the bulk is
 MANY_WRONG, MOST_WRONG = 0.15, 0.37  # share of wrong measurements that is worth a look, and that nobody should trust
 JOINED = 0.5  # share of a pair's points that must agree for the pair to fit
@@ -147,10 +150,33 @@ def joint(
     wrong = ~possible | ~np.isfinite(across)
     sizes = np.diff(np.r_[pairs.starts, len(pairs.pair)])
     bulk = _modes(across, pairs.starts, sizes)
-    wrong |= np.abs(across - np.repeat(bulk, sizes)) > tolerance
+    away = across - np.repeat(bulk, sizes)
+    for start, size in zip(pairs.starts.tolist(), sizes.tolist(), strict=True):
+        rows = slice(start, start + size)
+        if (np.abs(away[rows]) > tolerance[rows]).mean() > FEW_OFF:
+            away[rows] = _without_drift(away[rows], xy[rows, 0], tolerance[rows], MOST_RELATIVE_DRIFT * gsd[start])
+    wrong |= np.abs(away) > tolerance
     wrong |= np.repeat(np.abs(bulk) > 8.0 * sigma[pairs.starts], sizes)
     share = np.add.reduceat(wrong, pairs.starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
     return Joint.of(pairs, wrong, np.where(sizes >= LEAST_OF_PAIR, 1.0 - share, np.nan))
+
+
+def _without_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
+    """Return misses of a pair's points ``(n,)`` without the drift of its RPCs, where that explains nearly all of them.
+
+    A drift is linear in the position ``xy (n, 2)``, by ``most`` (m/px) at the utmost. Wrong points follow none.
+    """
+    design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
+    left, fits = away_m, np.abs(away_m) <= tolerance_m
+    for _ in range(DRIFT_STEPS):
+        if fits.sum() < LEAST_OF_PAIR:
+            return away_m
+        solved, _, rank, _ = np.linalg.lstsq(design[fits], away_m[fits], rcond=None)
+        if rank < design.shape[1] or np.hypot(*solved[1:]) > most:
+            return away_m
+        left = away_m - design @ solved
+        fits = np.abs(left) <= tolerance_m
+    return left if fits.mean() >= 1.0 - FEW_OFF else away_m
 
 
 def _other_ends(ground: np.ndarray) -> np.ndarray:

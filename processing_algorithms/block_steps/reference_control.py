@@ -17,6 +17,7 @@ from ...hrsi_engine.measurement.reference.checks import (
     MeasuredGcps,
     ReferenceAccuracy,
     contradiction,
+    far_shifts,
     reference_shift,
     shift_warnings,
 )
@@ -96,7 +97,7 @@ def match(
     entries: Report = {
         "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
         "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
-        "wrong_parts": [part._asdict() for part in wrong_parts],
+        "wrong_parts": [part._asdict() for part in wrong_parts], "far": far_shifts(known),
         "images": {
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
         },
@@ -162,10 +163,22 @@ def contradicts(found: FromReference, block: Block) -> str:
 
 
 def reference_reasons(entries: Report) -> list[Reason]:
-    """Return what speaks against a block whose reference shows nothing of it; ``entries`` are those of its report."""
+    """Return what speaks against the reference of a block: it shows nothing of it, or lies far from where RPCs put it.
+
+    ``entries`` are those of the block's report.
+    """
     entry = entries.get("reference")
-    if entry is None or any(image["used"] for image in entry["images"].values()):
+    if entry is None:
         return []
+    if any(image["used"] for image in entry["images"].values()):
+        return [
+            Reason(
+                "reference-far", Level.DOUBTFUL, f"{entry['path']}: {told}",
+                "check that the reference lies where it says; the block was put onto it",
+            )
+            for told in entry["far"][:1]
+            if entry["used"]
+        ]  # fmt: skip
     return [
         Reason(
             "reference-not-found", Level.DOUBTFUL,

@@ -18,6 +18,7 @@ from hrsi.hrsi_engine.measurement.reference.checks import (
     MeasuredGcps,
     ReferenceAccuracy,
     contradiction,
+    far_shifts,
     reference_shift,
     shift_warnings,
 )
@@ -129,6 +130,7 @@ def test_displaced_reference_is_noticed(scene, east_m, north_m, noticed):
         assert shift.stated and shift.bias_m == pytest.approx(4.4, rel=0.1)  # 6 urad from 700 km
     text = " ".join(shift_warnings(shifts))
     assert bool(text) == noticed
+    assert far_shifts(shifts) == (shift_warnings(shifts) if noticed else [])  # 100 m are 23 sigmas
     if noticed:
         assert "all 2 images" in text and "m beside the reference" in text and "ERR_BIAS" in text
 

@@ -256,3 +256,27 @@ def test_check_points_that_are_gcps():
         assert [(reason.code, reason.level) for reason in found] == [("check-is-control", Level.DOUBTFUL)]
         assert set(found[0].points) == set(right.points.ids[checks[:count]].tolist())
         assert f"{count} of 3 check points" in found[0].message
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize("of_ground", [True, False])
+def test_points_of_a_turned_copy(quarters, of_ground):
+    """A copy turned clockwise: what was the left edge is its upper edge."""
+    given = block(gcps=8, seed=quarters)
+    size = np.array([image.size for image in given.images], dtype=float)[given.measurements.image]
+    xy = given.measurements.xy.copy()
+    for _ in range(quarters):
+        xy, size = np.column_stack([size[:, 1] - 1.0 - xy[:, 1], xy[:, 0]]), size[:, ::-1]
+    rows = of_known(given) if of_ground else slice(None)
+    assert codes(with_xy(given, xy, rows))["image-turned"] is Level.UNUSABLE
+
+
+def test_points_of_a_crop_tell_its_origin():
+    given = block(gcps=8, seed=3)
+    (reason,) = [r for r in check_block(with_xy(given, given.measurements.xy - [200.0, 300.0])) if "control" in r.code]
+    assert reason.code == "control-far"
+    words = reason.message.replace("(", " ").split()
+    origin = [float(word) for word in words if word[0] in "+-" and word[1:].isdigit()]
+    assert origin[:2] == pytest.approx([200.0, 300.0], abs=35.0)  # the RPCs are 10 px off in each axis (1 sigma)
+    worst = check_block(with_xy(given, given.measurements.xy - [2000.0, 3000.0]))[0]
+    assert worst.code == "control-implausible" and "px in line on" in worst.message

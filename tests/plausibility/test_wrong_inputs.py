@@ -21,7 +21,7 @@ def wrong(name: str, sensor: str, seed: int):
 @pytest.mark.parametrize("name", BY_NAME)
 def test_every_kind(name):
     kind, size, spoilt = wrong(name, SENSORS[len(name) % 3], 200)
-    found = run_checks(spoilt)
+    found = (run_whole if kind.whole else run_checks)(spoilt)
     assert not found.crash
     if size != "below":
         assert found.names(kind.codes), found
@@ -40,6 +40,15 @@ def test_no_refined_rpc_comes_out(name):
 
 def test_right_blocks():
     assert [found.codes for _, _, found in clean_blocks(range(200, 201), SENSORS, run_checks)] == [()] * 3
+
+
+@pytest.mark.parametrize(("seed", "images", "gcps"), [(714, 3, 6), (717, 2, 1)])
+def test_rpcs_that_drift_against_one_another(seed, images, gcps):
+    """By 10 px over the image, linear: errors of RPCs. Every second measurement wrong beside it is told."""
+    right = clean("quickbird", seed, images, gcps)
+    assert run_checks(right).codes == ()
+    spoilt = BY_NAME["55 % of the ties wrong"].spoil(right, np.random.default_rng(seed))
+    assert run_checks(spoilt).names(("ties-wrong",))
 
 
 def test_real_blocks(real_data):

@@ -19,6 +19,7 @@ from ...block.shared_accuracy import DEM, ORTHOIMAGE
 from .matching import ImageControl, ReferenceControl
 
 REFERENCE_LIMIT = 3.5  # standard deviations; 0.2 % of good references exceed it
+FAR_LIMITS = 1.3  # times that: 4.5 standard deviations, 1 of 25 000
 UNKNOWN_BIAS_M = 15.0  # of an RPC that states no ERR_BIAS, each horizontal coordinate
 
 
@@ -98,6 +99,11 @@ def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
         "CRS and datum, and the RPC"
         for shift in bad
     ]
+
+
+def far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
+    """Return the same of shifts that chance does not make: `FAR_LIMITS` times the limit."""
+    return shift_warnings([shift for shift in shifts if shift.length_m > FAR_LIMITS * shift.limit_m])
 
 
 def _explanation(shift: ReferenceShift) -> str:
