@@ -892,6 +892,18 @@ def real_blocks_outcome(matching: bool = True) -> list[list[str]]:
     return rows
 
 
+def renew_rows(rows: Sequence[Sequence[str]], seeds: str) -> None:
+    """Put rows of some kinds into the page's table, anew or in addition, in the order of the kinds; say by what."""
+    before, *tables = PAGE.read_text(encoding="utf-8").split("\n| ")
+    table, after = "\n| ".join(tables).split("\n\n", 1)
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in f"| {table}".splitlines()[2:]]
+    by_name = {line[0]: line for line in [*lines, *map(list, rows)]}
+    names = "; ".join(row[0] for row in rows)
+    told = f"\nMade with `{seeds}`: {names}."
+    ordered = [by_name[kind.name] for kind in KINDS if kind.name in by_name]
+    PAGE.write_text(f"{before}{told}\n\n{render(HEAD, ordered)}\n\n{after}", encoding="utf-8")
+
+
 def main(words: Sequence[str] = ()) -> None:
     """Print the tables; ``--docs`` writes the page."""
     parser = argparse.ArgumentParser(prog="wrong_inputs.py", description=__doc__)
@@ -901,7 +913,9 @@ def main(words: Sequence[str] = ()) -> None:
     parser.add_argument("--clean", type=int, default=0, metavar="N", help="also N seeds of right blocks a sensor")
     parser.add_argument("--checks-only", action="store_true", help="only the checks before the adjustment")
     parser.add_argument("--tell", action="store_true", help="say what came instead")
-    parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}, the real blocks too")
+    parser.add_argument(
+        "--docs", action="store_true", help=f"write {PAGE.name}, the real blocks too; with kinds only their rows"
+    )
     options = parser.parse_args(list(words))
     first, last = map(int, options.seeds.split(":"))
     runner = run_checks if options.checks_only else run_whole
@@ -915,6 +929,10 @@ def main(words: Sequence[str] = ()) -> None:
         others = "; ".join(f"{text[:70]} ({count})" for text, count in list(row.others.items())[:2])
         rows.append([kind.name, *row.cells(), others])
         print(" | ".join(rows[-1]), flush=True)
+    asked = " ".join(words).replace("--docs", "").strip()
+    if options.docs and options.kinds is not None:
+        renew_rows(rows, f"--seeds {options.seeds}")
+        return
     parts.append(render(HEAD, rows))
     if options.clean:
         outcomes = list(clean_blocks(range(first, first + options.clean), options.sensors, runner))
@@ -927,7 +945,6 @@ def main(words: Sequence[str] = ()) -> None:
     if options.docs:
         parts.append("## Real blocks\n\n" + render(["block", "reasons"], real_blocks_outcome()))
         how = "to the checks of the input" if options.checks_only else "through the whole of `adjust`"
-        asked = " ".join(words).replace("--docs", "").strip()
         head = INTRODUCTION.format(words=asked, how=how, sensors=", ".join(options.sensors))
         PAGE.write_text("\n\n".join([head.rstrip(), *parts]) + "\n", encoding="utf-8")
     print("\n\n".join(parts))
