@@ -3,8 +3,8 @@
 A sigma is wrong where the squares of its observations' residuals are not what it lets expect (chi², two-sided). What
 then explains them is estimated with everything else at once, by variance components: the sigmas of image points by
 kind and sensor, those of the surveys, and how much the images drift. So a drift is not taken for a poor survey, nor
-poor GCPs for a drift. Drifts of small blocks are always estimated: their size is the least known of all sigmas, and
-where nothing drifts the estimate costs nothing.
+poor GCPs for a drift. Drifts are estimated unless an image has very many measurements: their size is the least known
+of all sigmas, and where nothing drifts the estimate costs nothing.
 
 Sigmas of surveys need a dozen rounds: each feeds back on how well the block knows the GCPs. Where no drift is estimated
 beside them, or GCPs are many, these rounds need no solution: with u and S of the surveys (`blunders.discrepancies`), in
@@ -29,7 +29,7 @@ import numpy as np
 from scipy import linalg, special
 
 from ..refinement.model import believed_priors
-from ..refinement.selection import DRIFTS_ESTIMATED
+from ..refinement.selection import drift_is_estimated
 from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import SETTLED_SHARE, DriftPrior
 from .equations.camera_system import Factored
@@ -82,10 +82,10 @@ class SigmaEstimation:
 
     def begin(self, loop: GaussNewton, solution: Solution) -> bool:
         """Return whether anything is to be estimated at a solution: drifts, or what `test` finds wrong."""
-        options = self.problem.options
+        options, observations = self.problem.options, self.problem.observations
         if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, Factored):
             return False
-        asked = options.variance_components or self.problem.observations.count <= DRIFTS_ESTIMATED
+        asked = options.variance_components or drift_is_estimated(observations.count, len(observations.images))
         self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and asked)
         if options.variance_components:
             self.sigmas.free[:] = True

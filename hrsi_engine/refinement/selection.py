@@ -51,9 +51,9 @@ DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothi
 #: Models that `DRIFTING` contains: where the size of the drift is estimated with the block (`adjustment.drift_prior`),
 #: it is each of them where that is right, and none has to be chosen.
 FOLLOWED, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
-#: Measurements of a block up to which its drift's size is estimated. Of more, taken as independent, the smallest errors
-#: that they have in common count as drift: SPOT 7's 115 109 ties tilt the pair by 60 m in height.
-DRIFTS_ESTIMATED = 50_000
+#: Measurements an image up to which the size of a block's drift is estimated. Of more, taken as independent, the
+#: smallest errors that an image's have in common count as drift: SPOT 7's 115 109 ties tilt the pair by 60 m in height.
+DRIFTS_ESTIMATED = 25_000
 LEAST_ON_IMAGE = 6  # points, for an image's drift to show
 FEW, MANY = 3, 50  # GCPs; the thesis's rule (section 4.3)
 
@@ -127,6 +127,11 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> C
     return choice
 
 
+def drift_is_estimated(measurements: int, images: int) -> bool:
+    """Return whether the size of the images' drift is estimated; with more an image it would be overrated."""
+    return measurements <= DRIFTS_ESTIMATED * images
+
+
 def _drift_shows(block: Block) -> bool:
     """Return whether a block has points enough for its images' drift, and not so many that its size is not asked."""
     rows = block.measurements
@@ -136,7 +141,8 @@ def _drift_shows(block: Block) -> bool:
     per_image = np.bincount(rows.image[used], minlength=len(block.images))
     observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
     unknown = 3 * int(holds.sum()) + len(BLOCK_MODELS[DRIFTING].parameters) * len(block.images)
-    return bool((per_image >= LEAST_ON_IMAGE).all() and observed >= unknown and len(rows) <= DRIFTS_ESTIMATED)
+    enough = (per_image >= LEAST_ON_IMAGE).all() and observed >= unknown
+    return bool(enough and drift_is_estimated(len(rows), len(block.images)))
 
 
 def choose_by_number(controls: Controls) -> Choice:

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
+from hrsi.benchmarks.adjust_speed import simulated
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
 
 ESTIMATED = AdjustOptions(test_sigmas=False, model="affine", variance_components=True)
+DRIFT_OF_SIMULATED = 1.0 / 12000  # px/px, of the blocks of `adjust_speed`
 
 
 def drift_of(result):
@@ -79,3 +81,12 @@ def test_cross_validation_uses_the_estimated_prior():
         block, AdjustOptions(test_sigmas=False, model="affine", cross_validate=True, variance_components=True)
     ).cross_validation
     assert np.mean(held.error_m**2) < np.mean(loose.error_m**2)
+
+
+def test_the_drift_of_many_images_is_found():
+    """63 000 measurements, 700 an image: as large as that it is no dense pair, and its GCPs are as they were said."""
+    result = adjust(simulated(90, per_image=700))
+    (drift,) = result.variance_components
+    print(f"{drift.sigma:.2e} px/px found of {DRIFT_OF_SIMULATED:.2e}")
+    assert result.model.name == "affine" and not result.warnings
+    assert drift.sigma == pytest.approx(DRIFT_OF_SIMULATED, rel=3.0 / np.sqrt(2 * drift.redundancy))
