@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy import sparse
 
 from ...block.block import Role
 from ...block.stack import stack_of
@@ -58,31 +59,25 @@ def broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
     block = evidence.result.block
     if not (evidence.left_out & evidence.is_role(Role.TIE)).any():
         return []
-    images = len(block.images)
     points, kept = (_common_points(evidence, chosen) for chosen in (None, ~evidence.left_out))
-    pairs = np.flatnonzero((points >= LINK_TIES) & (kept < BROKEN_LINK * points))
+    first, second = points.nonzero()
+    common, left = (np.asarray(count[first, second]).ravel() for count in (points, kept))
     return [
-        (block.images[pair // images].id, block.images[pair % images].id, int(points[pair]), int(kept[pair]))
-        for pair in pairs.tolist()
+        (block.images[first[pair]].id, block.images[second[pair]].id, int(common[pair]), int(left[pair]))
+        for pair in np.flatnonzero((common >= LINK_TIES) & (left < BROKEN_LINK * common)).tolist()
     ]
 
 
-def _common_points(evidence: Evidence, chosen: np.ndarray | None) -> np.ndarray:
-    """Return how many tie points each pair of images has in common, ``(images²,)``, the lower number first."""
-    rows, images = evidence.result.block.measurements, len(evidence.result.block.images)
-    ties = evidence.is_role(Role.TIE) if chosen is None else evidence.is_role(Role.TIE) & chosen
-    here = np.flatnonzero(ties)  # sorted by point, then by image
-    point, image = rows.point[here], rows.image[here].astype(np.int64)
-    counts = np.zeros(images * images, dtype=np.int64)
-    step = 1
-    while step < len(here):
-        same = point[step:] == point[:-step]
-        if not same.any():
-            break
-        pair = image[:-step][same] * images + image[step:][same]
-        counts += np.bincount(pair, minlength=images * images)
-        step += 1
-    return counts
+def _common_points(evidence: Evidence, chosen: np.ndarray | None) -> sparse.csr_matrix:
+    """Return how many tie points pairs of images have in common, ``(images, images)`` sparse, above the diagonal."""
+    block = evidence.result.block
+    rows = block.measurements
+    ties = np.flatnonzero(evidence.is_role(Role.TIE) if chosen is None else evidence.is_role(Role.TIE) & chosen)
+    shape = len(block.points), len(block.images)
+    shown = sparse.csr_matrix((np.ones(len(ties), np.int64), (rows.point[ties], rows.image[ties])), shape)
+    common = sparse.triu(shown.T @ shown, 1, format="csr")
+    common.sort_indices()
+    return common
 
 
 def images_not_held(evidence: Evidence) -> Iterator[Reason]:
