@@ -63,8 +63,7 @@ to files, with the defaults: it reads RPCs, GCPs and image points as CSV, checks
 adjusts with data snooping, tests of GCPs and of sigmas, and writes refined RPCs, the five layers of `block.gpkg` with
 spatial index and styles, and both reports. Parts are seconds of the clock; *CPU s* is the processor time of the whole
 process, which says more where other work shares the machine. Ceres is a program in C++ that adjusts the same folder,
-right after the command: it parses the text, solves once (`SPARSE_SCHUR`) and writes nothing. All on two cores that
-other work kept busy: seconds of the clock are several times those of a quiet machine, and ratios say most.
+right after the command: it parses the text, solves once (`SPARSE_SCHUR`) and writes nothing. All on two cores.
 
 The first blocks have 2000 ties an image, each on 3.4 images; the others about 100 ties an image and one GCP in thirty
 images, as they are and with 5 % of the GCPs and 1 % of the tie measurements wrong.
