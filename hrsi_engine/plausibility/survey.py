@@ -90,15 +90,14 @@ def _measured_alike(block: Block, points: np.ndarray, others: np.ndarray) -> np.
     """Tell of pairs of points whether they are measured at the same pixels of every image that has both."""
     rows = block.measurements
     compared = np.flatnonzero(np.isin(rows.point, np.concatenate([points, others])))  # not the ties, which are many
-    places = zip(rows.point[compared].tolist(), rows.image[compared].tolist(), strict=True)
-    at = dict(zip(places, compared.tolist(), strict=True))
+    at: dict[int, dict[int, int]] = {}  # of each point, by image
+    for row, point, image in zip(
+        compared.tolist(), rows.point[compared].tolist(), rows.image[compared].tolist(), strict=True
+    ):
+        at.setdefault(point, {})[image] = row
     alike = np.zeros(len(points), dtype=bool)
-    for number, pair in enumerate(zip(points.tolist(), others.tolist(), strict=True)):
-        common = [
-            (at[pair[0], image], at[pair[1], image])
-            for image in range(len(block.images))
-            if (pair[0], image) in at and (pair[1], image) in at
-        ]
-        apart = [float(np.hypot(*(rows.xy[a] - rows.xy[b]))) for a, b in common]
+    for number, (one, other) in enumerate(zip(points.tolist(), others.tolist(), strict=True)):
+        here, there = at[one], at[other]
+        apart = [float(np.hypot(*(rows.xy[here[k]] - rows.xy[there[k]]))) for k in here.keys() & there.keys()]
         alike[number] = bool(apart) and max(apart) < TARGETS_APART_PX
     return alike

@@ -148,16 +148,17 @@ def joint(
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK_SLOPE)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~possible | ~np.isfinite(across)
-    sizes = np.diff(np.r_[pairs.starts, len(pairs.pair)])
-    bulk = _modes(across, pairs.starts, sizes)
+    starts = pairs.starts
+    sizes = np.diff(np.r_[starts, len(pairs.pair)])
+    bulk = _modes(across, starts, sizes)
     away = across - np.repeat(bulk, sizes)
-    for start, size in zip(pairs.starts.tolist(), sizes.tolist(), strict=True):
+    off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
+    for start, size in zip(*(column[off / sizes > FEW_OFF].tolist() for column in (starts, sizes)), strict=True):
         rows = slice(start, start + size)
-        if (np.abs(away[rows]) > tolerance[rows]).mean() > FEW_OFF:
-            away[rows] = _without_drift(away[rows], xy[rows, 0], tolerance[rows], MOST_RELATIVE_DRIFT * gsd[start])
+        away[rows] = _without_drift(away[rows], xy[rows, 0], tolerance[rows], MOST_RELATIVE_DRIFT * gsd[start])
     wrong |= np.abs(away) > tolerance
-    wrong |= np.repeat(np.abs(bulk) > 8.0 * sigma[pairs.starts], sizes)
-    share = np.add.reduceat(wrong, pairs.starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
+    wrong |= np.repeat(np.abs(bulk) > 8.0 * sigma[starts], sizes)
+    share = np.add.reduceat(wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
     return Joint.of(pairs, wrong, np.where(sizes >= LEAST_OF_PAIR, 1.0 - share, np.nan))
 
 
