@@ -15,6 +15,7 @@ from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.adjust import AdjustAlgorithmOptions
 from .files.image_files import open_images
+from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 
 
@@ -45,5 +46,5 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     rest = context.stage(0.6, 1.0)
     warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
     entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
-    reasons += ground_reasons(result, options.dem, options.points.height_datum, how.sigma_dem_m)
+    reasons += ground_reasons(result, dem_surface(options.dem, options.points.height_datum), how.sigma_dem_m)
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons)

@@ -73,8 +73,9 @@ def run(options: TriangulateOptions, context: Context) -> Report:
             result, few = adjust_at_laser_points(block, how, options.search.threads, part, elsewhere)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
-    offset = dem_offset.offset_warning(result, options.dem, options.points.height_datum, how.sigma_dem_m)
-    reasons += dem_offset.ground_reasons(result, options.dem, options.points.height_datum, how.sigma_dem_m)
+    surface = dem_surface(options.dem, options.points.height_datum)
+    offset = dem_offset.offset_warning(result, surface, how.sigma_dem_m)
+    reasons += dem_offset.ground_reasons(result, surface, how.sigma_dem_m)
     warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
     entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
     return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons, kept)

@@ -10,26 +10,21 @@ from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.plausibility.accuracy import image_accuracies
 from ...hrsi_engine.plausibility.relief import relief_reasons
-from ...hrsi_engine.surface.dem import surface_heights
-from ..files.terrain import dem_surface
-from ..interface.option_groups import DemOptions
+from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
 
 LEAST_POINTS = 10
 LEAST_OFFSET_M = 1.0  # grass, interpolation and a DEM's own errors may do so much
 LIMIT = 4.0  # standard deviations of the median that an offset must exceed
 
 
-def offset_warning(result: Adjustment, dem: DemOptions, height_datum: str, sigma_dem_m: float | None) -> list[str]:
+def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:
     """Return a warning where the tie points of a block without GCPs lie clearly off the DEM, and it does not hold them.
 
     Orthoimages made with this DEM are then displaced against one another by the offset times the difference of the
     tangents of their view angles.
     """
     role = result.block.points.role
-    if sigma_dem_m is not None or np.any(role == Role.GCP):
-        return []
-    surface = dem_surface(dem, height_datum)
-    if surface is None:
+    if surface is None or sigma_dem_m is not None or np.any(role == Role.GCP):
         return []
     ground = result.ground[(role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
     above = ground[:, 2] - surface_heights(surface, ground[:, :2])
@@ -47,9 +42,8 @@ def offset_warning(result: Adjustment, dem: DemOptions, height_datum: str, sigma
     ]
 
 
-def ground_reasons(result: Adjustment, dem: DemOptions, height_datum: str, sigma_dem_m: float | None) -> list[Reason]:
+def ground_reasons(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[Reason]:
     """Return what says that the DEM does not show the ground that the adjusted tie points have."""
-    surface = dem_surface(dem, height_datum)
     if surface is None:
         return []
     role = result.block.points.role

@@ -27,11 +27,10 @@ def input_reasons(
     """
     surface = None if dem is None else dem_surface(dem, points.height_datum)
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
-    doubts = [(image.id, doubt) for image in block.images if (doubt := pixel_doubt(image))]
-    found += [
-        Reason("orthoimage-rpc", Level.DOUBTFUL, f"image {name}: {doubt}", "name the image as it was taken", (name,))
-        for name, doubt in doubts[:1]
-    ]
+    for image in block.images:
+        if doubt := pixel_doubt(image):
+            advice = "name the image as it was taken"
+            return [*found, Reason("orthoimage-rpc", Level.DOUBTFUL, f"image {image.id}: {doubt}", advice, (image.id,))]
     return found
 
 

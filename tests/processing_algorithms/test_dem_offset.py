@@ -12,6 +12,7 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.processing_algorithms.block_steps.dem_offset import offset_warning
+from hrsi.processing_algorithms.files.terrain import dem_surface
 from hrsi.processing_algorithms.interface.option_groups import DemOptions
 
 
@@ -35,7 +36,7 @@ def warned(
     ground[5:15, 2] += 500.0  # blunders do not count
     roles = np.r_[np.full(199, Role.TIE), role]
     result = SimpleNamespace(ground=ground, block=SimpleNamespace(points=SimpleNamespace(role=roles)))
-    return offset_warning(result, DemOptions(dem), "ellipsoidal", sigma_dem_m)
+    return offset_warning(result, dem_surface(DemOptions(dem), "ellipsoidal"), sigma_dem_m)
 
 
 def test_an_offset_is_told_with_its_sign(dem: str) -> None:
