@@ -47,12 +47,12 @@ class BackgroundTask(QgsTask):
             self.failure = missing_package_message(error) or repr(error)
         except Exception as error:  # in a thread of QGIS it would vanish
             self.failure = f"{type(error).__name__}: {error}"
-        self.is_done = not self.failure
-        return self.is_done
+        return not self.failure
 
-    def finished(self, _result: bool) -> None:
+    def finished(self, result: bool) -> None:
         """Tell who waits; called by QGIS in the main thread, also for a task that was cancelled before it began."""
         _BEGUN.discard(self)
+        self.is_done = result
         self._on_end(self)
 
     def progress(self, fraction: float, message: str = "") -> bool:

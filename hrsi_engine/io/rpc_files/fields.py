@@ -160,7 +160,7 @@ def _number(where: str, name: str, text: Text | None) -> float:
     rest = text.strip()[match.end() :] if match else ""
     if match is None or (rest and not (rest[0].isspace() or rest[0] in ",;")):
         raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed")
-    return float(match.group().replace("d", "e").replace("D", "e"))
+    return _double(match.group())
 
 
 def _optional(where: str, name: str, text: Text | None) -> float | None:
@@ -192,11 +192,12 @@ def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[s
 
 def _numbers(text: str) -> list[float]:
     """Return the numbers among the words of a text; units are none."""
-    return [
-        float(word.replace("d", "e").replace("D", "e"))
-        for word in re.split(r"[,;\s]+", text)
-        if _NUMBER.fullmatch(word)
-    ]
+    return [_double(word) for word in re.split(r"[,;\s]+", text) if _NUMBER.fullmatch(word)]
+
+
+def _double(number: str) -> float:
+    """Return the value of a number, whose exponent Fortran writes with a D."""
+    return float(number.replace("d", "e").replace("D", "e"))
 
 
 def numbered_values(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
