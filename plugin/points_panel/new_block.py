@@ -53,7 +53,7 @@ class NewBlockDialog(QDialog):
         form.addRow(tr("CRS, where the points name none"), self.crs)
         form.addRow(tr("Heights refer to"), self.datum)
         form.addWidget(box)
-        self.resize(560, self.sizeHint().height())
+        self.resize(720, self.sizeHint().height())  # file names are long
 
     def _layers_button(self) -> QToolButton:
         """Return a button with the project's rasters; what is chosen joins the images."""
