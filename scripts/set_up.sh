@@ -34,7 +34,8 @@ as_root() {
 }
 
 install_packages() {
-  local install="apt-get install -y --no-install-recommends $*"
+  # where the system updates itself just now, its lock is waited for
+  local install="apt-get -o DPkg::Lock::Timeout=300 install -y --no-install-recommends $*"
   if ! may_be_root; then
     say "these Debian packages are missing, and only root can install them; run as root:" >&2
     echo "  apt-get update && $install" >&2
