@@ -1,9 +1,8 @@
 """Vector layers out: one GeoPackage with several layers and the styles that QGIS draws them with.
 
-OGR makes the tables, so that every reader understands the file. The rows go in through SQLite itself
-(`sqlite_rows`): OGR's Python interface needs a call for each value and adds each row to the spatial index by itself,
-which takes a minute for a million residuals; here it is a second or two. The file is made under a temporary name and
-renamed at the end.
+OGR makes the tables, so that every reader understands the file. The rows go in beside it (`sqlite_rows`): OGR's Python
+interface needs a call for each value and adds each row to the spatial index by itself, which takes a minute for a
+million residuals; here it is a second. The file is made under a temporary name and renamed at the end.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ from .layer_texts import FIELD_TEXTS, LAYER_TEXTS
 from .layer_words import Column
 from .replacing import replacing
 from .rtree import empty_rtree, fill_rtree
-from .sql import insert_text, sql_text
-from .sqlite_rows import WITHOUT_SAFETY, Inserter, PythonRows, compiled_rows
+from .sql import sql_text
+from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
 
 _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
@@ -136,7 +135,7 @@ def write_geopackage(
                     database.execute(pragma)
                 done = 0
                 for layer in layers:
-                    rows = compiled_rows(temporary, len(layer), _columns(layer)) or PythonRows(database)
+                    rows = rows_of_new_file(temporary, database, len(layer), _columns(layer))
                     with contextlib.closing(rows):
                         for _ in insert_rows(database, layer, rows):
                             done += _CHUNK_ROWS
@@ -241,9 +240,7 @@ def insert_rows(
     rows : what they are inserted through
     empty_first : whether the table has rows, which are to go
     """
-    statement = insert_text(
-        layer.name, ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
-    )
+    names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
     there = _are_placed(low, high)
     here = np.flatnonzero(there)
@@ -256,7 +253,7 @@ def insert_rows(
         rows.begin()
         for start in range(0, len(layer), _CHUNK_ROWS):
             part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
-            rows.insert(statement, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
+            rows.insert(layer.name, names, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
             yield
         fill_rtree(rows, rtree, here + 1, low, high)
         rows.commit()

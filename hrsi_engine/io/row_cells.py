@@ -1,63 +1,87 @@
-"""Columns as a compiled loop takes them: 8 bytes a row, the number itself or the address of its bytes."""
+"""Columns as a compiled loop takes them: 8 bytes a row, the number itself or the place of its bytes."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from .layer_words import Column, Words
 
-NUMBER_CELL, INTEGER_CELL, TEXT_CELL, BLOB_CELL = range(4)
+NUMBER_CELL, INTEGER_CELL, TEXT_CELL, BYTES_CELL = range(4)
+_NO_BYTES = -1  # length of what is not there
 
 
 class Cells:
-    """A column as the compiled loop takes it.
+    """Columns as the compiled loop takes them.
 
-    Parameters
+    Attributes
     ----------
-    kind : which of `NUMBER_CELL`, `INTEGER_CELL`, `TEXT_CELL`, `BLOB_CELL`
-    words : (n,) 8 bytes each: the number, or the address of the bytes
-    lengths : (n,) of the bytes
-    kept : what the addresses lead to
+    kinds : (c,) which of `NUMBER_CELL`, `INTEGER_CELL`, `TEXT_CELL`, `BYTES_CELL`
+    words : (c, n) 8 bytes each: the number, or the place of the bytes in ``content``
+    lengths : (c, n) of the bytes, negative where there is nothing
+    content : (b,) all bytes
     """
 
-    def __init__(self, kind: int, words: np.ndarray, lengths: np.ndarray | None = None, kept: Any = None) -> None:
-        self.kind, self.words, self.kept = kind, words, kept
-        self.lengths = np.zeros(len(words), dtype=np.int32) if lengths is None else lengths
+    def __init__(self, columns: Sequence[Column], texts: Texts) -> None:
+        rows, begin, parts = len(columns[0]), 0, [np.empty(0, dtype=np.uint8)]
+        self.kinds = np.empty(len(columns), dtype=np.int8)
+        self.words = np.empty((len(columns), rows), dtype=np.int64)
+        self.lengths = np.zeros((len(columns), rows), dtype=np.int32)
+        for number, column in enumerate(columns):
+            kind, words, lengths = column.dtype.kind, self.words[number], self.lengths[number]
+            if kind == "f":
+                self.kinds[number] = NUMBER_CELL
+                words.view(np.float64)[:] = column
+                continue
+            if kind in "biu":
+                self.kinds[number] = INTEGER_CELL
+                words[:] = column
+                continue
+            if isinstance(column, Words):
+                self.kinds[number] = TEXT_CELL
+                content, long = texts.of(column.values)
+                words[:], lengths[:] = column.index, long[column.index]
+                words *= content.itemsize
+            elif kind == "U":
+                self.kinds[number] = TEXT_CELL
+                content, lengths[:] = _utf8(column)
+                words[:] = content.itemsize * np.arange(rows)
+            elif kind == "V":
+                self.kinds[number] = BYTES_CELL
+                content, lengths[:] = np.ascontiguousarray(column), column.itemsize
+                words[:] = column.itemsize * np.arange(rows)
+            else:  # objects: bytes or nothing
+                self.kinds[number] = BYTES_CELL
+                lengths[:] = [_NO_BYTES if value is None else len(value) for value in column]
+                content = np.frombuffer(b"".join(value for value in column if value is not None), dtype=np.uint8)
+                words[:] = np.cumsum(np.maximum(lengths, 0)) - lengths
+            words += begin
+            parts.append(content.view(np.uint8))
+            begin += content.nbytes
+        self.content = np.concatenate(parts)
 
-    @classmethod
-    def of(cls, column: Column) -> Cells:
-        if isinstance(column, Words):
-            used, index = np.unique(column.index, return_inverse=True) if _is_sparse(column) else (None, column.index)
-            return cls._texts(column.values if used is None else column.values[used], index)
-        if column.dtype.kind == "U":
-            return cls._texts(column, np.arange(len(column)))
-        if column.dtype.kind == "V":
-            content = np.ascontiguousarray(column)
-            lengths = np.full(len(column), column.itemsize, dtype=np.int32)
-            return cls(BLOB_CELL, content.ctypes.data + column.itemsize * np.arange(len(column)), lengths, content)
-        if column.dtype.kind == "f":
-            return cls(NUMBER_CELL, np.ascontiguousarray(column, dtype=np.float64).view(np.int64))
-        return cls(INTEGER_CELL, column.astype(np.int64))
 
-    @classmethod
-    def _texts(cls, values: np.ndarray, index: np.ndarray) -> Cells:
-        content = _utf8(np.ascontiguousarray(values))
-        lengths = np.char.str_len(content).astype(np.int32)
-        return cls(TEXT_CELL, content.ctypes.data + content.itemsize * index.astype(np.int64), lengths[index], content)
+class Texts:
+    """Words as UTF-8, each array of them once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    def of(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return words as bytes (dtype ``S``), and their lengths."""
+        if id(values) not in self._known:
+            self._known[id(values)] = (values, *_utf8(values))  # kept, so that no other array gets its address
+        return self._known[id(values)][1:]
 
 
-def _is_sparse(column: Words) -> bool:
-    """Return whether rows are few beside the words, so that only theirs need to be looked at."""
-    return len(column.values) > len(column.index)
-
-
-def _utf8(values: np.ndarray) -> np.ndarray:
-    """Return texts as UTF-8 bytes, dtype ``S``."""
+def _utf8(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return texts as UTF-8 bytes, dtype ``S``, and their lengths."""
     if not len(values) or not values.itemsize:
-        return np.zeros(len(values), dtype="S1")
-    points = values.view(np.uint32).reshape(len(values), -1)
-    if points.max() < 128:  # ASCII
-        return points.astype(np.uint8).view(f"S{points.shape[1]}")[:, 0]
-    return np.char.encode(values, "utf-8")
+        return np.zeros(len(values), dtype="S1"), np.zeros(len(values), dtype=np.int32)
+    points = np.ascontiguousarray(values).view(np.uint32).reshape(len(values), -1)
+    ascii_only = points.max() < 128
+    content = (
+        points.astype(np.uint8).view(f"S{points.shape[1]}")[:, 0] if ascii_only else np.char.encode(values, "utf-8")
+    )
+    return content, np.char.str_len(content).astype(np.int32)

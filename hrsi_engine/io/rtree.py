@@ -8,6 +8,7 @@ only), 2 bytes for the number of cells, then cells of an 8-byte id and four 4-by
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,8 +19,7 @@ _MOST_CELLS = 51  # SQLite's limit
 _CELL = np.dtype([("id", ">i8"), ("bounds", ">f4", (4,))])
 _NODE = np.dtype([("depth", ">u2"), ("cells", ">u2"), ("cell", _CELL, (_MOST_CELLS,))])
 _ROOT = 1
-_NODES_AT_ONCE, _ROWS_AT_ONCE = 1000, 50_000
-_REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"
+_ROWS_AT_ONCE = 50_000
 
 
 def fill_rtree(rows: Inserter, rtree: str, rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
@@ -40,26 +40,32 @@ def fill_rtree(rows: Inserter, rtree: str, rowids: np.ndarray, low: np.ndarray, 
     first = [_ROOT + 1 + sum(counts[1 : level + 1]) for level in range(len(counts) - 1)] + [_ROOT]
     order = _tile(low, high)
     boxes = _rounded_outwards(low, high)[order]
+    nodes, places = [], []  # of each level: node numbers with contents, and in which node each cell is
     for level, count in enumerate(counts):
-        nodes = -(-count // _MOST_CELLS)
-        bounds = -(-np.arange(nodes + 1) * count // nodes)  # all nodes are about equally full
+        number = -(-count // _MOST_CELLS)
+        bounds = -(-np.arange(number + 1) * count // number)  # all nodes are about equally full
         child = rowids[order] if level == 0 else first[level - 1] + np.arange(count)
         depth = level if level == len(counts) - 1 else 0  # the root tells it
-        for begin in range(0, nodes, _NODES_AT_ONCE):
-            some = bounds[begin : begin + _NODES_AT_ONCE + 1]
-            content = _content(depth, child[some[0] : some[-1]], boxes[some[0] : some[-1]], some - some[0])
-            numbers = np.arange(first[level] + begin, first[level] + begin + len(some) - 1)
-            rows.insert(insert_text(f"{rtree}_node", ("nodeno", "data"), _REPLACE), [numbers, content])
-        # Which node each cell is in, by ascending numbers: SQLite appends to the table's end
+        numbers = first[level] + np.arange(number)
+        nodes.append((numbers, _content(depth, child, boxes, bounds)))
         node = np.empty(count, dtype=np.int64)
-        node[order if level == 0 else slice(None)] = np.repeat(first[level] + np.arange(nodes), np.diff(bounds))
-        children = rowids if level == 0 else child
-        table, key, value = ("rowid", "rowid", "nodeno") if level == 0 else ("parent", "nodeno", "parentnode")
-        for begin in range(0, count, _ROWS_AT_ONCE):
-            part = slice(begin, begin + _ROWS_AT_ONCE)
-            rows.insert(insert_text(f"{rtree}_{table}", (key, value)), [children[part], node[part]])
+        node[order if level == 0 else slice(None)] = np.repeat(numbers, np.diff(bounds))
+        places.append((rowids if level == 0 else child, node))
         least, largest = (f.reduceat(boxes, bounds[:-1]) for f in (np.minimum, np.maximum))
         boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
+    # By ascending numbers, so that each table grows at its end: the root first, as its number is
+    _insert(rows, f"{rtree}_node", ("nodeno", "data"), [nodes[-1], *nodes[:-1]])
+    _insert(rows, f"{rtree}_rowid", ("rowid", "nodeno"), places[:1])
+    _insert(rows, f"{rtree}_parent", ("nodeno", "parentnode"), places[1:])
+
+
+def _insert(
+    rows: Inserter, table: str, names: tuple[str, str], levels: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> None:
+    for keys, values in levels:
+        for begin in range(0, len(keys), _ROWS_AT_ONCE):
+            part = slice(begin, begin + _ROWS_AT_ONCE)
+            rows.insert(table, names, [keys[part], values[part]])
 
 
 def _content(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.ndarray) -> np.ndarray:

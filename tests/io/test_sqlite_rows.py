@@ -1,7 +1,8 @@
-"""Rows that the compiled loop inserts are those that Python's own interface inserts, bit for bit."""
+"""Rows that are written as pages are those that SQLite inserts, bit for bit, in a file that it calls sound."""
 
 from __future__ import annotations
 
+import ctypes
 import sqlite3
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.io import sqlite_rows
+from hrsi.hrsi_engine.io import sqlite_pages
 from hrsi.hrsi_engine.io.layer_words import Words, is_any, shared_word
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 
@@ -27,8 +28,10 @@ def layer(count: int = COUNT) -> Layer:
         "id": np.array([f"P{row}" for row in range(count)]),
         "unicode": np.array(["ñ", "long" * 20, "\U0001f6f0"])[np.arange(count) % 3],
         "word": words, "level": shared_word("image", count),
-        "number": number, "single": number.astype(np.float32), "infinite": np.full(count, np.inf),
-        "integer": random.integers(-(2**60), 2**60, count), "small": np.arange(count, dtype=np.int32),
+        "number": number, "whole": np.round(number * 1e3) * 10.0 ** random.integers(0, 18, count),
+        "single": number.astype(np.float32), "infinite": np.full(count, np.inf),
+        "integer": random.integers(-(2**60), 2**60, count) >> random.integers(0, 60, count),
+        "small": np.arange(count, dtype=np.int32),
         "flag": random.random(count) < 0.5,
     })  # fmt: skip
 
@@ -42,8 +45,8 @@ def content(path: Path) -> dict[str, list[tuple]]:
 
 def test_both_ways_write_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written, used = {}, []
-    insert = sqlite_rows.CompiledRows.insert
-    monkeypatch.setattr(sqlite_rows.CompiledRows, "insert", lambda *given: (used.append(way), insert(*given)))
+    insert = sqlite_pages.Pages.insert
+    monkeypatch.setattr(sqlite_pages.Pages, "insert", lambda *given: (used.append(way), insert(*given)))
     for way in ("0", "1"):
         monkeypatch.setenv("HRSI_COMPILED", way)
         write_geopackage(str(tmp_path / f"{way}.gpkg"), [layer()])
@@ -52,20 +55,77 @@ def test_both_ways_write_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert set(used) == {"1"}
 
 
-def test_a_library_that_is_not_found_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("count", [1, 30, 600])
+def test_small_tables_are_sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """A page, a page with some others below it, and an index with one."""
     monkeypatch.setenv("HRSI_COMPILED", "1")
-    monkeypatch.setattr(sqlite_rows, "_LIBRARY", "libnosuchsqlite.so")
-    sqlite_rows._library.cache_clear()
-    write_geopackage(str(tmp_path / "points.gpkg"), [layer(100)])
-    sqlite_rows._library.cache_clear()
-    assert len(content(tmp_path / "points.gpkg")["points"]) == 100
+    write_geopackage(str(tmp_path / "points.gpkg"), [layer(count)])
+    assert len(content(tmp_path / "points.gpkg")["points"]) == count
 
 
-def test_what_sqlite_refuses_is_an_error_that_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_go_on_where_rows_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HRSI_COMPILED", "1")
-    monkeypatch.setattr(sqlite_rows, "WITHOUT_SAFETY", ("PRAGMA max_page_count = 50",))  # a disk that is full
-    with pytest.raises(OutputError, match=r"points\.gpkg: cannot be written \(database or disk is full\)"):
+    write_geopackage(str(tmp_path / "points.gpkg"), [layer(5000)])
+    with sqlite3.connect(tmp_path / "points.gpkg") as database:
+        assert dict(database.execute("SELECT name, seq FROM sqlite_sequence"))["points"] == 5000
+        for (trigger,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+            database.execute(f"DROP TRIGGER {trigger}")  # they call functions of OGR
+        database.execute("INSERT INTO points (id) SELECT id FROM points")  # the tree grows on
+        assert database.execute("SELECT max(fid), count(*) FROM points").fetchone() == (10_000, 10_000)
+        assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+
+
+def test_the_page_of_locks_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite never uses the page of byte 2**30; its own control for tests moves that to byte 2**18."""
+    pending_byte, place = 11, 2**18
+    try:
+        library = ctypes.CDLL("libsqlite3.so.0")
+    except OSError:
+        pytest.skip("no SQLite of that name")
+    if library.sqlite3_test_control(pending_byte, 0) != 2**30:
+        pytest.skip("this SQLite has no controls for tests")
+    monkeypatch.setenv("HRSI_COMPILED", "1")
+    monkeypatch.setattr(sqlite_pages, "_LOCKED_BYTE", place)
+    before = library.sqlite3_test_control(pending_byte, place)
+    try:
         write_geopackage(str(tmp_path / "points.gpkg"), [layer(30_000)])
+        assert len(content(tmp_path / "points.gpkg")["points"]) == 30_000
+        monkeypatch.setattr(sqlite_pages, "_LOCKED_BYTE", 2**30)
+        write_geopackage(str(tmp_path / "wrong.gpkg"), [layer(30_000)])
+        with sqlite3.connect(tmp_path / "wrong.gpkg") as database, pytest.raises(sqlite3.DatabaseError):
+            database.execute("PRAGMA integrity_check")  # so it does tell
+    finally:
+        library.sqlite3_test_control(pending_byte, before)
+
+
+def test_rows_too_long_for_a_page_are_written_by_sqlite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HRSI_COMPILED", "1")
+    texts = np.array(["x" * 5000, "y"])
+    write_geopackage(str(tmp_path / "long.gpkg"), [Layer("long", "None", 4326, (), {"text": texts})])
+    with sqlite3.connect(tmp_path / "long.gpkg") as database:
+        assert database.execute("SELECT text FROM long").fetchall() == [(text,) for text in texts.tolist()]
+
+
+def test_points_without_a_position_among_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HRSI_COMPILED", "1")
+    place = np.random.default_rng(4).uniform(0.0, 1.0, (1000, 2))
+    place[::7] = np.nan
+    write_geopackage(str(tmp_path / "p.gpkg"), [Layer("points", "Point", 4326, place, {"id": np.arange(1000)})])
+    rows = content(tmp_path / "p.gpkg")["points"]
+    assert [row[1] is None for row in rows] == np.isnan(place[:, 0]).tolist()
+    assert [np.frombuffer(row[1][-16:]).tolist() for row in rows if row[1]] == place[np.isfinite(place[:, 0])].tolist()
+
+
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    resource = pytest.importorskip("resource")
+    monkeypatch.setenv("HRSI_COMPILED", "1")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, before[1]))  # writing on fails as on a full disk
+    try:
+        with pytest.raises(OutputError, match=r"points\.gpkg: cannot be written \(.*: check free space"):
+            write_geopackage(str(tmp_path / "points.gpkg"), [layer(30_000)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(tmp_path.iterdir())
 
 

@@ -19,11 +19,10 @@ WITH_PACKAGE = {
     },
     "numba": {
         "adjustment.blunders.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
-        "foundation.compiled_code", "io.point_files.compiled_csv", "io.compiled_rows",
+        "foundation.compiled_code", "io.point_files.compiled_csv", "io.compiled_pages",
         "measurement.block_matching.compiled_bands", "measurement.window_matching.lsm_kernels",
         "refinement.compiled_cameras",
     },
-    "llvmlite": {"io.compiled_rows"},
     "distributed": {"foundation.cluster", "foundation.scheduling"},
     "rasterio": {"camera.rpc"},
     "pyarrow": {"io.laser_files.parquet"},
