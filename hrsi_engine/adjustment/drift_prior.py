@@ -24,7 +24,9 @@ from .result import VarianceComponent
 
 LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
 SETTLED_SHARE = 0.01  # relative change of a sigma
-MOST_CHANGE = 5.0  # of a sigma in one round
+SETTLED_DRIFT = 0.05  # … of an image's drift, which `OF_TERM` and its own few values tell to no better than a quarter
+SETTLED_WITHIN, CORRECTIONS = 0.001, 25  # … between two corrections at a solution, and their number
+MOST_CHANGE = 5.0  # of a sigma in one correction
 BELIEF = 1.0  # observations that the sensor's believed drift counts for
 OF_BLOCK, OF_TERM = 6.0, 6.0  # … and the block's for a term's, and a term's for an image's
 
@@ -59,30 +61,54 @@ class DriftPrior:
         self.factor = np.ones_like(self.factor)
         loop.hold(np.where(self.free, 1.0 / self.believed**2, self.given))
 
-    def update(self, loop: GaussNewton, solution: Solution, variances: np.ndarray, unit_variance: float) -> float:
-        """Correct the factors and hold the loop's drifts with them; return the largest relative change.
+    def update(self, loop: GaussNewton, solution: Solution, cofactors: np.ndarray, unit_variance: float) -> float:
+        """Correct the factors and hold the loop's drifts with them; return by how much, 0 where they stay.
 
-        One below `SETTLED_SHARE` is not worth another solution: all stays as it is.
+        That is the largest relative change. One below `SETTLED_DRIFT` is not worth another solution: all stays as it
+        is. ``cofactors (cameras, p, p)`` are those of each camera's own parameters. Where all observations are worse
+        than they were said to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would
+        follow the noise.
 
-        ``variances (cameras, p)`` are the parameters' cofactors. Where all observations are worse than they were said
-        to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would follow the noise.
+        Before the block is solved again, corrections are repeated until they settle. Weights of a camera's priors that
+        have grown by D make of its cofactors Q and values v, but for what changes in other cameras::
+
+            (I + Q D)^-1 Q    and    (I + Q D)^-1 v
         """
-        weight = np.where(self.free, loop.prior_weight, 0.0)
-        squares = np.where(self.free, (solution.state.values / self.believed) ** 2, 0.0)
-        freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
-        self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
-        if not self.sums[1] > 0.0:
+        held, values = np.where(self.free, loop.prior_weight, 0.0), solution.state.values
+        known = np.concatenate([cofactors, values[:, :, None]], axis=2)
+        wanted, self.of_block, self.sums = self._wanted(known, held)
+        by_solution = self._change(wanted)
+        if by_solution < SETTLED_DRIFT:
             return 0.0
-        block = (BELIEF + self.sums[0]) / (BELIEF + self.sums[1])
+        for _ in range(CORRECTIONS):
+            self.factor = self.factor * np.clip(wanted / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE)
+            weight = unit_variance / (self.factor * self.believed) ** 2
+            grown = np.where(self.free, weight - held, 0.0)
+            ahead = np.linalg.solve(np.eye(len(grown[0])) + cofactors * grown[:, None, :], known)
+            wanted, _, _ = self._wanted(ahead, held + grown)
+            if self._change(wanted) < SETTLED_WITHIN:
+                break
+        loop.hold(np.where(self.free, weight, self.given))
+        return by_solution
+
+    def _wanted(self, known: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float, tuple[float, float, int]]:
+        """Return the factors that cofactors and values ``known (cameras, p, p + 1)`` ask for, that of all, and `sums`.
+
+        ``weight (cameras, p)`` are those of the drifts' priors.
+        """
+        variances, values = known[:, :, :-1].diagonal(axis1=1, axis2=2), known[:, :, -1]
+        squares = np.where(self.free, (values / self.believed) ** 2, 0.0)
+        freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
+        sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
+        if not sums[1] > 0.0:
+            return self.factor, self.of_block, sums
+        block = (BELIEF + sums[0]) / (BELIEF + sums[1])
         term = (OF_BLOCK * block + squares.sum(axis=0)) / (OF_BLOCK + freedom.sum(axis=0))
-        self.of_block = float(np.sqrt(block))
         own = np.sqrt((OF_TERM * term + squares) / (OF_TERM + freedom))
-        change = np.where(self.free, np.clip(own / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE), 1.0)
-        largest = float(np.abs(change - 1.0).max())
-        if largest >= SETTLED_SHARE:
-            self.factor = self.factor * change
-            loop.hold(np.where(self.free, unit_variance / (self.factor * self.believed) ** 2, self.given))
-        return largest
+        return np.where(self.free, own, self.factor), float(np.sqrt(block)), sums
+
+    def _change(self, wanted: np.ndarray) -> float:
+        return float(np.abs(np.clip(wanted / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE) - 1.0).max(initial=0.0))
 
     def summary(self) -> tuple[VarianceComponent, ...]:
         """Return the group, if the model has any drift."""

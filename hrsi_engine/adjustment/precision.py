@@ -47,12 +47,12 @@ class Precision:
 
 
 def camera_cofactors(loop: GaussNewton, solution: Solution) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the variances ``(cameras, p)`` of the parameters and all cofactors of the cameras (see `Precision`)."""
+    """Return the cofactors of each camera's own parameters ``(cameras, p, p)``, and all of them (see `Precision`)."""
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
     cameras = loop.system.cofactors()
     if cameras is None:
-        return np.full(loop.prior_weight.shape, np.nan), None
-    return cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2), cameras
+        return np.full((*loop.prior_weight.shape, loop.prior_weight.shape[1]), np.nan), None
+    return cameras[loop.pattern.diagonal], cameras
 
 
 def precision(loop: GaussNewton, solution: Solution) -> Precision:

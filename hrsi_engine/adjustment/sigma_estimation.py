@@ -143,7 +143,7 @@ class SigmaEstimation:
         change, unit_variance = 0.0, 1.0
         if self.sigmas.free.any():
             precise = self.precision_at(loop, solution)
-            variances = precise.parameters
+            own = precise.own_cameras(loop)
             self.sums = components(self.groups, self.problem.observations, solution, precise)
             before = self.sigmas.factor
             self.sigmas.update(self.sums)
@@ -152,10 +152,11 @@ class SigmaEstimation:
             if change < SETTLED_SHARE:
                 self.sigmas.factor = before
         else:
-            variances, cofactors = camera_cofactors(loop, solution)
+            own, cofactors = camera_cofactors(loop, solution)
+            variances = own.diagonal(axis1=1, axis2=2)
             freedom = max(redundancy_of(self.problem, loop, solution, variances, cofactors), 0.0)
             unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
-        return max(change, self.drift.update(loop, solution, variances, unit_variance)) if self.drifts else change
+        return max(change, self.drift.update(loop, solution, own, unit_variance)) if self.drifts else change
 
     def _settle_surveys(
         self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]

@@ -7,7 +7,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.benchmarks.adjust_speed import simulated
-from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, drift_prior
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
@@ -90,3 +90,17 @@ def test_the_drift_of_many_images_is_found():
     print(f"{drift.sigma:.2e} px/px found of {DRIFT_OF_SIMULATED:.2e}")
     assert result.model.name == "affine" and not result.warnings
     assert drift.sigma == pytest.approx(DRIFT_OF_SIMULATED, rel=3.0 / np.sqrt(2 * drift.redundancy))
+
+
+def test_corrections_at_a_solution_spare_solutions(monkeypatch):
+    """Where each correction is followed by a solution, and until 0.1 %, the same sizes come out after more solutions."""
+    block = simulated(90)
+    quick = adjust(block)
+    monkeypatch.setattr(drift_prior, "CORRECTIONS", 1)
+    monkeypatch.setattr(drift_prior, "SETTLED_DRIFT", 1e-3)
+    slow = adjust(block)
+    of_images = np.abs(quick.values - slow.values)[:, quick.model.drifts] / slow.values_sigma[:, slow.model.drifts]
+    print(f"{quick.solves} and {slow.solves} solutions, {of_images.max():.3f} of a drift's sigma apart")
+    assert quick.solves < slow.solves
+    assert drift_of(quick).sigma == pytest.approx(drift_of(slow).sigma, rel=0.01)
+    assert of_images.max() < 0.1

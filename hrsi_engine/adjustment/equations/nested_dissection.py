@@ -12,27 +12,43 @@ The same tree gives the inverse on the fill pattern, from the root down, without
 (Takahashi et al. 1973; Erisman and Tinney 1975): with K = B L11^-1 and the inverse Z22 of the border,
 
     Z21 = -Z22 K,    Z11 = (L11 L11')^-1 + K' Z22 K
+
+Of all these matrices the lower triangle is made. The cameras of a border stand in the order of their elimination, so
+that a border's lower triangle lies in that of the parent's front. Fronts that do not need each other are worked on side
+by side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import heapq
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ...foundation.dense_products import product
+from ...foundation.dense_matrices import (
+    add_product,
+    inverse_cholesky,
+    own_square,
+    product,
+    subtract_square,
+    symmetric_times,
+    times_triangle,
+)
 from ...foundation.errors import SolveError
+from ...foundation.threads import are_one_thread_calls, thread_count
 
-SMALL_TRIANGLE = 48  # unknowns
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
+WORTH_THREADS = 8  # fronts
 
 
 @dataclass(frozen=True, eq=False)
 class FrontEntries:
-    """The blocks of the matrix that a front takes up.
+    """The blocks of the matrix that a front takes up, in its lower triangle.
 
     row, column : (k,) where they stand among the front's cameras (own, border)
     number : (k,) of the blocks
@@ -50,12 +66,14 @@ class Front:
     """A node of the tree: the cameras it eliminates, those on its border, its children; L11^-1 and B as numbers.
 
     place : of the border's unknowns in the parent's front
+    runs : unknowns of the border that follow one another in the parent's front, too: where they are, and where there
     """
 
     own: np.ndarray
     children: list[Front] = field(default_factory=list)
     border: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     place: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    runs: list[tuple[slice, slice]] = field(default_factory=list)
     entries: FrontEntries = field(init=False)
     factor: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     coupling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -114,32 +132,75 @@ def _two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarr
     return [part[heap[label] == side] for side in (0, 1)]
 
 
-def inverse_cholesky(matrix: np.ndarray) -> np.ndarray:
-    """Return L^-1 of a symmetric, positive definite matrix L L'.
-
-    The factor is NumPy's: where SciPy's BLAS has threads they make it thirty times slower here.
-    """
-    if not matrix.size:
-        return matrix
+def factor_of(matrix: np.ndarray) -> np.ndarray:
+    """Return L^-1 of a matrix L L' of normal equations; raises `SolveError` where these are singular."""
     try:
-        return _inverse_of_lower(np.linalg.cholesky(matrix))
+        return inverse_cholesky(matrix)
     except np.linalg.LinAlgError as error:
         raise SolveError(
             "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
         ) from error
 
 
-def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:
-    """Return the inverse of a lower triangular matrix, by halves, so that most of it is products."""
-    size = len(lower)
-    if size <= SMALL_TRIANGLE:
-        return np.tril(np.linalg.inv(lower))
-    half = size // 2
-    first, second = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
-    inverse = np.zeros_like(lower)
-    inverse[:half, :half], inverse[half:, half:] = first, second
-    inverse[half:, :half] = -product(second, product(lower[half:, :half], first))
-    return inverse
+def for_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root: bool = False) -> None:
+    """Call ``work`` for all fronts, given children before parents: in that order, or ``from_root`` the other way.
+
+    Where calls of BLAS make no threads of their own, fronts that wait for no other are worked on by one thread each.
+    The next one is always that which comes first in the order of one thread, so that little is kept for later.
+    """
+    order = list(reversed(fronts)) if from_root else list(fronts)
+    threads = thread_count(0) if are_one_thread_calls() and len(order) >= WORTH_THREADS else 1
+    if threads == 1:
+        for front in order:
+            work(front)
+        return
+    number_of = {id(front): number for number, front in enumerate(order)}
+    after: list[list[int]] = [[] for _ in order]
+    waiting_for = [0] * len(order)
+    for front in order:
+        for child in front.children:
+            parent, own = number_of[id(front)], number_of[id(child)]
+            before, then = (parent, own) if from_root else (own, parent)
+            after[before].append(then)
+            waiting_for[then] += 1
+    ready = [number for number, count in enumerate(waiting_for) if not count]
+    changed, left, failed = threading.Condition(), len(order), False
+
+    def work_off() -> None:
+        nonlocal left, failed
+        while True:
+            with changed:
+                while not ready and left and not failed:
+                    changed.wait()
+                if not left or failed:
+                    return
+                number, left = heapq.heappop(ready), left - 1
+            try:
+                work(order[number])
+            except BaseException:
+                with changed:
+                    failed = True
+                    changed.notify_all()
+                raise
+            with changed:
+                for then in after[number]:
+                    waiting_for[then] -= 1
+                    if not waiting_for[then]:
+                        heapq.heappush(ready, then)
+                changed.notify_all()
+
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(work_off) for _ in range(threads)]:
+            done.result()
+
+
+def _runs(place: np.ndarray) -> list[tuple[slice, slice]]:
+    """Return the parts of ascending places that follow one another: where they are, and which places they are."""
+    ends = [*(np.flatnonzero(np.diff(place) != 1) + 1).tolist(), len(place)]
+    begins = [0, *ends[:-1]]
+    return [
+        (slice(b, e), slice(int(place[b]), int(place[b]) + e - b)) for b, e in zip(begins, ends, strict=True) if b < e
+    ]
 
 
 class SparseFactor:
@@ -194,7 +255,8 @@ class SparseFactor:
     def _border(self, graph: sparse.csr_matrix, front: Front, number: int) -> np.ndarray:
         neighbours = graph[front.own].indices
         reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
-        return reached[self._order[reached] > number].astype(np.int64)
+        later = reached[self._order[reached] > number].astype(np.int64)
+        return later[np.argsort(self._order[later], kind="stable")]
 
     def _prepare(self, front: Front, index: sparse.csr_matrix) -> None:
         """Find where the front's blocks stand in it, and the borders of its children."""
@@ -202,12 +264,15 @@ class SparseFactor:
         order = np.argsort(cameras)
         rows = index[front.own]
         column = order[np.minimum(np.searchsorted(cameras[order], rows.indices), len(cameras) - 1)]
-        here = cameras[column] == rows.indices
         row = np.repeat(np.arange(len(front.own)), np.diff(rows.indptr))
+        here = (cameras[column] == rows.indices) & (column >= row)  # each once, and turned into the lower triangle
         number = rows.data[here]
-        front.entries = FrontEntries(row[here], column[here], np.abs(number) - 1, number < 0)
+        front.entries = FrontEntries(
+            column[here], row[here], np.abs(number) - 1, (number > 0) & (column[here] > row[here])
+        )
         for child in front.children:
             child.place = self._unknowns(order[np.searchsorted(cameras[order], child.border)])
+            child.runs = _runs(child.place)
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
@@ -217,28 +282,34 @@ class SparseFactor:
         Returned is what is left of the matrix for the cameras that are kept, ``(k p, k p)``.
         """
         updates: dict[int, np.ndarray] = {}
-        for front in self.fronts:
-            matrix = self._assemble(front, blocks, updates)
-            if self.kept is not None and front is self.fronts[-1]:
-                return matrix
-            own = len(front.own) * self.size
-            front.factor = inverse_cholesky(matrix[:own, :own])
-            front.coupling = product(matrix[own:, :own], front.factor.T)
-            updates[id(front)] = matrix[own:, own:] - product(front.coupling, front.coupling.T)
-        return np.zeros((0, 0))
+
+        def eliminate(front: Front) -> None:
+            matrix, own = self._assemble(front, blocks, updates), len(front.own) * self.size
+            front.factor = factor_of(matrix[:own, :own])
+            front.coupling = times_triangle(matrix[own:, :own], front.factor, transposed=True)
+            subtract_square(matrix[own:, own:], front.coupling)
+            updates[id(front)] = matrix[own:, own:]
+
+        for_fronts(self._eliminated, eliminate)
+        if self.kept is None:
+            return np.zeros((0, 0))
+        left = np.tril(self._assemble(self.fronts[-1], blocks, updates))
+        return left + np.tril(left, -1).T
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
+        """Return a front's matrix, its lower triangle that is."""
         cameras, p = len(front.own) + len(front.border), self.size
         matrix = np.zeros((cameras, p, cameras, p))
         entries = front.entries
         values = blocks[entries.number]
         values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
         matrix[entries.row, :, entries.column, :] = values
-        outer = entries.column >= len(front.own)
-        matrix[entries.column[outer], :, entries.row[outer], :] = values[outer].transpose(0, 2, 1)
         matrix = matrix.reshape(cameras * p, cameras * p)
         for child in front.children:
-            matrix[np.ix_(child.place, child.place)] += updates.pop(id(child))
+            update = updates.pop(id(child))
+            for number, (rows, places) in enumerate(child.runs):
+                for columns, others in child.runs[: number + 1]:
+                    matrix[places, others] += update[rows, columns]
         return matrix
 
     def _unknowns(self, cameras: np.ndarray) -> np.ndarray:
@@ -274,51 +345,58 @@ class SparseFactor:
         With the factors L of A it is Y' Y for L Y = R'. A row takes part only in the fronts from its own unknowns up to
         the root, so that rows from all over a block cost little more than the fronts that they share.
         """
-        result = np.zeros((rows.shape[0],) * 2)
+        result, adding = np.zeros((rows.shape[0],) * 2), threading.Lock()
         by_unknown = rows.tocsc()
         borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and what they bring to a front's border
-        for front in self.fronts:
+
+        def add(front: Front) -> None:
             own = len(front.own) * self.size
             here = by_unknown[:, self._unknowns(front.own)].tocoo()
             brought = [borders.pop(id(child)) for child in front.children]
             taking_part = np.unique(np.concatenate([here.row, *(numbers for numbers, _ in brought)]))
-            if not len(taking_part):
-                borders[id(front)] = taking_part, np.zeros((len(front.border) * self.size, 0))
-                continue
             x = np.zeros((own + len(front.border) * self.size, len(taking_part)))
             x[here.col, np.searchsorted(taking_part, here.row)] = here.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
             y = product(front.factor, x[:own])
-            result[np.ix_(taking_part, taking_part)] += product(y.T, y)
             borders[id(front)] = taking_part, x[own:] - product(front.coupling, y)
+            square = product(y.T, y)
+            with adding:
+                result[np.ix_(taking_part, taking_part)] += square
+
+        for_fronts(self.fronts, add)
         return result
 
     def inverse_blocks(self, kept: np.ndarray | None = None) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern; ``kept`` is that of the kept cameras."""
         result = np.empty((len(self._columns), self.size, self.size))
-        for front, inverse in self._inverses(kept):
-            entries, cameras = front.entries, len(front.own) + len(front.border)
-            values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
-            values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
-            result[entries.number] = values
-        return result
+        above: dict[int, np.ndarray] = {}  # by child: the inverse over the cameras of its parent, the lower triangle
 
-    def _inverses(self, kept: np.ndarray | None) -> Iterator[tuple[Front, np.ndarray]]:
-        """Yield each front with the inverse over the unknowns of its cameras (own, border), the root first."""
-        borders: dict[int, np.ndarray] = {}
-        for front in reversed(self.fronts):
-            border = borders.pop(id(front), np.zeros((0, 0)))
-            own = len(front.own) * self.size
-            inverse = np.zeros((own + len(border), own + len(border)))
-            inverse[own:, own:] = border
+        def invert(front: Front) -> None:
+            cameras, own = len(front.own) + len(front.border), len(front.own) * self.size
+            inverse = np.zeros((cameras * self.size,) * 2)
             if kept is not None and front is self.fronts[-1]:
                 inverse[:] = kept
             else:
-                gain = product(front.coupling, front.factor)
-                pulled = product(border, gain)
-                inverse[own:, :own], inverse[:own, own:] = -pulled, -pulled.T
-                inverse[:own, :own] = product(front.factor.T, front.factor) + product(gain.T, pulled)
+                parent, outer = above.pop(id(front), inverse), inverse[own:, own:]
+                for number, (rows, places) in enumerate(front.runs):
+                    for columns, others in front.runs[: number + 1]:
+                        outer[rows, columns] = parent[places, others]
+                gain = times_triangle(front.coupling, front.factor)
+                pulled = symmetric_times(outer, gain)
+                inverse[own:, :own] = -pulled
+                inverse[:own, :own] = own_square(front.factor)
+                add_product(inverse[:own, :own], gain, pulled)
+            entries = front.entries
+            values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
+            values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
+            result[entries.number] = values
             for child in front.children:
-                borders[id(child)] = inverse[np.ix_(child.place, child.place)]
-            yield front, inverse
+                above[id(child)] = inverse
+
+        for_fronts(self.fronts, invert, from_root=True)
+        diagonal = result[self._start[:-1]]  # the first block of each row
+        above_it = np.triu_indices(self.size, 1)
+        diagonal[:, above_it[0], above_it[1]] = diagonal[:, above_it[1], above_it[0]]
+        result[self._start[:-1]] = diagonal
+        return result

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..equations.camera_system import unit_scales
-from ..equations.nested_dissection import inverse_cholesky
+from ..equations.nested_dissection import factor_of
 
 
 class Update(NamedTuple):
@@ -110,7 +110,7 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
     matrix[:n] *= flat[:, None]
     matrix[:, :n] *= flat
     matrix[:n, :n] += np.diag((~free).astype(float).ravel())
-    factor = inverse_cholesky(matrix[:n, :n])
+    factor = factor_of(matrix[:n, :n])
     coupling = matrix[n:, :n] @ factor.T
     forward = factor @ (scale * right[:mine]).ravel()
     left = matrix[n:, n:] - coupling @ coupling.T
