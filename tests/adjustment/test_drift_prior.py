@@ -93,7 +93,7 @@ def test_the_drift_of_many_images_is_found():
 
 
 def test_corrections_at_a_solution_spare_solutions(monkeypatch):
-    """Where each correction is followed by a solution, and until 0.1 %, the same sizes come out after more solutions."""
+    """Where each correction is followed by a solution, and until 0.1 %, more solutions give the same sizes."""
     block = simulated(90)
     quick = adjust(block)
     monkeypatch.setattr(drift_prior, "CORRECTIONS", 1)
