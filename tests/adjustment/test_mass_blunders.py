@@ -157,7 +157,8 @@ def test_parallaxes_on_one_diagonal_carry_a_level_and_no_plane():
     terms = np.column_stack([np.ones(30), along, 0.125 - along])
     y = 7.0 + rng.normal(0.0, 0.1, 30)
     y[::4] += rng.uniform(20.0, 60.0, 8)
-    (plane,) = _planes(terms[None], y[None], np.full((1, 30), 0.1), np.array([30]), np.random.default_rng(1))
+    three = np.random.default_rng(1).integers(0, 30, (1, 80, 3))
+    (plane,) = _planes(terms[None], y[None], np.full((1, 30), 0.1), np.array([30]), three)
     right = np.arange(30) % 4 > 0
     assert np.abs(y - terms @ plane)[right].max() < 0.5  # five sigmas of 0.1
 

@@ -18,11 +18,13 @@ A measurement takes part in the start where it agrees with half of the others of
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 
 from ...foundation.compiled_code import is_wanted
+from ...foundation.threads import thread_count
 from ..equations import NormalEquations, State
 from ..observations import Observations
 
@@ -129,11 +131,10 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
     half = np.array([image.half_size_px for image in observations.images])
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
-    rng = np.random.default_rng(1)  # the same planes every time
     large = np.flatnonzero(count >= 3)
-    for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE):
-        if not len(part):
-            continue
+
+    def fit(part: np.ndarray, three: np.ndarray) -> None:
+        """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample at a time."""
         size, span = count[part], slice(bounds[part[0]], bounds[part[-1] + 1])
         begin, image = bounds[part] - span.start, observations.image[rows[span]]
         place = (observations.xy[rows[span]] - middle[image]) / half[image]
@@ -142,12 +143,17 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
         # evenly over the parallaxes of each image pair; those of a small one more than once
         step = np.maximum(size / SAMPLE, 1.0)[:, None] * np.arange(SAMPLE)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
-        planes = _planes(terms[picked], y[picked], sigma[picked], size, rng)
-        for plane, start, some in zip(planes, begin.tolist(), size.tolist(), strict=True):
-            here = slice(start, start + some)
-            back = order[span][here]
-            departure[back] = (y[here] - terms[here] @ plane) / sigma[here]
-            judged[back] = some >= LEAST_FOR_SCALE
+        planes = _planes(terms[picked], y[picked], sigma[picked], size, three)
+        here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # pairs with less lie between
+        computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
+        departure[order[span][here]] = (y[here] - computed) / sigma[here]
+        judged[order[span][here]] = np.repeat(size >= LEAST_FOR_SCALE, size)
+
+    rng = np.random.default_rng(1)  # the same planes every time
+    parts = [part for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE) if len(part)]
+    three = [rng.integers(0, SAMPLE, (len(part), PLANES_TRIED, 3)) for part in parts]
+    with ThreadPoolExecutor(thread_count(0)) as pool:
+        list(pool.map(fit, parts, three))
     return departure, judged
 
 
@@ -164,18 +170,16 @@ def _by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.nd
     return order, np.where(one > other, pairs.second, pairs.first)[order], bounds
 
 
-def _planes(
-    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, size: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
+def _planes(terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, size: np.ndarray, three: np.ndarray) -> np.ndarray:
     """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
 
-    ``terms (p, s, 3)`` are 1 and the position in the image; ``size (p,)`` is how many different parallaxes there are.
+    ``terms (p, s, 3)`` are 1 and the position in the image; ``size (p,)`` is how many different parallaxes there are;
+    ``three (p, t, 3)`` are the numbers of those that planes are laid through.
     """
     pairs, sample = y.shape
     kept = (sample * np.clip(3.0 / size, QUANTILE, 1.0)).astype(np.int64) - 1
     level = np.zeros((pairs, sample, 3))
     level[:, :, 0] = y
-    three = rng.integers(0, sample, (pairs, PLANES_TRIED, 3))
     pair = np.arange(pairs)[:, None, None]
     tilted = _planes_through(terms[pair, three], y[pair, three])
     tilted[size < LEAST_FOR_PLANE] = 0.0
@@ -198,13 +202,19 @@ def _planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
     Three are on a line where one was drawn twice, or stands twice in the sample of a small image pair.
     """
     first, second, third = (terms[..., k, :] for k in range(3))
-    minors = np.stack([np.cross(second, third), np.cross(third, first), np.cross(first, second)], axis=-2)
+    minors = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=-2)
     area = (minors[..., 0, :] * first).sum(axis=-1)
     spread = np.abs(area) > LEAST_AREA
     plane = (minors * y[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
     plane[~spread] = 0.0
     plane[~spread, 0] = y[~spread, 0]
     return plane
+
+
+def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the vector products ``(…, 3)``; `numpy.cross` takes three times as long for many small arrays."""
+    (a, b, c), (d, e, f) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
 def _nearest(terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray) -> np.ndarray:
