@@ -48,6 +48,12 @@ def test_a_front_is_eliminated_and_inverted(whole, own):
     np.testing.assert_allclose(np.tril(inner), np.tril(inverse[:own, :own]), atol=1e-11)
 
 
+@pytest.mark.parametrize("shape", [(5, 9), (9, 5), (0, 4), (4, 0)])
+def test_an_inner_square(shape):
+    matrix = np.random.default_rng(4).normal(size=shape)
+    np.testing.assert_allclose(dense.inner_square(matrix), np.tril(matrix.T @ matrix), atol=1e-13)
+
+
 def test_what_is_not_positive_definite_or_not_in_rows_is_refused(whole):
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         dense.inverse_cholesky(whole - 100.0 * np.eye(len(whole)))

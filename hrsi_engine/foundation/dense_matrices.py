@@ -93,6 +93,15 @@ def times_triangle(matrix: np.ndarray, lower: np.ndarray, transposed: bool = Fal
     return result
 
 
+def inner_square(matrix: np.ndarray) -> np.ndarray:
+    """Return the lower triangle of A'A for a ``matrix A (k, n)``."""
+    rows, columns = matrix.shape
+    square = np.zeros((columns, columns))
+    if matrix.size:
+        _dsyrk(b"U", b"N", columns, rows, 1.0, matrix, 0.0, square)
+    return square
+
+
 def subtract_square(matrix: np.ndarray, factor: np.ndarray) -> None:
     """Subtract B B' of a ``factor B (n, k)`` from the lower triangle of a matrix ``(n, n)``."""
     if factor.size:

@@ -32,6 +32,7 @@ from scipy.sparse import csgraph
 
 from ...foundation.dense_matrices import (
     add_product,
+    inner_square,
     inverse_cholesky,
     own_square,
     product,
@@ -203,6 +204,19 @@ def _runs(place: np.ndarray) -> list[tuple[slice, slice]]:
     ]
 
 
+def _add_lower(matrix: np.ndarray, part: np.ndarray, runs: Sequence[tuple[slice, slice]]) -> None:
+    """Add the lower triangle of a ``part (k, k)`` to that of a matrix, at the places of its `_runs`."""
+    for number, (rows, places) in enumerate(runs):
+        for columns, others in runs[: number + 1]:
+            matrix[places, others] += part[rows, columns]
+
+
+def _symmetric(lower: np.ndarray) -> np.ndarray:
+    """Return the matrix of a lower triangle; what is above the diagonal does not matter."""
+    lower = np.tril(lower)
+    return np.asarray(lower + np.tril(lower, -1).T)
+
+
 class SparseFactor:
     """Cholesky factor of a block matrix given by its upper blocks.
 
@@ -293,8 +307,7 @@ class SparseFactor:
         for_fronts(self._eliminated, eliminate)
         if self.kept is None:
             return np.zeros((0, 0))
-        left = np.tril(self._assemble(self.fronts[-1], blocks, updates))
-        return left + np.tril(left, -1).T
+        return _symmetric(self._assemble(self.fronts[-1], blocks, updates))
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
         """Return a front's matrix, its lower triangle that is."""
@@ -306,10 +319,7 @@ class SparseFactor:
         matrix[entries.row, :, entries.column, :] = values
         matrix = matrix.reshape(cameras * p, cameras * p)
         for child in front.children:
-            update = updates.pop(id(child))
-            for number, (rows, places) in enumerate(child.runs):
-                for columns, others in child.runs[: number + 1]:
-                    matrix[places, others] += update[rows, columns]
+            _add_lower(matrix, updates.pop(id(child)), child.runs)
         return matrix
 
     def _unknowns(self, cameras: np.ndarray) -> np.ndarray:
@@ -360,12 +370,12 @@ class SparseFactor:
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
             y = product(front.factor, x[:own])
             borders[id(front)] = taking_part, x[own:] - product(front.coupling, y)
-            square = product(y.T, y)
+            square, runs = inner_square(y), _runs(taking_part)
             with adding:
-                result[np.ix_(taking_part, taking_part)] += square
+                _add_lower(result, square, runs)
 
         for_fronts(self.fronts, add)
-        return result
+        return _symmetric(result)
 
     def inverse_blocks(self, kept: np.ndarray | None = None) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern; ``kept`` is that of the kept cameras."""
