@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...foundation.dense_matrices import product, times_triangle
+from ...foundation.threads import one_thread_calls
 from ..equations.camera_system import unit_scales
 from ..equations.nested_dissection import factor_of
 
@@ -110,10 +112,11 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
     matrix[:n] *= flat[:, None]
     matrix[:, :n] *= flat
     matrix[:n, :n] += np.diag((~free).astype(float).ravel())
-    factor = factor_of(matrix[:n, :n])
-    coupling = matrix[n:, :n] @ factor.T
+    with one_thread_calls():
+        factor = factor_of(matrix[:n, :n])
+        coupling = times_triangle(matrix[n:, :n], factor, transposed=True)
+        left = matrix[n:, n:] - product(coupling, coupling.T)
     forward = factor @ (scale * right[:mine]).ravel()
-    left = matrix[n:, n:] - coupling @ coupling.T
     rest = right[mine:] - (coupling @ forward).reshape(-1, size)
     pulled = np.stack([total, np.where(free, prior, 0.0) * values]) if mine else np.zeros((2, 0, size))
     return Separator(own, border, factor, coupling, forward, scale, pulled, Update(border, left, rest, diagonal[mine:]))
@@ -146,13 +149,15 @@ def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
     outer = np.zeros((0, 0)) if above is None else above.of(node.border)
     n = len(node.own) * size
     inverse = np.zeros((n + len(outer),) * 2)
-    gain = node.coupling @ node.factor
-    pulled = outer @ gain
+    with one_thread_calls():
+        gain = times_triangle(node.coupling, node.factor)
+        pulled = product(outer, gain)
+        own = product(node.factor.T, node.factor) + product(gain.T, pulled)
     scale = node.scale.ravel()
     inverse[n:, n:] = outer
     inverse[n:, :n] = -pulled * scale
     inverse[:n, n:] = inverse[n:, :n].T
-    inverse[:n, :n] = (node.factor.T @ node.factor + gain.T @ pulled) * scale * scale[:, None]
+    inverse[:n, :n] = own * scale * scale[:, None]
     cameras = np.concatenate([node.own, node.border])
     order = np.argsort(cameras)
     chosen = unknowns(order, size)
