@@ -12,6 +12,7 @@ import os
 import sqlite3
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,7 +29,7 @@ from .layer_styles import Style, default_style
 from .layer_texts import FIELD_TEXTS, LAYER_TEXTS
 from .layer_words import Column
 from .replacing import replacing
-from .rtree import empty_rtree, fill_rtree
+from .rtree import empty_rtree, fill_rtree, pack_rtree
 from .sql import sql_text
 from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
 
@@ -251,11 +252,13 @@ def insert_rows(
             database.execute(sql_text("DELETE FROM {table}", table=layer.name))
             empty_rtree(database, rtree)
         rows.begin()
-        for start in range(0, len(layer), _CHUNK_ROWS):
-            part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
-            rows.insert(layer.name, names, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
-            yield
-        fill_rtree(rows, rtree, here + 1, low, high)
+        with ThreadPoolExecutor(1) as beside:  # the index is sorted while the rows are written
+            tree = beside.submit(pack_rtree, here + 1, low, high)
+            for start in range(0, len(layer), _CHUNK_ROWS):
+                part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
+                rows.insert(layer.name, names, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
+                yield
+        fill_rtree(rows, rtree, tree.result())
         rows.commit()
     database.execute("UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = ?", (len(layer), layer.name))
     if len(here):
