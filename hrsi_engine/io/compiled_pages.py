@@ -60,7 +60,7 @@ def add_rows(
                 if np.isnan(real):
                     serial = _NULL
                 elif abs(real) < _WHOLE and real == np.floor(real):
-                    serial = _integer_type(np.int64(real))
+                    serial = _integer_type(int(real))
                 else:
                     serial = _REAL
                 body += _INTEGER_BYTES[serial]
@@ -102,7 +102,7 @@ def add_rows(
                 at += lengths[column, row]
             elif serial != _NULL:
                 if serial != _REAL and kinds[column] == NUMBER_CELL:
-                    word = np.int64(reals[column, row])
+                    word = int(reals[column, row])
                 _write_integer(page, at, _INTEGER_BYTES[serial], word)
                 at += _INTEGER_BYTES[serial]
         count, last, done = count + 1, key, row + 1

@@ -23,7 +23,7 @@ _ROOT = 1
 _ROWS_AT_ONCE = 50_000
 
 
-Level = tuple[np.ndarray, np.ndarray]  # ascending keys, and a value for each
+_Level = tuple[np.ndarray, np.ndarray]  # ascending keys, and a value for each
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class PackedTree:
     parents : by level, nodes and the ones that they are in
     """
 
-    nodes: Sequence[Level]
-    rowids: Level
-    parents: Sequence[Level]
+    nodes: Sequence[_Level]
+    rowids: _Level
+    parents: Sequence[_Level]
 
 
 def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> PackedTree | None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import sqlite3
 import struct
 from collections.abc import Sequence
-from typing import BinaryIO
 
 import numpy as np
 
@@ -41,14 +40,13 @@ class Pages:
     """
 
     def __init__(self, path: str, database: sqlite3.Connection) -> None:
-        self._path, self._database, self._texts = path, database, Texts()
-        self._file: BinaryIO | None = None
+        self._database, self._texts = database, Texts()
+        self._file = open(path, "r+b")  # noqa: SIM115
 
     def begin(self) -> None:
         """As `Inserter.begin`."""
         tables = self._database.execute("SELECT name, rootpage FROM sqlite_master WHERE type = 'table'").fetchall()
-        self._roots, self._table, self._filled = dict(tables), "", {}
-        self._file = open(self._path, "r+b")  # noqa: SIM115
+        self._roots, self._table, self._filled = dict(tables), "", dict[str, int]()
         head = self._file.read(_HEAD)
         self._size = _page_size(head)
         self._changes, pages = struct.unpack_from(">II", head, _CHANGES)
@@ -87,8 +85,7 @@ class Pages:
 
     def close(self) -> None:
         """As `Inserter.close`."""
-        if self._file is not None:
-            self._file.close()
+        self._file.close()
 
     def _end_table(self) -> None:
         """Write the last leaves of the table and the branches above them, the uppermost where the table begins."""
@@ -127,7 +124,7 @@ class Pages:
 
     def _put(self, number: int, pages: np.ndarray) -> None:
         self._file.seek((int(number) - 1) * self._size)
-        self._file.write(memoryview(pages))
+        self._file.write(pages.data)
 
 
 def can_have_pages(path: str, columns: Sequence[Column]) -> bool:
