@@ -84,16 +84,16 @@ class RPC:
     err_rand: float | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name.endswith(("_num", "_den")):
+        # by the dictionary: tens of thousands of RPCs are made for a large block
+        for name, value in self.__dict__.items():
+            if name.endswith(("_num", "_den")):
                 array = np.array(value, dtype=np.float64)
                 if array.shape != (20,):
-                    raise ValueError(f"{field.name} has {array.size} coefficients, 20 are needed")
+                    raise ValueError(f"{name} has {array.size} coefficients, 20 are needed")
                 array.flags.writeable = False
-                object.__setattr__(self, field.name, array)
+                self.__dict__[name] = array
             elif value is not None:
-                object.__setattr__(self, field.name, float(value))
+                self.__dict__[name] = float(value)
 
     def __repr__(self) -> str:
         return f"<RPC around {self.lat_off:.4f} N, {self.long_off:.4f} E, {self.height_off:.0f} m>"

@@ -104,7 +104,13 @@ def is_running(pid: int, began: int) -> bool:
 
 def writer() -> str:
     """Return the words that name this process: machine, process and its beginning."""
-    return f"{_machine()}-{os.getpid()}-{_began(os.getpid())}"
+    return _words_of(os.getpid())
+
+
+@cache
+def _words_of(own: int) -> str:
+    """Return the words of this process by its number, which a fork has another of; they never change."""
+    return f"{_machine()}-{own}-{_began(own)}"
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,24 @@ LOOKALIKES = st.lists(PIECES | st.text(max_size=8), max_size=30).map(lambda p: "
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("damaged")
+
+
+@pytest.mark.parametrize(("numerator", "denominator"), [(1e9, 1e-310), (-1e9, 1e-305), (0.5, 1.0), (0.0, 1e-310)])
+@pytest.mark.parametrize("axis", ["line", "samp"])
+def test_the_middle_has_a_place_in_the_image(axis: str, numerator: float, denominator: float, folder: Path) -> None:
+    """A file is refused if, and only if, its RPC projects the middle of its area to no finite place."""
+    rpc = replace(sample_rpc(1), **{
+        f"{axis}_num": np.r_[numerator, np.full(19, 0.25)], f"{axis}_den": np.r_[denominator, np.zeros(19)],
+    })  # fmt: skip
+    path = folder / "middle_RPC.TXT"
+    path.write_text(rpc_txt.text_of(rpc))
+    with np.errstate(all="ignore"):
+        there = np.isfinite(rpc.project(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))).all()
+    if there:
+        assert read_rpc(str(path)).rpc == rpc
+    else:
+        with pytest.raises(InputError, match="middle of its area"):
+            read_rpc(str(path))
 
 
 @pytest.mark.fuzz

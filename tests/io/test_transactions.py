@@ -133,6 +133,20 @@ def test_living_writers_are_left_alone(tmp_path: Path) -> None:
     assert sweep(str(tmp_path)) == [] and living.exists() and Path(folder).is_dir()
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_writes_under_its_own_number() -> None:
+    """What a process keeps of itself is not what its forks are."""
+    own = leftovers.writer()
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        os.write(writing, leftovers.writer().encode())
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert os.read(reading, 1000).decode().split("-")[1] == str(child) != own.split("-")[1] == str(os.getpid())
+    os.close(reading), os.close(writing)
+
+
 def test_dead_writers_files_go(tmp_path: Path) -> None:
     """A number that no process has, and our own number with another beginning."""
     for pid, began in ((2**22 + 1, 1), (os.getpid(), 1)):

@@ -39,7 +39,7 @@ def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
         return content
     try:
         with open(path, "rb") as file:
-            return file.read(count)
+            return file.read(min(count, os.fstat(file.fileno()).st_size or count))  # room for what is there only
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
 

@@ -63,7 +63,12 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         found = 0 if texts is None else len(texts)
         if texts is None or isinstance(texts, str) or found != 20:
             raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: get the file again")
-        numbers[field] = np.array([_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)])
+        plain = all(map(_PLAIN_NUMBER.fullmatch, texts))  # nearly always: then no text needs a look of its own
+        numbers[field] = np.array(
+            [*map(float, texts)]
+            if plain
+            else [_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)]
+        )
     for field in ERRORS:
         numbers[field] = _optional(where, names[field], values.get(field))
     return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
@@ -99,7 +104,7 @@ def numbers_of(rpc: RPC) -> list[float]:
     """Return the 92 doubles of GeoTIFF tag 50844; unknown errors are -1 there."""
     errors = [-1.0 if value is None else value for value in (rpc.err_bias, rpc.err_rand)]
     scalars = [getattr(rpc, name) for name in SCALARS]
-    return errors + scalars + [float(value) for name in POLYNOMIALS for value in getattr(rpc, name)]
+    return errors + scalars + [value for name in POLYNOMIALS for value in getattr(rpc, name).tolist()]
 
 
 def gdal_metadata(rpc: RPC) -> dict[str, str]:
@@ -132,21 +137,23 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             raise InputError(f"{where}: {names[field]} is {value:g}, no RPC has that: get the file again")
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
-        if not np.isfinite(values).all():
+        largest, first = float(np.abs(values).max()), float(values[0])  # NaN goes through a maximum
+        if not math.isfinite(largest):
             raise InputError(f"{where}: {names[field]} holds a number that is not finite: get the file again")
-        if np.abs(values).max() > MOST_COEFFICIENT:
+        if largest > MOST_COEFFICIENT:
             raise InputError(
                 f"{where}: {names[field]} holds {values[np.abs(values).argmax()]:g}, no RPC does: get the file again"
             )
-        if field.endswith("_den") and not values.any():
+        if field.endswith("_den") and largest == 0.0:
             raise InputError(f"{where}: all coefficients of {names[field]} are 0: get the file again")
-        if field.endswith("_den") and np.abs(values).max() > MOST_DENOMINATOR * abs(values[0]):
-            raise InputError(f"{where}: {names[field]} begins with {values[0]:g}, which the others exceed by far: "
+        if field.endswith("_den") and largest > MOST_DENOMINATOR * abs(first):
+            raise InputError(f"{where}: {names[field]} begins with {first:g}, which the others exceed by far: "
                              "get the file again")  # fmt: skip
-    centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-    with np.errstate(all="ignore"):
-        if not np.isfinite(rpc.project(centre)).all():
-            raise InputError(f"{where}: gives the middle of its area no place in the image: get the file again")
+    # In the middle all terms but the constant ones are 0.
+    samp = float(rpc.samp_num[0]) / float(rpc.samp_den[0]) * rpc.samp_scale + rpc.samp_off
+    line = float(rpc.line_num[0]) / float(rpc.line_den[0]) * rpc.line_scale + rpc.line_off
+    if not (math.isfinite(samp) and math.isfinite(line)):
+        raise InputError(f"{where}: gives the middle of its area no place in the image: get the file again")
     return rpc
 
 

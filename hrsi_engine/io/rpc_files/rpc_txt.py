@@ -10,12 +10,14 @@ from collections.abc import Iterator, Mapping
 
 from ...camera.rpc import RPC
 from .content import read_text
-from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, entries_of, numbered_values, rpc_from_text
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, entries_of, rpc_from_text
 from .reading import RpcReader, RpcReading
 
 #: In files from here, below the numbers: `restore` may take them away again.
 WRITTEN_BY = "WRITTEN_BY: HRSI"
 NOTHING: Mapping[str, str] = {}
+#: The names of each polynomial's coefficients.
+_NUMBERED = {name: tuple(f"{GDAL_NAMES[name]}_{i}" for i in range(1, 21)) for name in POLYNOMIALS}
 _MARK = re.compile(rb"(LINE_OFF|LINE_NUM_COEFF_1)[:=\s]", re.IGNORECASE)
 
 
@@ -23,7 +25,7 @@ def read(path: str) -> RpcReading:
     """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
     entries = entries_of(path, _entries(read_text(path)), GDAL_NAMES.values())
     values: dict[str, str | list[str] | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
-    values |= {name: numbered_values(entries, f"{GDAL_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    values |= {name: [entries[key] for key in _NUMBERED[name] if key in entries] or None for name in POLYNOMIALS}
     return RpcReading(rpc_from_text(path, values))
 
 
@@ -37,8 +39,8 @@ def _entries(text: str) -> Iterator[tuple[str, str]]:
 def text_of(rpc: RPC, lineage: Mapping[str, str] = NOTHING) -> str:
     """Return the content of a ``_RPC.TXT`` file, all digits; unknown errors are left out, ``lineage`` comes last."""
     lines = [f"{GDAL_NAMES[name]}: {getattr(rpc, name)!r}" for name in SCALARS]
-    for name in POLYNOMIALS:
-        lines += [f"{GDAL_NAMES[name]}_{i}: {value!r}" for i, value in enumerate(getattr(rpc, name).tolist(), start=1)]
+    for name, keys in _NUMBERED.items():
+        lines += [f"{key}: {value!r}" for key, value in zip(keys, getattr(rpc, name).tolist(), strict=True)]
     lines += [f"{GDAL_NAMES[name]}: {value!r}" for name in ERRORS if (value := getattr(rpc, name)) is not None]
     told = [f"{name}: {' '.join(value.split())}" for name, value in lineage.items()]
     return "\n".join([*lines, WRITTEN_BY, *told]) + "\n"
