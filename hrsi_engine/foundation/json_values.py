@@ -17,6 +17,8 @@ def json_ready(value: Any) -> Any:
     """Return a value made of dicts, lists, texts, numbers, bools and None only; NaN and infinities become None."""
     if type(value) in _READY:  # most of a report
         return value
+    if type(value) is float:  # and most of the rest
+        return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -34,4 +36,26 @@ def json_ready(value: Any) -> Any:
 
 def json_text(value: Any, indent: int | None = None, ascii_only: bool = True, sort_keys: bool = False) -> str:
     """Return any value as JSON text, as `json_ready` makes it ready."""
-    return json.dumps(json_ready(value), indent=indent, ensure_ascii=ascii_only, sort_keys=sort_keys, allow_nan=False)
+    return _encoded(json_ready(value), indent, ascii_only, sort_keys)
+
+
+def json_lines(value: Mapping[str, Any]) -> str:
+    """Return a mapping as JSON text with a line for each of its values, and for each item of those that hold items.
+
+    So every image of a report has its line. Deeper indentation would be Python's slow way of making JSON.
+    """
+    ready = json_ready(value)
+    return "{\n" + ",\n".join(f" {_encoded(key)}: {_in_lines(item)}" for key, item in ready.items()) + "\n}"
+
+
+def _in_lines(ready: Any) -> str:
+    """Return a value of `json_ready` with its items, where it has any, on lines of their own."""
+    if isinstance(ready, dict) and ready:
+        return "{\n" + ",\n".join(f"  {_encoded(key)}: {_encoded(item)}" for key, item in ready.items()) + "\n }"
+    if isinstance(ready, list) and ready:
+        return "[\n" + ",\n".join(f"  {_encoded(item)}" for item in ready) + "\n ]"
+    return _encoded(ready)
+
+
+def _encoded(ready: Any, indent: int | None = None, ascii_only: bool = False, sort_keys: bool = False) -> str:
+    return json.dumps(ready, indent=indent, ensure_ascii=ascii_only, sort_keys=sort_keys, allow_nan=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..drawing.block_figures import ReportFigures, drawn
 from ..drawing.residual_plots import bars_svg
-from ..foundation.json_values import json_text
+from ..foundation.json_values import json_lines
 from .code_pages import explained_codes
 from .pages import write_page, write_text
 
@@ -19,7 +19,7 @@ MOST_BARS = 12  # images
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
-    """Write a report as JSON in one step; NumPy values become plain ones, NaN and infinity become null.
+    """Write a report as JSON in one step, a line an image; NumPy values become plain ones, NaN and infinity null.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     OutputError
         The file cannot be written.
     """
-    write_text(path, json_text(report, indent=1, ascii_only=False) + "\n")
+    write_text(path, json_lines(report) + "\n")
 
 
 def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigures | None = None) -> None:

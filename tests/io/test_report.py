@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,7 +19,7 @@ from hrsi.hrsi_engine.drawing.block_figures import ReportFigures
 from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, block_map_svg, drawn_map
 from hrsi.hrsi_engine.drawing.target_chips import png_bytes
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.foundation.json_values import json_ready
+from hrsi.hrsi_engine.foundation.json_values import json_lines, json_ready
 from hrsi.hrsi_engine.io.pages import digits_by_sigma, duration, figure
 from hrsi.hrsi_engine.io.report import write_report_html, write_report_json
 
@@ -118,6 +119,23 @@ def test_json_is_valid_and_plain(tmp_path: Path) -> None:
     assert loaded["images"][EVIL]["observations"] == 71
     assert list(loaded) == list(report())
     assert os.listdir(tmp_path) == ["report.json"]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [{}, {"none": {}, "nothing": [], "text": "a\nb ä", "number": 1.5},
+     {"images": {"A\n": {"x": [1, {"y": math.nan}]}, "ü": {"x": np.arange(3)}}},
+     {7: [Role.CHECK, None, {"a": {"b": 1}}]}],
+)  # fmt: skip
+def test_a_report_has_a_line_for_each_item(value: dict[Any, Any]) -> None:
+    text, ready = json_lines(value), json_ready(value)
+    assert json.loads(text) == ready
+    lines = [line.strip().removesuffix(",") for line in text.split("\n")]
+    for held in ready.values():
+        if isinstance(held, list):
+            assert all(json.dumps(item, ensure_ascii=False) in lines for item in held)
+        if isinstance(held, dict):
+            assert all(json.dumps({name: item}, ensure_ascii=False)[1:-1] in lines for name, item in held.items())
 
 
 def test_json_ready_knows_what_reports_hold() -> None:
