@@ -24,9 +24,11 @@ from ..block.stack import stack_of
 from ..foundation.errors import list_ids
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefinedRPC
+from ..refinement.stacked_cameras import equations_of_images, inverse_2x2, project_by_images
 from .tables import positions
 
 NODES = 5  # of the grid over an image, along each axis
+AT_ONCE = 1000  # images whose grids are in memory together
 MOST_IDS = 20
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
@@ -48,36 +50,44 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefinedRPC]) -> list[Re
     """
     height = float(middle_position(positions(result))[2])
     images = result.block.images
-    grids = np.stack([image.grid_px(NODES, NODES) for image in images])
-    which = np.repeat(np.arange(len(images)), NODES**2)
-    ground = stack_of(images).localize(which, grids.reshape(-1, 2), height).reshape(len(images), -1, 3)
-    stated = []
-    for index, new in enumerate(refined):
-        errors = _camera_errors_m(result, index, grids[index], ground[index])
-        stated.append(
-            new if errors is None else new._replace(rpc=replace(new.rpc, err_bias=errors[0], err_rand=errors[1]))
-        )
+    stated = list(refined)
+    for first in range(0, len(images), AT_ONCE):
+        part = range(first, min(first + AT_ONCE, len(images)))
+        bias, rand = _camera_errors_m(result, part, height)
+        for index in np.flatnonzero(np.isfinite(bias + rand)).tolist():
+            new = stated[part[index]]
+            rpc = replace(new.rpc, err_bias=float(bias[index]), err_rand=float(rand[index]))
+            stated[part[index]] = new._replace(rpc=rpc)
     return stated
 
 
-def _camera_errors_m(result: Adjustment, index: int, xy: np.ndarray, ground: np.ndarray) -> tuple[float, float] | None:
-    """Return ERR_BIAS and ERR_RAND of an image by a grid on it and on the ground; None where they are not known."""
-    image, cameras = result.block.images[index], result.cameras
-    covariance, values = cameras.covariance[index], cameras.values[index]
-    if not covariance.size or not np.isfinite(covariance).all() or not covariance.any():
-        return None
-    at = cameras.model.equations(image, xy)(values, ground)
-    to_ground = np.linalg.inv(at.by_ground[:, :, :2])
-    by_values = to_ground @ at.by_values
-    drift_px = at.computed - result.model.project(image, result.values[index], ground)
-    drift_m = (to_ground @ drift_px[:, :, None])[:, :, 0]
-    mean, mean_drift = by_values.mean(axis=0), drift_m.mean(axis=0)
-    shared = 0.5 * (np.trace(mean @ covariance @ mean.T) + np.sum(mean_drift**2))
-    each = np.einsum("nip,pq,niq->n", by_values, covariance, by_values) + np.sum(drift_m**2, axis=1)
-    total = 0.5 * float(each.mean())
-    if not np.isfinite(total):
-        return None
-    return float(np.sqrt(max(shared, 0.0))), float(np.sqrt(max(total - shared, 0.0)))
+def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return ERR_BIAS and ERR_RAND ``(k,)`` of the images of a part of the block; NaN where they are not known."""
+    images, cameras = result.block.images[part.start : part.stop], result.cameras
+    of_part = slice(part.start, part.stop)
+    covariance, values = cameras.covariance[of_part], cameras.values[of_part]
+    bias, rand = np.full((2, len(images)), np.nan)
+    known = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & covariance.any(axis=(1, 2)))
+    if not len(known):
+        return bias, rand
+    chosen, covariance = [images[index] for index in known.tolist()], covariance[known]
+    xy = np.concatenate([image.grid_px(NODES, NODES) for image in chosen])
+    which = np.repeat(np.arange(len(chosen)), NODES**2)
+    ground = stack_of(chosen).localize(which, xy, height)
+    at = equations_of_images(cameras.model, chosen, which, xy, values[known], ground)
+    delivered = project_by_images(result.model, chosen, which, result.values[of_part][known], ground)
+    to_ground = inverse_2x2(at.by_ground[:, :, :2])
+    by_values = (to_ground @ at.by_values).reshape(len(chosen), NODES**2, 2, -1)
+    drift_m = (to_ground @ (at.computed - delivered)[:, :, None]).reshape(len(chosen), NODES**2, 2)
+    mean, mean_drift = by_values.mean(axis=1), drift_m.mean(axis=1)
+    shared = 0.5 * (np.sum((mean @ covariance) * mean, axis=(1, 2)) + np.sum(mean_drift**2, axis=1))
+    flat = by_values.reshape(len(chosen), 2 * NODES**2, -1)
+    squares = np.sum((flat @ covariance) * flat, axis=(1, 2)) + np.sum(drift_m**2, axis=(1, 2))
+    total = 0.5 * squares / NODES**2
+    total[~np.isfinite(total)] = np.nan
+    bias[known] = np.sqrt(np.maximum(shared, 0.0))
+    rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
+    return bias, rand
 
 
 def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]:

@@ -14,6 +14,7 @@ from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS, Priors
 from hrsi.hrsi_engine.refinement.direct_rpc import DIRECT
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, priors_of
+from hrsi.hrsi_engine.refinement.stacked_cameras import equations_of_images, inverse_2x2, project_by_images
 
 SEVERAL_PX = Priors(shift_px=100.0, drift=1e-3)  # a tenth of it: as large as vendors' errors are
 SAME_PX = 1e-6
@@ -52,6 +53,34 @@ def test_zero_values_leave_the_camera_as_it_is(model, image):
     refined = model.refined_rpc(image, zero)
     assert refined.rpc == image.rpc
     assert refined.fit_max_px == 0.0
+
+
+def test_many_images_at_once_are_as_one_by_one(model):
+    """A few points on each of several images, in any order, one image without points; parameters of each its own."""
+    images = blocks.images(4)
+    values = np.stack([values_of(model, image, seed) for seed, image in enumerate(images)])
+    which = np.random.default_rng(5).permutation(np.repeat([0, 1, 3], [7, 1, 9]))
+    ground = blocks.ground(len(which), 6)
+    observed = np.stack(
+        [images[k].rpc.project(place[None])[0] for k, place in zip(which.tolist(), ground, strict=True)]
+    ).reshape(-1, 2)
+    together = equations_of_images(model, images, which, observed, values, ground)
+    projected = project_by_images(model, images, which, values, ground)
+    for k in (0, 1, 3):
+        rows = which == k
+        alone = model.equations(images[k], observed[rows])(values[k], ground[rows])
+        for whole, part in zip(together, alone, strict=True):
+            largest = max(float(np.abs(part).max(initial=0.0)), 1.0)
+            np.testing.assert_allclose(whole[rows], part, rtol=1e-9, atol=1e-10 * largest)  # rounding of pixels by 1e4
+        np.testing.assert_allclose(
+            projected[rows], model.project(images[k], values[k], ground[rows]), atol=SAME_PX / 100
+        )
+
+
+def test_inverses_of_small_matrices():
+    matrices = np.random.default_rng(8).normal(size=(50, 2, 2))
+    np.testing.assert_allclose(inverse_2x2(matrices), np.linalg.inv(matrices), rtol=1e-9)
+    assert not np.isfinite(inverse_2x2(np.zeros((1, 2, 2)))).any()
 
 
 def test_equations_compute_what_project_does(model, image):

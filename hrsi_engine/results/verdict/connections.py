@@ -11,6 +11,7 @@ from ...block.block import Role
 from ...block.stack import stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ...refinement.stacked_cameras import equations_of_images
 from .evidence import Evidence
 
 MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.1, 0.5  # share of the tie measurements
@@ -140,13 +141,13 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
     places = np.concatenate([(sums / np.maximum(count, 1)[:, None])[measured, None], corners], axis=1)
     heights = np.array([image.middle_height_m for image in block.images])
     which = np.repeat(measured, 5)
-    ground = stack_of(block.images).localize(which, places.reshape(-1, 2), heights[which]).reshape(-1, 5, 3)
-    for number, index in enumerate(measured.tolist()):
-        image = block.images[index]
-        at = result.cameras.model.equations(image, places[number])(result.cameras.values[index], ground[number])
-        variance = at.by_values @ result.cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
-        sigma = np.sqrt(np.maximum(variance.diagonal(axis1=1, axis2=2).max(axis=1), 0.0))
-        beyond[index] = np.sqrt(max(float(sigma[1:].max() ** 2 - sigma[0] ** 2), 0.0))
+    ground = stack_of(block.images).localize(which, places.reshape(-1, 2), heights[which])
+    cameras = result.cameras
+    at = equations_of_images(cameras.model, block.images, which, places.reshape(-1, 2), cameras.values, ground)
+    by_values = at.by_values.reshape(len(measured), 10, -1)  # sample and line of five places
+    variances = np.sum((by_values @ cameras.covariance[measured]) * by_values, axis=2).reshape(-1, 5, 2).max(axis=2)
+    variances = np.maximum(variances, 0.0)
+    beyond[measured] = np.sqrt(np.maximum(variances[:, 1:].max(axis=1) - variances[:, 0], 0.0))
     weak = np.flatnonzero(beyond > LARGE_EXTRAPOLATION_PX)
     if len(weak):
         ids = tuple(block.images[index].id for index in weak.tolist())

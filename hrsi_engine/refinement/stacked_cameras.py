@@ -1,0 +1,116 @@
+"""Corrected cameras of many images with a few points on each, without a call for each image.
+
+The formulas of the families take an image's number or an array of them (`correct_in_image` and its like), the RPCs are
+those of `camera.rpc_stack`. A new family is its formula on such arrays and an entry in `FAMILIES`; models without one
+are asked image by image. What comes out differs from that by rounding only.
+
+Arguments that the functions share
+    images : those of a block; which (n,) : the number of each point's image
+    values (images, p) : of the model's parameters
+    ground (n, 3) : lon, lat in degrees, ellipsoidal height in metres
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..block.block import Image
+from ..block.stack import stack_of
+from ..ground import ellipsoid
+from .image_space import ImagePolynomial, correct_in_image
+from .model import ALL_ROWS, Equations, RefinementModel
+from .object_coordinates import GroundPolynomial, correct_by_ground
+
+
+def equations_of_images(
+    model: RefinementModel, images: Sequence[Image], which: np.ndarray, xy: np.ndarray, values: np.ndarray,
+    ground: np.ndarray,
+) -> Equations:  # fmt: skip
+    """Return the linearised equations of points that were observed at ``xy (n, 2)``; see `RefinementModel.equations`.
+
+    Parameters
+    ----------
+    model, images, which, values, ground : see the module
+    xy : (n, 2) sample, line
+    """
+    stacked = FAMILIES.get(type(model))
+    if stacked is not None:
+        return stacked(model, images, which, values, ground)
+    n, p = len(ground), len(model.parameters)
+    found = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
+    for index, rows in _by_image(which):
+        own = model.equations(images[index], xy[rows])(values[index], ground[rows])
+        for whole, part in zip(found, own, strict=True):
+            whole[rows] = part
+    return found
+
+
+def project_by_images(
+    model: RefinementModel, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
+) -> np.ndarray:
+    """Return the image points ``(n, 2)`` of ground points by the corrected cameras; see `RefinementModel.project`."""
+    stacked = FAMILIES.get(type(model))
+    if stacked is not None:
+        return stacked(model, images, which, values, ground).computed
+    found = np.empty((len(ground), 2))
+    for index, rows in _by_image(which):
+        found[rows] = model.project(images[index], values[index], ground[rows])
+    return found
+
+
+def inverse_2x2(matrices: np.ndarray) -> np.ndarray:
+    """Return the inverses of matrices ``(n, 2, 2)``, infinite or NaN where there are none: LAPACK is far slower."""
+    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    adjugate = np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(adjugate / (a * d - b * c)[:, None, None])
+
+
+def _by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield each image's number and its points."""
+    order = np.argsort(which, kind="stable")
+    numbers, first = np.unique(which[order], return_index=True)
+    yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(which) else ()
+
+
+def _image_polynomials(
+    model: ImagePolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
+) -> Equations:
+    """Return the equations of `image_space.ImagePolynomial`."""
+    computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
+    constants, terms = (
+        np.array([model.constants(image) for image in images]),
+        np.empty((len(ground), len(model.powers))),
+    )
+    correct_in_image(  # type: ignore[arg-type]
+        model.powers, constants, model.coefficients(values), which, computed, by_ground, terms, ALL_ROWS
+    )
+    return Equations(computed, np.einsum("nm,cmp->ncp", terms, model.mixing), by_ground)
+
+
+def _ground_polynomials(
+    model: GroundPolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
+) -> Equations:
+    """Return the equations of `object_coordinates.GroundPolynomial`."""
+    computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
+    constants, terms = (
+        np.array([model.constants(image) for image in images]),
+        np.empty((len(ground), len(model.powers))),
+    )
+    lon, lat, height = ground.T
+    correct_by_ground(
+        model.powers, constants, model.coefficients(values), which, lon, lat, height,
+        *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
+    )  # type: ignore[arg-type]  # fmt: skip
+    by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, -1)
+    return Equations(computed, by_values, by_ground)
+
+
+#: What linearises many images of a family at once.
+FAMILIES: dict[type, Callable[[Any, Sequence[Image], np.ndarray, np.ndarray, np.ndarray], Equations]] = {
+    ImagePolynomial: _image_polynomials,
+    GroundPolynomial: _ground_polynomials,
+}
