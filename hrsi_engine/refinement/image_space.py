@@ -19,7 +19,7 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import fold_affine
-from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
+from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefinedRPC, RowIndex, Structure
 from .refit import refit
 
 
@@ -130,7 +130,7 @@ class ImagePolynomial:
 
 
 def correct_in_image(
-    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int,
+    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: ImageIndex,
     computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
     """Add the correction of image i to its projected points; the formula of compiled loops and NumPy alike.
@@ -140,7 +140,7 @@ def correct_in_image(
     powers : (m, 2); constants : (images, 2) px; coefficients : (images, 2, m)
     computed, by_ground : (n, 2) px and (n, 2, 3) px per m, those of the RPC; they become those of the corrected camera
     terms : (n, m), where the monomials are written
-    a : the point, or all of them
+    i : the image, or that of each point; a : the point, or all of them
     """
     u, v = computed[a, 0] - constants[i, 0], computed[a, 1] - constants[i, 1]
     sample, sample_by_u, sample_by_v = 0.0, 0.0, 0.0

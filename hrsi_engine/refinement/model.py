@@ -91,6 +91,8 @@ class Structure:
 #: One row of arrays (compiled loops), or all of them (NumPy): what formulas that are written once take as an index.
 RowIndex = int | slice
 ALL_ROWS = slice(None)
+#: The image of that row, or the image of each.
+ImageIndex = int | np.ndarray
 
 
 class RefinedRPC(NamedTuple):

@@ -17,7 +17,7 @@ from ..block.block import Image
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number
 from .ground_area import ground_area
-from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
+from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefinedRPC, RowIndex, Structure
 from .refit import refit
 
 
@@ -91,7 +91,7 @@ class GroundPolynomial:
 
 
 def correct_by_ground(
-    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int,
+    powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: ImageIndex,
     lon: Number, lat: Number, height: Number, east: Number, north: Number,
     computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
@@ -103,7 +103,7 @@ def correct_by_ground(
     lon, lat, height : degrees, metres; east, north : metres per degree there
     computed, by_ground : (n, 2) px and (n, 2, 3) px per m, those of the RPC; they become those of the corrected camera
     terms : (n, m), where the monomials are written
-    a : the point, or all of them
+    i : the image, or that of each point; a : the point, or all of them
     """
     x = ellipsoid.wrap_once(lon - constants[i, 0]) / constants[i, 3]
     y, z = (lat - constants[i, 1]) / constants[i, 4], (height - constants[i, 2]) / constants[i, 5]

@@ -1,7 +1,7 @@
 """Corrected cameras of many images with a few points on each, without a call for each image.
 
 The formulas of the families take an image's number or an array of them (`correct_in_image` and its like), the RPCs are
-those of `camera.rpc_stack`. A new family is its formula on such arrays and an entry in `FAMILIES`; models without one
+those of `camera.rpc_stack`. A new family is its formula on such arrays and an entry in `STACKED`; models without one
 are asked image by image. What comes out differs from that by rounding only.
 
 Arguments that the functions share
@@ -36,7 +36,7 @@ def equations_of_images(
     model, images, which, values, ground : see the module
     xy : (n, 2) sample, line
     """
-    stacked = FAMILIES.get(type(model))
+    stacked = STACKED.get(type(model))
     if stacked is not None:
         return stacked(model, images, which, values, ground)
     n, p = len(ground), len(model.parameters)
@@ -52,7 +52,7 @@ def project_by_images(
     model: RefinementModel, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
     """Return the image points ``(n, 2)`` of ground points by the corrected cameras; see `RefinementModel.project`."""
-    stacked = FAMILIES.get(type(model))
+    stacked = STACKED.get(type(model))
     if stacked is not None:
         return stacked(model, images, which, values, ground).computed
     found = np.empty((len(ground), 2))
@@ -85,9 +85,7 @@ def _image_polynomials(
         np.array([model.constants(image) for image in images]),
         np.empty((len(ground), len(model.powers))),
     )
-    correct_in_image(  # type: ignore[arg-type]
-        model.powers, constants, model.coefficients(values), which, computed, by_ground, terms, ALL_ROWS
-    )
+    correct_in_image(model.powers, constants, model.coefficients(values), which, computed, by_ground, terms, ALL_ROWS)
     return Equations(computed, np.einsum("nm,cmp->ncp", terms, model.mixing), by_ground)
 
 
@@ -104,13 +102,13 @@ def _ground_polynomials(
     correct_by_ground(
         model.powers, constants, model.coefficients(values), which, lon, lat, height,
         *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
     by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, -1)
     return Equations(computed, by_values, by_ground)
 
 
 #: What linearises many images of a family at once.
-FAMILIES: dict[type, Callable[[Any, Sequence[Image], np.ndarray, np.ndarray, np.ndarray], Equations]] = {
+STACKED: dict[type, Callable[[Any, Sequence[Image], np.ndarray, np.ndarray, np.ndarray], Equations]] = {
     ImagePolynomial: _image_polynomials,
     GroundPolynomial: _ground_polynomials,
 }

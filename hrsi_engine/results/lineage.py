@@ -28,7 +28,7 @@ from ..refinement.stacked_cameras import equations_of_images, inverse_2x2, proje
 from .tables import positions
 
 NODES = 5  # of the grid over an image, along each axis
-AT_ONCE = 1000  # images whose grids are in memory together
+GRIDS_AT_ONCE = 1000  # images whose grids are in memory together
 MOST_IDS = 20
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
@@ -51,8 +51,8 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefinedRPC]) -> list[Re
     height = float(middle_position(positions(result))[2])
     images = result.block.images
     stated = list(refined)
-    for first in range(0, len(images), AT_ONCE):
-        part = range(first, min(first + AT_ONCE, len(images)))
+    for first in range(0, len(images), GRIDS_AT_ONCE):
+        part = range(first, min(first + GRIDS_AT_ONCE, len(images)))
         bias, rand = _camera_errors_m(result, part, height)
         for index in np.flatnonzero(np.isfinite(bias + rand)).tolist():
             new = stated[part[index]]

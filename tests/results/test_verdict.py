@@ -20,6 +20,7 @@ from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement.model import RefinedRPC
 from hrsi.hrsi_engine.results.residuals import residuals
 from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
+from hrsi.hrsi_engine.results.verdict.fields import _field, _may_have_fields
 from hrsi.hrsi_engine.results.verdict.verdict import brief
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
@@ -287,3 +288,20 @@ def test_sentence_counts_the_images_that_are_tied():
 def test_brief_figures_are_right_to_a_twentieth(value: float):
     """Two digits that count, or two decimals: five per cent, or half of the last decimal."""
     assert float(brief(value)) == pytest.approx(value, rel=0.051, abs=0.0051)
+
+
+def test_no_field_is_passed_over():
+    """Drifts around the size at which they begin to count, also where the points lie on a line: none is missed."""
+    rng = np.random.default_rng(12)
+    lengths = rng.integers(12, 200, 400)
+    begin = np.cumsum(lengths) - lengths
+    position = rng.uniform(-1.0, 1.0, (int(lengths.sum()), 2))
+    image = np.repeat(np.arange(400), lengths)
+    position[image % 10 == 0, 1] = 0.3  # all on a line: fewer terms than rows
+    residual = rng.normal(size=position.shape)
+    residual[:, 0] += (rng.uniform(0.0, 2.0, 400) * (np.arange(400) % 2))[image] * position[:, 0]
+    looked_at = _may_have_fields(position, residual, begin, lengths)
+    there = [_field("A", position[image == k], residual[image == k]) is not None for k in range(400)]
+    assert not (there & ~looked_at).any()
+    assert 50 < sum(there) < 250
+    assert np.flatnonzero(looked_at & ~np.array(there)).size < 50  # and few for nothing

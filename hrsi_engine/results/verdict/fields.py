@@ -21,6 +21,9 @@ FEWEST_ROWS = 12
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
 MONOMIALS = IMAGE_SPACE[NESTED[-1]].powers.tolist()  # those of all the others are among them
 COLUMNS_OF_MODEL = {name: [MONOMIALS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in NESTED}
+TESTED_AT_ONCE = 100  # images of up to a thousand rows: 30 MB
+SURE_OF_RANK = 1e-9  # an eigenvalue below, beside the largest, may count or not
+RISK_MARGIN = 1.001
 SAME_FIELD = 0.8  # share of what the richest model explains from which a simpler one does
 
 
@@ -41,14 +44,46 @@ def residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualFiel
     thinned = np.zeros_like(chosen)
     thinned[::step] = chosen[::step]
     found = []
-    for index, rows in by_image(result.block, thinned):
-        rows = rows[:: max(1, len(rows) // MOST_ROWS)]
-        if len(rows) >= FEWEST_ROWS:
-            image = result.block.images[index]
-            position = (result.block.measurements.xy[rows] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
-            field = _field(image.id, position, result.residual_px[rows])
+    shown = [(index, rows[:: max(1, len(rows) // MOST_ROWS)]) for index, rows in by_image(result.block, thinned)]
+    shown = [(index, rows) for index, rows in shown if len(rows) >= FEWEST_ROWS]
+    for first in range(0, len(shown), TESTED_AT_ONCE):
+        part = shown[first : first + TESTED_AT_ONCE]
+        images = [result.block.images[index] for index, _ in part]
+        rows, lengths = np.concatenate([rows for _, rows in part]), np.array([len(rows) for _, rows in part])
+        centre = np.array([image.centre_px for image in images])
+        reach = np.maximum([image.half_size_px for image in images], 1.0)
+        position = result.block.measurements.xy[rows] - np.repeat(centre, lengths, axis=0)
+        position /= np.repeat(reach, lengths, axis=0)
+        residual = result.residual_px[rows]
+        begin = np.cumsum(lengths) - lengths
+        for number in np.flatnonzero(_may_have_fields(position, residual, begin, lengths)).tolist():
+            own = slice(begin[number], begin[number] + lengths[number])
+            field = _field(images[number].id, position[own], residual[own])
             found += [field] if field is not None else []
     return sorted(found, key=lambda field: -field.rms_px)
+
+
+def _may_have_fields(
+    position: np.ndarray, residual: np.ndarray, begin: np.ndarray, lengths: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """Return of which images, all at once, the residuals need the look that `_field` takes.
+
+    The same test of the richest model, with a margin for the rounding by which the two differ. An image's rows are
+    ``lengths (k,)`` from ``begin (k,)`` on.
+    """
+    u, v = position.T
+    terms = np.column_stack([u**i * v**j for i, j in MONOMIALS])
+    normal = np.add.reduceat(terms[:, :, None] * terms[:, None, :], begin)
+    right = np.add.reduceat(terms[:, :, None] * residual[:, None, :], begin)
+    total = np.add.reduceat((residual**2).sum(axis=1), begin)
+    size, along = np.linalg.eigh(normal)
+    counts = size > size[:, -1:] * size.shape[1] * np.finfo(float).eps
+    share = np.sum((along.swapaxes(1, 2) @ right) ** 2, axis=2) / np.where(counts, size, np.inf)
+    richest, freedom = share.sum(axis=1), 2.0 * counts.sum(axis=1)
+    left = 2.0 * lengths - freedom
+    sound = (total > richest) & (np.abs(size) > size[:, -1:] * SURE_OF_RANK).all(axis=1)
+    ratio = np.divide(richest * left, (total - richest) * freedom, out=np.full(len(total), np.inf), where=sound)
+    return np.asarray(special.fdtrc(freedom, left, ratio) <= RISK * RISK_MARGIN)
 
 
 def _field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:

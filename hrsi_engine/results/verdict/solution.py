@@ -102,8 +102,10 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
         controlled = part is None or part.gcps > 0
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = np.where(share < 1.0, own / np.sqrt(share), 0.0)
-        given = result.model.prior_sigmas(image, priors_of(image, controlled))
-        prior = np.where(np.isfinite(kept) & (share > LEAST_PRIOR_SHARE), kept, given)
+        told = np.isfinite(kept) & (share > LEAST_PRIOR_SHARE)
+        prior = (
+            kept if told.all() else np.where(told, kept, result.model.prior_sigmas(image, priors_of(image, controlled)))
+        )
         sigma[index] = np.where(prior > 0.0, np.maximum(prior, result.model.prior_sigmas(image, GRANTED)), 0.0)
     return sigma
 
