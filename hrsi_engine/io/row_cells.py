@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .layer_words import Column, Words
+from .layer_words import Column, Stacked, Words
 
 NUMBER_CELL, INTEGER_CELL, TEXT_CELL, BYTES_CELL = range(4)
 _NO_BYTES = -1  # length of what is not there
@@ -28,7 +28,8 @@ class Cells:
         self.kinds = np.empty(len(columns), dtype=np.int8)
         self.words = np.empty((len(columns), rows), dtype=np.int64)
         self.lengths = np.zeros((len(columns), rows), dtype=np.int32)
-        for number, column in enumerate(columns):
+        for number, given in enumerate(columns):
+            column = np.asarray(given) if isinstance(given, Stacked) else given
             kind, words, lengths = column.dtype.kind, self.words[number], self.lengths[number]
             if kind == "f":
                 self.kinds[number] = NUMBER_CELL
@@ -53,8 +54,10 @@ class Cells:
                 words[:] = column.itemsize * np.arange(rows)
             else:  # objects: bytes or nothing
                 self.kinds[number] = BYTES_CELL
-                lengths[:] = [_NO_BYTES if value is None else len(value) for value in column]
-                content = np.frombuffer(b"".join(value for value in column if value is not None), dtype=np.uint8)
+                lengths[:] = [_NO_BYTES if value is None else len(value) for value in column.tolist()]
+                content = np.frombuffer(
+                    b"".join(value for value in column.tolist() if value is not None), dtype=np.uint8
+                )
                 words[:] = np.cumsum(np.maximum(lengths, 0)) - lengths
             words += begin
             parts.append(content.view(np.uint8))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, to_projected
+from ..io.layer_words import Picked, Stacked
 from ..io.layers import Layer
 from .residuals import Residuals
 from .tables import (
@@ -61,6 +64,13 @@ def residuals_epsg(result: Adjustment) -> int:
 def _point_layer(name: str, table: Table, epsg: int) -> Layer:
     """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
     place = table.positions
-    if epsg != WGS84_3D:
-        place = np.column_stack([to_projected(place, epsg), place[:, 2]])
-    return Layer(name, "PointZ", epsg, place, table.columns)
+    return Layer(name, "PointZ", epsg, place if epsg == WGS84_3D else _projected(place, epsg), table.columns)
+
+
+def _projected(place: Any, epsg: int) -> Any:
+    """Return positions ``(n, 3)`` in a projected CRS; those that rows share, once."""
+    if isinstance(place, Stacked):
+        return Stacked(tuple(_projected(part, epsg) for part in place.parts))
+    if isinstance(place, Picked):
+        return Picked(_projected(place.values, epsg), place.index)
+    return np.column_stack([to_projected(place, epsg), place[:, 2]])

@@ -1,8 +1,9 @@
 """An adjusted block as tables for a GIS: footprints, points, measurements and residuals, each with a position.
 
 Every table is its positions and a dict of columns of equal length, in the names of `docs/outputs`; residuals are in
-pixels and metres, positions in longitude, latitude and height. Words that many rows share are there once (`Words`): as
-arrays of text those of a million measurements take hundreds of megabytes.
+pixels and metres, positions in longitude, latitude and height. Words and positions that many rows share are there once
+(`Words`, `Picked`), and columns in two parts are not copied into one (`Stacked`): as arrays those of a million
+measurements take hundreds of megabytes.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ..adjustment.result import Adjustment, LaserOutcome
 from ..block.block import Block
 from ..block.footprints import footprints
 from ..block.points import ROLE_LABELS
-from ..io.layer_words import Column, Words, is_any, shared_word
+from ..io.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
@@ -26,7 +27,7 @@ MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, an
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Positions ``(n, 3)`` lon, lat, height (or a list of polygons) and columns of length n."""
+    """Positions ``(n, 3)`` lon, lat, height (array, `Picked` or `Stacked`; or polygons) and columns of length n."""
 
     positions: Any
     columns: Mapping[str, Column]
@@ -100,8 +101,8 @@ def ground_points_table(result: Adjustment) -> Table:
 def image_points_table(result: Adjustment, left: Residuals) -> Table:
     """Return all measurements at the position of their point, with residuals, weights and flags."""
     rows = result.block.measurements
-    place = positions(result)[rows.point]
-    here = np.isfinite(place).all(axis=1)
+    place = positions(result)
+    here = np.isfinite(place).all(axis=1)[rows.point]
     columns = {
         **_identity(result.block, rows.point, rows.image),
         "sample": rows.xy[:, 0],
@@ -116,7 +117,7 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
         "weight": result.weight,
         "flag": measurement_flags(result, left),
     }
-    return _placed(place, here, columns)
+    return _placed(Picked(place, rows.point), here, columns)
 
 
 def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_RESIDUALS) -> Table:
@@ -139,7 +140,7 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     ]
 
 
-def _placed(place: np.ndarray, here: np.ndarray, columns: Mapping[str, Column]) -> Table:
+def _placed(place: np.ndarray | Picked, here: np.ndarray, columns: Mapping[str, Column]) -> Table:
     """Return the rows that have a position; the columns themselves where all do."""
     if here.all():
         return Table(place, columns)
@@ -157,7 +158,7 @@ def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, C
 def _ground_rows(result: Adjustment, left: Residuals) -> Table:
     points = result.block.points
     here = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
-    nothing = np.full(len(here), np.nan)
+    nothing = np.broadcast_to(np.nan, len(here))
     columns = {
         "id": Words(points.ids, here),
         "role": Words(ROLE_LABELS, points.role[here]),
@@ -181,17 +182,19 @@ def _ground_rows(result: Adjustment, left: Residuals) -> Table:
 def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     rows = result.block.measurements
     residual, sigma = left.measured_px, left.measured_sigma_px
-    place = positions(result)[rows.point]
-    here = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1))
+    place = positions(result)
+    here: Any = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1)[rows.point])
     flags = measurement_flags(result, left)
     if len(here) > most:
         shown = ~is_any(flags[here], ("ok",)) | result.block.known[rows.point[here]]
         shown[:: -(-len(here) // most)] = True
         here = here[shown]
-    nothing = np.full(len(here), np.nan)
+    count = len(here)
+    nothing = np.broadcast_to(np.nan, count)
+    here = slice(None) if count == len(rows) else here  # of all nothing is copied
     columns = {
         **_identity(result.block, rows.point[here], rows.image[here]),
-        "level": shared_word("image", len(here)),
+        "level": shared_word("image", count),
         "residual_sample_px": residual[here, 0],
         "residual_line_px": residual[here, 1],
         "residual_east_m": nothing,
@@ -204,15 +207,15 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
         "sigma_height_m": nothing,
         "flag": flags[here],
     }
-    return Table(place[here], columns)
+    return Table(Picked(place, rows.point[here]), columns)
 
 
 def _stack(first: Table, second: Table) -> Table:
     columns = {name: _one_column(column, second.columns[name]) for name, column in first.columns.items()}
-    return Table(np.vstack([first.positions, second.positions]), columns)
+    return Table(Stacked((first.positions, second.positions)), columns)
 
 
 def _one_column(first: Column, second: Column) -> Column:
     if isinstance(first, Words) and isinstance(second, Words):
         return first.then(second)
-    return np.concatenate([first, second])
+    return Stacked((first, second))

@@ -11,7 +11,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.io import sqlite_pages
-from hrsi.hrsi_engine.io.layer_words import Words, is_any, shared_word
+from hrsi.hrsi_engine.io.layer_words import Picked, Stacked, Words, is_any, shared_word
 from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
 
 pytest.importorskip("numba")
@@ -136,3 +136,35 @@ def test_words_are_compared_like_arrays() -> None:
     assert words[1] == "b" and words[1:].tolist() == ["b", "b"]
     assert np.asarray(words.then(shared_word("c", 1))).tolist() == ["a", "b", "b", "c"]
     assert is_any(words, ("a", "z")).tolist() == is_any(np.asarray(words), ("a", "z")).tolist() == [True, False, False]
+
+
+def test_stacked_columns_are_their_parts_one_behind_the_other() -> None:
+    values = np.random.default_rng(1).normal(size=(3, 2))
+    parts = (np.zeros((2, 2)), Picked(values, np.array([2, 0, 0, 1])), np.empty((0, 2)))
+    stacked, whole = Stacked(parts), np.vstack([np.zeros((2, 2)), values[[2, 0, 0, 1]]])
+    assert len(stacked) == 6 and stacked.dtype == whole.dtype
+    np.testing.assert_array_equal(np.asarray(stacked), whole)
+    for begin in range(7):
+        for end in range(begin, 9):
+            np.testing.assert_array_equal(np.asarray(stacked[begin:end]), whole[begin:end])
+    np.testing.assert_array_equal(stacked[whole[:, 0] == 0.0], whole[whole[:, 0] == 0.0])
+    np.testing.assert_array_equal(np.hypot(2.0 - stacked, stacked), np.hypot(2.0 - whole, whole))
+
+
+@pytest.mark.parametrize("way", ["0", "1"])
+def test_shared_and_stacked_columns_are_written_row_by_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    """More rows than are written at once, with the border between parts inside of such a piece."""
+    monkeypatch.setenv("HRSI_COMPILED", way)
+    random = np.random.default_rng(2)
+    places, index = random.uniform(0.0, 1.0, (100, 3)), random.integers(0, 100, 60_000)
+    first, nothing = random.normal(size=30), np.broadcast_to(np.nan, 60_000)
+    coordinates = Stacked((places[:30], Picked(places, index)))
+    fields = {"number": Stacked((first, nothing)), "word": Words(np.array(["a", "b"]), np.arange(60_030) % 2)}
+    write_geopackage(str(tmp_path / "p.gpkg"), [Layer("points", "PointZ", 4979, coordinates, fields)])
+    rows = content(tmp_path / "p.gpkg")["points"]
+    found = np.array([np.frombuffer(row[1][-24:]) for row in rows])
+    np.testing.assert_array_equal(found, np.vstack([places[:30], places[index]]))
+    assert [row[2] for row in rows] == [*first.tolist(), *[None] * 60_000]
+    assert [row[3] for row in rows] == ["a", "b"] * 30_015
