@@ -19,6 +19,8 @@ def json_ready(value: Any) -> Any:
         return value
     if type(value) is float:  # and most of the rest
         return value if math.isfinite(value) else None
+    if type(value) is list and set(map(type, value)) == {float} and math.isfinite(sum(value)):  # an RPC's, a matrix's
+        return value.copy()
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -25,6 +25,9 @@ from ..block.block import Block, Role
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
+from ..refinement.stacked_cameras import equations_of_images, project_by_images
+
+KNOWN_AT_ONCE = 20_000  # measurements of known points
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +191,7 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
 def _known_covariances(
     result: Adjustment, at_known: np.ndarray, chosen: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield covariances of the ``chosen`` residuals at known positions, image by image.
+    """Yield covariances of the ``chosen`` residuals at known positions, some images at a time.
 
     Each time rows ``(k,)``, covariances ``(k, 2, 2)`` px² and the derivatives B ``(k, 2, 3)`` by the ground. With those
     by the image's parameters, A, the covariances are::
@@ -199,15 +202,19 @@ def _known_covariances(
     """
     block, rows, cameras = result.block, result.block.measurements, result.cameras
     sigma, check = unit_sigma(result) * measurement_sigma_px(result), block.points.role == Role.CHECK
-    for index, here in by_image(block, chosen):
-        image, points = block.images[index], rows.point[here]
-        ground, values = block.points.ground[points], cameras.values[index]
-        at = cameras.model.equations(image, rows.xy[here])(values, ground)
-        drift = rows.xy[here] - cameras.model.project(image, values, ground) - at_known[here]
+    by_images = np.flatnonzero(chosen)
+    by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
+    for first in range(0, len(by_images), KNOWN_AT_ONCE):
+        here = by_images[first : first + KNOWN_AT_ONCE]
+        points, (seen, which) = rows.point[here], np.unique(rows.image[here], return_inverse=True)
+        images, ground = [block.images[index] for index in seen.tolist()], block.points.ground[points]
+        at = equations_of_images(cameras.model, images, which, rows.xy[here], cameras.values[seen], ground)
+        projected = project_by_images(cameras.model, images, which, cameras.values[seen], ground)
+        drift = rows.xy[here] - projected - at_known[here]
         covariance = sigma[here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
         survey = unit_sigma(result) ** 2 * result.survey_covariance_m2(points)
         covariance += at.by_ground @ survey @ at.by_ground.swapaxes(1, 2)
-        predicted = at.by_values @ cameras.covariance[index] @ at.by_values.swapaxes(1, 2)
+        predicted = at.by_values @ cameras.covariance[rows.image[here]] @ at.by_values.swapaxes(1, 2)
         covariance += np.where(check[points, None, None], predicted, 0.0)
         yield here, covariance, at.by_ground
 
