@@ -20,7 +20,6 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
-from ...hrsi_engine.measurement.laser_ties import measure_laser_ties
 from ...hrsi_engine.plausibility.laser_quality import laser_reasons
 from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
@@ -101,6 +100,8 @@ def adjust_at_laser_points(
     if laser is None or sum(image.raster is not None for image in block.images) < 2:
         return adjust(block, options, context.progress, elsewhere=elsewhere), []
     result = adjust(block, options, stage(context.progress, 0.0, 0.1), elsewhere=elsewhere)
+    from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # matching takes a fifth of a second to load
+
     for number in range(LOOK_UPS):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
         images = [
