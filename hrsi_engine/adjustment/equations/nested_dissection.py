@@ -195,8 +195,8 @@ def for_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root
             done.result()
 
 
-def _runs(place: np.ndarray) -> list[tuple[slice, slice]]:
-    """Return the parts of ascending places that follow one another: where they are, and which places they are."""
+def runs_of(place: np.ndarray) -> list[tuple[slice, slice]]:
+    """Return the parts of some places that follow one another: where they are, and which places they are."""
     ends = [*(np.flatnonzero(np.diff(place) != 1) + 1).tolist(), len(place)]
     begins = [0, *ends[:-1]]
     return [
@@ -205,13 +205,13 @@ def _runs(place: np.ndarray) -> list[tuple[slice, slice]]:
 
 
 def _add_lower(matrix: np.ndarray, part: np.ndarray, runs: Sequence[tuple[slice, slice]]) -> None:
-    """Add the lower triangle of a ``part (k, k)`` to that of a matrix, at the places of its `_runs`."""
+    """Add the lower triangle of a ``part (k, k)`` to that of a matrix, at the places of its `runs_of`."""
     for number, (rows, places) in enumerate(runs):
         for columns, others in runs[: number + 1]:
             matrix[places, others] += part[rows, columns]
 
 
-def _symmetric(lower: np.ndarray) -> np.ndarray:
+def symmetric(lower: np.ndarray) -> np.ndarray:
     """Return the matrix of a lower triangle; what is above the diagonal does not matter."""
     lower = np.tril(lower)
     return np.asarray(lower + np.tril(lower, -1).T)
@@ -286,7 +286,7 @@ class SparseFactor:
         )
         for child in front.children:
             child.place = self._unknowns(order[np.searchsorted(cameras[order], child.border)])
-            child.runs = _runs(child.place)
+            child.runs = runs_of(child.place)
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
@@ -307,7 +307,7 @@ class SparseFactor:
         for_fronts(self._eliminated, eliminate)
         if self.kept is None:
             return np.zeros((0, 0))
-        return _symmetric(self._assemble(self.fronts[-1], blocks, updates))
+        return symmetric(self._assemble(self.fronts[-1], blocks, updates))
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
         """Return a front's matrix, its lower triangle that is."""
@@ -370,12 +370,12 @@ class SparseFactor:
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
             y = product(front.factor, x[:own])
             borders[id(front)] = taking_part, x[own:] - product(front.coupling, y)
-            square, runs = inner_square(y), _runs(taking_part)
+            square, runs = inner_square(y), runs_of(taking_part)
             with adding:
                 _add_lower(result, square, runs)
 
         for_fronts(self.fronts, add)
-        return _symmetric(result)
+        return symmetric(result)
 
     def inverse_blocks(self, kept: np.ndarray | None = None) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern; ``kept`` is that of the kept cameras."""

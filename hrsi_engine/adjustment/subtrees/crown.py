@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.dense_matrices import product, times_triangle
+from ...foundation.dense_matrices import product, subtract_square, times_triangle
 from ...foundation.threads import one_thread_calls
 from ..equations.camera_system import unit_scales
-from ..equations.nested_dissection import factor_of
+from ..equations.nested_dissection import factor_of, runs_of, symmetric
 
 
 class Update(NamedTuple):
@@ -55,7 +55,7 @@ class BorderInverse(NamedTuple):
         if not len(cameras):
             return np.zeros((0, 0))
         chosen = unknowns(np.searchsorted(self.cameras, cameras), len(self.matrix) // len(self.cameras))
-        return np.asarray(self.matrix[np.ix_(chosen, chosen)])
+        return _part(self.matrix, chosen)
 
 
 class Separator(NamedTuple):
@@ -99,7 +99,10 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
     for update in updates:
         place = place_of[np.searchsorted(cameras, update.border, sorter=place_of)]
         chosen = unknowns(place, size)
-        matrix[np.ix_(chosen, chosen)] += update.matrix
+        runs = runs_of(chosen)
+        for rows, places in runs:
+            for columns, others in runs:
+                matrix[places, others] += update.matrix[rows, columns]
         right[place] += update.right
         diagonal[place] += update.diagonal
     mine, n = len(own), len(own) * size
@@ -107,15 +110,16 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
     free = scale > 0.0
     right[:mine] -= np.where(free, prior, 0.0) * values if mine else 0.0
     total = np.where(free, diagonal[:mine] + np.where(free, prior, 0.0), 0.0)
-    flat = scale.ravel()
-    matrix[:n, :n] += np.diag(np.where(free, np.where(free, prior, 0.0) + damping * total, 0.0).ravel())
-    matrix[:n] *= flat[:, None]
-    matrix[:, :n] *= flat
-    matrix[:n, :n] += np.diag((~free).astype(float).ravel())
+    flat, diagonal_of = scale.ravel(), np.arange(n)
+    matrix[diagonal_of, diagonal_of] += np.where(free, np.where(free, prior, 0.0) + damping * total, 0.0).ravel()
+    matrix[:n, :n] *= flat[:, None]
+    matrix[:, :n] *= flat  # what is right of it is not looked at
+    matrix[diagonal_of, diagonal_of] += ~free.ravel()
     with one_thread_calls():
         factor = factor_of(matrix[:n, :n])
         coupling = times_triangle(matrix[n:, :n], factor, transposed=True)
-        left = matrix[n:, n:] - product(coupling, coupling.T)
+        subtract_square(matrix[n:, n:], coupling)
+    left = symmetric(matrix[n:, n:])
     forward = factor @ (scale * right[:mine]).ravel()
     rest = right[mine:] - (coupling @ forward).reshape(-1, size)
     pulled = np.stack([total, np.where(free, prior, 0.0) * values]) if mine else np.zeros((2, 0, size))
@@ -161,7 +165,16 @@ def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
     cameras = np.concatenate([node.own, node.border])
     order = np.argsort(cameras)
     chosen = unknowns(order, size)
-    return BorderInverse(cameras[order], inverse[np.ix_(chosen, chosen)])
+    return BorderInverse(cameras[order], _part(inverse, chosen))
+
+
+def _part(matrix: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Return the rows and columns of some unknowns, many of which follow one another."""
+    part, runs = np.empty((len(chosen),) * 2), runs_of(chosen)
+    for rows, places in runs:
+        for columns, others in runs:
+            part[rows, columns] = matrix[places, others]
+    return part
 
 
 def own_inverse(node: Separator, inverse: BorderInverse) -> np.ndarray:
