@@ -53,6 +53,16 @@ def test_spellings_do_not_depend_on_the_neighbours(ids: list[str]):
     assert all(name in resembling([name], ids)[name] for name in ids)
 
 
+NAMES = st.text("Gg017-_. \u00c4\u00e4\u2013\u00a0\u2167", min_size=1, max_size=5)
+
+
+@given(st.lists(NAMES, max_size=20), st.lists(NAMES, max_size=20))
+def test_who_resembles_whom_follows_from_the_spellings(strangers, known):
+    spelt = {name: plain_spellings([name])[0] for name in [*strangers, *known]}
+    expected = {name: [other for other in known if spelt[other] == spelt[name]] for name in strangers}
+    assert resembling(strangers, known) == {name: others for name, others in expected.items() if others}
+
+
 def block_of(ground_ids: list[str], measured: dict[str, list[str]], **chosen: list[str]) -> Block:
     """Return a block whose ground points have these ids; ``measured`` are the ids on each image."""
     images = [Image(name, ANY_RPC, (1000, 1000)) for name in measured]
