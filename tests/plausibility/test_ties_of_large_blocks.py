@@ -72,3 +72,16 @@ def test_modes_are_those_of_each_pair() -> None:
     starts = np.r_[0, np.cumsum(sizes)[:-1]]
     alone = [ties._mode(part) for part in np.split(values, starts[1:])]
     np.testing.assert_array_equal(ties._modes(values, starts, sizes), alone)
+
+
+def test_right_ties_join_images_with_nearly_parallel_rays() -> None:
+    """Neighbours of one strip see their points along nearly parallel rays; so hilly ground must not part these."""
+    block = simulated(90)
+    pairs = ties.sample_pairs(block, image_accuracies(block.images))
+    assert pairs is not None
+    flat = ties.sights(block.images, pairs.image.ravel(), pairs.xy.reshape(-1, 2))
+    length = np.hypot(*(flat.slope[::2] - flat.slope[1::2]).T)
+    good = ties.joint(pairs).good
+    narrow = np.isfinite(good) & (np.maximum.reduceat(length, pairs.starts) < 0.04)
+    assert narrow.sum() >= 20
+    assert good[narrow].min() > 0.9
