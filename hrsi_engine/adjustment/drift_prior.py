@@ -23,8 +23,8 @@ from .gauss_newton import GaussNewton, Solution
 from .result import VarianceComponent
 
 LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
-SETTLED_SHARE = 0.01  # relative change of a sigma
-SETTLED_DRIFT = 0.05  # … of an image's drift, which `OF_TERM` and its own few values tell to no better than a quarter
+#: Relative change of the sigma of an image's drift, which `OF_TERM` and its own few values tell to a quarter at best.
+SETTLED_DRIFT = 0.05
 SETTLED_WITHIN, CORRECTIONS = 0.001, 25  # … between two corrections at a solution, and their number
 MOST_CHANGE = 5.0  # of a sigma in one correction
 BELIEF = 1.0  # observations that the sensor's believed drift counts for

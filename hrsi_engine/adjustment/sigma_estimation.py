@@ -31,7 +31,7 @@ from scipy import linalg, special
 from ..refinement.model import believed_priors
 from ..refinement.selection import drift_is_estimated
 from .blunders.discrepancies import IMAGE, Discrepancies
-from .drift_prior import SETTLED_SHARE, DriftPrior
+from .drift_prior import DriftPrior
 from .equations.camera_system import Factored
 from .gauss_newton import GaussNewton, Solution
 from .outcome import Found, redundancy_of
@@ -52,6 +52,7 @@ from .variance_components import (
 )
 
 ROUNDS = 25
+SETTLED_SHARE = 0.01  # relative change of a sigma
 SIGNIFICANCE_OF_SIGMA = 0.01  # where it fails by chance, what is estimated is nearly what was given
 MATERIAL = 1.25  # a sigma that is wrong by less does no harm
 HIDDEN_BY_DRIFT = 25  # GCPs, whose errors the drift of a few images can follow

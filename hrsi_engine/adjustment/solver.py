@@ -12,14 +12,13 @@ from ..foundation.progress import Progress, advance, silent, stage
 from ..foundation.threads import one_thread_calls
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
-from .drift_prior import SETTLED_SHARE
 from .gauss_newton import Solution
 from .options import AdjustOptions
 from .outcome import outcome
 from .precision import Precision, precision
 from .problem import Problem, prepare
 from .result import Adjustment
-from .sigma_estimation import ROUNDS, SigmaEstimation
+from .sigma_estimation import ROUNDS, SETTLED_SHARE, SigmaEstimation
 from .subtrees.loop import Elsewhere
 
 

@@ -76,15 +76,19 @@ def _by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(which) else ()
 
 
+def _constants_and_terms(
+    model: ImagePolynomial | GroundPolynomial, images: Sequence[Image], points: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the images' offsets and scales, and room for the terms of all points."""
+    return np.array([model.constants(image) for image in images]), np.empty((points, len(model.powers)))
+
+
 def _image_polynomials(
     model: ImagePolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> Equations:
     """Return the equations of `image_space.ImagePolynomial`."""
     computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
-    constants, terms = (
-        np.array([model.constants(image) for image in images]),
-        np.empty((len(ground), len(model.powers))),
-    )
+    constants, terms = _constants_and_terms(model, images, len(ground))
     correct_in_image(model.powers, constants, model.coefficients(values), which, computed, by_ground, terms, ALL_ROWS)
     return Equations(computed, np.einsum("nm,cmp->ncp", terms, model.mixing), by_ground)
 
@@ -94,10 +98,7 @@ def _ground_polynomials(
 ) -> Equations:
     """Return the equations of `object_coordinates.GroundPolynomial`."""
     computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
-    constants, terms = (
-        np.array([model.constants(image) for image in images]),
-        np.empty((len(ground), len(model.powers))),
-    )
+    constants, terms = _constants_and_terms(model, images, len(ground))
     lon, lat, height = ground.T
     correct_by_ground(
         model.powers, constants, model.coefficients(values), which, lon, lat, height,

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.dense_matrices import product, subtract_square, times_triangle
+from ...foundation.dense_matrices import add_product, own_square, product, subtract_square, times_triangle
 from ...foundation.threads import one_thread_calls
 from ..equations.camera_system import unit_scales
-from ..equations.nested_dissection import factor_of, runs_of, symmetric
+from ..equations.nested_dissection import factor_of, parts_at, runs_of, symmetric
 
 
 class Update(NamedTuple):
@@ -99,10 +99,8 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
     for update in updates:
         place = place_of[np.searchsorted(cameras, update.border, sorter=place_of)]
         chosen = unknowns(place, size)
-        runs = runs_of(chosen)
-        for rows, places in runs:
-            for columns, others in runs:
-                matrix[places, others] += update.matrix[rows, columns]
+        for part, there in parts_at(runs_of(chosen)):
+            matrix[there] += update.matrix[part]
         right[place] += update.right
         diagonal[place] += update.diagonal
     mine, n = len(own), len(own) * size
@@ -156,12 +154,13 @@ def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
     with one_thread_calls():
         gain = times_triangle(node.coupling, node.factor)
         pulled = product(outer, gain)
-        own = product(node.factor.T, node.factor) + product(gain.T, pulled)
+        own = own_square(node.factor)
+        add_product(own, gain, pulled)
     scale = node.scale.ravel()
     inverse[n:, n:] = outer
     inverse[n:, :n] = -pulled * scale
     inverse[:n, n:] = inverse[n:, :n].T
-    inverse[:n, :n] = own * scale * scale[:, None]
+    inverse[:n, :n] = symmetric(own) * scale * scale[:, None]
     cameras = np.concatenate([node.own, node.border])
     order = np.argsort(cameras)
     chosen = unknowns(order, size)
@@ -170,11 +169,10 @@ def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
 
 def _part(matrix: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Return the rows and columns of some unknowns, many of which follow one another."""
-    part, runs = np.empty((len(chosen),) * 2), runs_of(chosen)
-    for rows, places in runs:
-        for columns, others in runs:
-            part[rows, columns] = matrix[places, others]
-    return part
+    result = np.empty((len(chosen),) * 2)
+    for part, there in parts_at(runs_of(chosen)):
+        result[part] = matrix[there]
+    return result
 
 
 def own_inverse(node: Separator, inverse: BorderInverse) -> np.ndarray:

@@ -66,7 +66,7 @@ class Leaf:
             equations = NormalEquations(self.observations, self.model, pattern, threads=1)
             factor = SparseFactor(
                 pattern.graph, pattern.start, pattern.columns, pattern.parameters, pattern.position,
-                kept=np.flatnonzero(~self.inner),
+                kept=np.flatnonzero(~self.inner), threads=1,
             )  # fmt: skip
             self._made = pattern, equations, factor
         return self._made
