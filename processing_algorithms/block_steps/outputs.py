@@ -16,6 +16,7 @@ from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.threads import one_thread_calls
 from ...hrsi_engine.io.array_files import write_arrays
 from ...hrsi_engine.io.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.layers import write_geopackage
@@ -142,6 +143,7 @@ def plan_results(
     return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
 
 
+@one_thread_calls()  # cameras are refitted by small matrices, between which BLAS's other threads would spin
 def write_results(
     options: BlockOptions,
     result: Adjustment,
