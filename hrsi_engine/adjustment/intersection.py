@@ -7,9 +7,12 @@ in the middle of the RPC's height range: the cameras are nearly linear, a few st
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..block.block import Image
+from ..block.stack import stack_of
 from ..ground.geodesy import moved_ground
 from ..refinement.model import RefinementModel
 from .equations import NormalEquations, PointPriors, State, trivial_pattern
@@ -25,32 +28,35 @@ def start_positions(observations: Observations, height_m: float | None = None) -
         known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
         height_m = float(np.median(known)) if len(known) else None
     first = observations.first[:-1]
-    image = observations.image[first]
-    seen = np.bincount(image, minlength=len(observations.images)) > 0
-    centre, outwards = np.full((len(seen), 3), np.nan), np.zeros((len(seen), 2, 2))
-    for index in np.flatnonzero(seen):
-        centre[index], outwards[index] = _at_centre(observations.images[index], height_m)
-    offset = observations.xy[first] - np.array([i.centre_px for i in observations.images])[image]
+    seen, image = np.unique(observations.image[first], return_inverse=True)
+    images = [observations.images[index] for index in seen.tolist()]
+    centre, outwards = _at_centres(images, height_m)
+    offset = observations.xy[first] - np.array([one.centre_px for one in images]).reshape(-1, 2)[image]
     step = np.zeros((len(first), 3))
     step[:, :2] = (outwards[image] @ offset[:, :, None])[:, :, 0]
     ground = moved_ground(centre[image], step)
     return np.where(observations.survey_weight > 0.0, observations.survey, ground)
 
 
-def _at_centre(image: Image, height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ground position (3,) of an image's centre and the metres east, north per pixel (2, 2) there."""
-    rpc = image.rpc
-    ground = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off if height_m is None else height_m]])
+def _at_centres(images: Sequence[Image], height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ground positions ``(k, 3)`` of images' centres and the metres east, north per pixel ``(k, 2, 2)``."""
+    rpcs, stack, centre_px = [image.rpc for image in images], stack_of(images), [image.centre_px for image in images]
+    ground = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs]).reshape(-1, 3)
+    if height_m is not None:
+        ground[:, 2] = height_m
+    outwards, moving = np.zeros((len(images), 2, 2)), np.arange(len(images))
     for _ in range(CENTRE_STEPS):
-        at, by_ground = rpc.project_with_metric_jacobian(ground)
-        outwards = np.linalg.pinv(by_ground[0, :, :2])
-        step = np.zeros((1, 3))
-        step[0, :2] = outwards @ (image.centre_px - at[0])
-        ground = moved_ground(ground, step)
-        if np.abs(step).max() < CENTRE_CLOSURE_M:
-            return ground[0], outwards
-    found = rpc.localize(image.centre_px[None], ground[0, 2]).ground  # slower, and safer with odd RPCs
-    return found[0], outwards
+        if not len(moving):
+            break
+        at, by_ground = stack.project_with_metric_jacobian(moving, ground[moving])
+        outwards[moving] = np.linalg.pinv(by_ground[:, :, :2])
+        step = np.zeros((len(moving), 3))
+        step[:, :2] = (outwards[moving] @ (np.array(centre_px)[moving] - at)[:, :, None])[:, :, 0]
+        ground[moving] = moved_ground(ground[moving], step)
+        moving = moving[~(np.abs(step).max(axis=1) < CENTRE_CLOSURE_M)]
+    for number in moving.tolist():  # slower, and safer with odd RPCs
+        ground[number] = rpcs[number].localize(centre_px[number][None], ground[number, 2]).ground[0]
+    return ground, outwards
 
 
 def intersect(observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:

@@ -103,13 +103,14 @@ class Factored(_Scaled):
         super().__init__(pattern)
         self._factor = SparseFactor(pattern.graph, pattern.start, pattern.columns, pattern.parameters, pattern.position)
         self._factorised: tuple[np.ndarray, np.ndarray, float] | None = None
+        self._cofactors: np.ndarray | None = None  # of the matrix that is factorised
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
         """See `CameraSystem`; the matrix that is factorised already costs nothing."""
         last = self._factorised
         if last is not None and last[0] is blocks and last[1] is prior_weight and last[2] == damping:
             return
-        self._factorised = None
+        self._factorised = self._cofactors = None
         self._factor.factorise(self.scaled(blocks, prior_weight, damping))
         self._factorised = blocks, prior_weight, damping
 
@@ -124,7 +125,10 @@ class Factored(_Scaled):
         return self.solve(right)
 
     def _by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-        """Return the solution, None where the factors at hand are too far from the matrix to be of help."""
+        """Return the solution, None where the factors at hand are too far from the matrix to be of help.
+
+        They are of help where the rest falls so fast, from its first step on, that `NEAR_ITERATIONS` will do.
+        """
         pattern, size = self.pattern, right.size
         upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))
         lower = upper.T
@@ -139,10 +143,12 @@ class Factored(_Scaled):
         solution, rest = np.zeros_like(right), right.copy()
         ahead = self.solve(rest)
         direction, square = ahead, float(np.sum(rest * ahead))
-        limit = NEAR_TOLERANCE**2 * square
-        for _ in range(NEAR_ITERATIONS):
-            if square <= limit:
+        first, pace = square, NEAR_TOLERANCE ** (2.0 / NEAR_ITERATIONS)
+        for passed in range(NEAR_ITERATIONS + 1):
+            if square <= NEAR_TOLERANCE**2 * first:
                 return solution
+            if square > pace**passed * first:  # the first steps tell what those that follow will bring
+                return None
             along = times(direction)
             curvature = float(np.sum(direction * along))
             if not curvature > 0.0:
@@ -152,7 +158,7 @@ class Factored(_Scaled):
             ahead = self.solve(rest)
             before, square = square, float(np.sum(rest * ahead))
             direction = ahead + square / before * direction
-        return solution if square <= limit else None
+        return None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """See `CameraSystem`."""
@@ -166,10 +172,12 @@ class Factored(_Scaled):
 
     def cofactors(self) -> np.ndarray:
         """See `CameraSystem`."""
-        inverse = self._factor.inverse_blocks()
-        inverse *= self.scale[self.pattern.rows][:, :, None]
-        inverse *= self.scale[self.pattern.columns][:, None, :]
-        return inverse
+        if self._cofactors is None:
+            inverse = self._factor.inverse_blocks()
+            inverse *= self.scale[self.pattern.rows][:, :, None]
+            inverse *= self.scale[self.pattern.columns][:, None, :]
+            self._cofactors = inverse
+        return self._cofactors
 
 
 class Iterative(_Scaled):
