@@ -10,7 +10,7 @@ import simulated_blocks as blocks
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
-from hrsi.hrsi_engine.adjustment.blunders.consensus import _parallaxes, _planes
+from hrsi.hrsi_engine.adjustment.blunders.consensus import _nearest_planes, _parallaxes, _planes, _search
 from hrsi.hrsi_engine.adjustment.blunders.discrepancies import discrepancies
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
@@ -158,9 +158,27 @@ def test_parallaxes_on_one_diagonal_carry_a_level_and_no_plane():
     y = 7.0 + rng.normal(0.0, 0.1, 30)
     y[::4] += rng.uniform(20.0, 60.0, 8)
     three = np.random.default_rng(1).integers(0, 30, (1, 80, 3))
-    (plane,) = _planes(terms[None], y[None], np.full((1, 30), 0.1), np.array([30]), three)
+    surest = np.array([8])  # three tenths of thirty, counted from zero
+    (plane,) = _planes(_nearest_planes, three, terms[None], y[None], np.full((1, 30), 0.1), surest)
     right = np.arange(30) % 4 > 0
     assert np.abs(y - terms @ plane)[right].max() < 0.5  # five sigmas of 0.1
+
+
+@pytest.mark.parametrize("terms", [1, 3], ids=["levels", "planes"])
+def test_the_compiled_search_finds_the_planes_that_numpy_finds(terms):
+    """Many image pairs are searched by the compiled loop, which gives planes up early; few by NumPy."""
+    rng = np.random.default_rng(6)
+    at = np.concatenate([np.ones((300, 40, 1)), rng.uniform(-1.0, 1.0, (300, 40, terms - 1))], axis=2)
+    sample = (
+        at,
+        rng.normal(0.0, 5.0, (300, 40)),
+        rng.uniform(0.2, 2.0, (300, 40)),
+        rng.normal(0.0, 5.0, (300, 90, terms)),
+    )
+    kept = rng.integers(5, 39, 300)
+    pytest.importorskip("numba")
+    assert _search(300) is not _nearest_planes
+    np.testing.assert_array_equal(_search(300)(*sample, kept), _nearest_planes(*sample, kept))
 
 
 def test_an_image_that_was_delivered_twice_does_not_stop_the_others():

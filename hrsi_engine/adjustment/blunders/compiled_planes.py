@@ -8,31 +8,32 @@ from numba import njit
 
 @njit(nogil=True, cache=True)
 def nearest_planes(
-    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray, chosen: np.ndarray
-) -> None:
-    """Find the plane of each image pair whose distance number ``kept`` (the smallest is 0) is the least.
+    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
+) -> np.ndarray:
+    """Return the plane ``(p,)`` of each image pair whose distance number ``kept`` (the smallest is 0) is the least.
 
     A plane is given up as soon as more parallaxes are at least as far as the best one's distance than may be.
 
     Parameters
     ----------
-    terms, y, sigma : (p, s, 3), (p, s) and (p, s) of the parallaxes
-    tried : (p, t, 3) planes
+    terms, y, sigma : (p, s, c), (p, s) and (p, s) of the parallaxes
+    tried : (p, t, c) planes, c of 3 or 1 for level ones
     kept : (p,) numbers
-    chosen : (p,) the first such plane, filled here
     """
     pairs, sample = y.shape
-    apart = np.empty(sample)
+    apart, chosen = np.empty(sample), np.zeros(pairs, dtype=np.int64)
     for pair in range(pairs):
-        least, chosen[pair] = np.inf, 0
+        least = np.inf
         most = sample - 1 - kept[pair]
         for number in range(tried.shape[1]):
-            level, along, across = tried[pair, number]
             farther, at = 0, 0
             while at < sample and farther <= most:
-                plane = level * terms[pair, at, 0] + along * terms[pair, at, 1] + across * terms[pair, at, 2]
+                plane = 0.0
+                for term in range(terms.shape[2]):
+                    plane += tried[pair, number, term] * terms[pair, at, term]
                 apart[at] = abs(y[pair, at] - plane) / sigma[pair, at]
                 farther += not apart[at] < least
                 at += 1
             if farther <= most:
                 least, chosen[pair] = np.sort(apart)[kept[pair]], number
+    return chosen

@@ -17,7 +17,7 @@ A measurement takes part in the start where it agrees with half of the others of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -42,7 +42,11 @@ LEVELLING = 1e-3  # relative weight that keeps the slopes of badly spread parall
 AGREEING = 3.0  # sigmas of the parallaxes
 CYCLES = 60
 PAIRS_AT_ONCE = 200
-PAIRS_WORTH_COMPILING = 100  # of a portion: it is one of many then
+PAIRS_WORTH_COMPILING = 200
+
+
+#: Returns which of the planes ``tried (p, t, c)`` has the least distance number ``kept (p,)``, ``(p,)``.
+Nearest = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Parallaxes(NamedTuple):
@@ -132,9 +136,10 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     large = np.flatnonzero(count >= 3)
+    nearest = _search(len(large))
 
     def fit(part: np.ndarray, three: np.ndarray) -> None:
-        """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample at a time."""
+        """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample of a plane at a time."""
         size, span = count[part], slice(bounds[part[0]], bounds[part[-1] + 1])
         begin, image = bounds[part] - span.start, observations.image[rows[span]]
         place = (observations.xy[rows[span]] - middle[image]) / half[image]
@@ -143,7 +148,11 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
         # evenly over the parallaxes of each image pair; those of a small one more than once
         step = np.maximum(size / SAMPLE, 1.0)[:, None] * np.arange(SAMPLE)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
-        planes = _planes(terms[picked], y[picked], sigma[picked], size, three)
+        planes, tilted = np.zeros((len(part), 3)), size >= LEAST_FOR_PLANE
+        kept = (SAMPLE * np.clip(3.0 / size, QUANTILE, 1.0)).astype(np.int64) - 1
+        samples = terms[picked], y[picked], sigma[picked], kept
+        planes[~tilted, :1] = _level(nearest, *(sample[~tilted] for sample in samples))
+        planes[tilted] = _planes(nearest, three, *(sample[tilted] for sample in samples))
         here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # pairs with less lie between
         computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
@@ -151,7 +160,7 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
 
     rng = np.random.default_rng(1)  # the same planes every time
     parts = [part for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE) if len(part)]
-    three = [rng.integers(0, SAMPLE, (len(part), PLANES_TRIED, 3)) for part in parts]
+    three = [rng.integers(0, SAMPLE, (int((count[p] >= LEAST_FOR_PLANE).sum()), PLANES_TRIED, 3)) for p in parts]
     with ThreadPoolExecutor(thread_count(0)) as pool:
         list(pool.map(fit, parts, three))
     return departure, judged
@@ -170,30 +179,43 @@ def _by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.nd
     return order, np.where(one > other, pairs.second, pairs.first)[order], bounds
 
 
-def _planes(terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, size: np.ndarray, three: np.ndarray) -> np.ndarray:
+def _planes(
+    nearest: Nearest, three: np.ndarray, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
+) -> np.ndarray:
     """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
 
-    ``terms (p, s, 3)`` are 1 and the position in the image; ``size (p,)`` is how many different parallaxes there are;
-    ``three (p, t, 3)`` are the numbers of those that planes are laid through.
+    ``three (p, t, 3)`` are the numbers of the parallaxes that planes are laid through; ``terms (p, s, 3)`` are 1 and
+    the position in the image; ``kept (p,)`` is how many parallaxes are right for sure, less one.
     """
-    pairs, sample = y.shape
-    kept = (sample * np.clip(3.0 / size, QUANTILE, 1.0)).astype(np.int64) - 1
-    level = np.zeros((pairs, sample, 3))
+    level = np.zeros((*y.shape, 3))
     level[:, :, 0] = y
-    pair = np.arange(pairs)[:, None, None]
-    tilted = _planes_through(terms[pair, three], y[pair, three])
-    tilted[size < LEAST_FOR_PLANE] = 0.0
-    tried = np.concatenate([level, tilted], axis=1)
-    plane = tried[np.arange(pairs), _nearest(terms, y, sigma, tried, kept)]
-    flat = np.where((size < LEAST_FOR_PLANE)[:, None], 1e9, LEVELLING) * np.array([0.0, 1.0, 1.0])
+    pair = np.arange(len(y))[:, None, None]
+    tried = np.concatenate([level, _planes_through(terms[pair, three], y[pair, three])], axis=1)
+    plane = tried[np.arange(len(y)), nearest(terms, y, sigma, tried, kept)]
+    flat = LEVELLING * np.array([0.0, 1.0, 1.0])
     for _ in range(PLANE_STEPS):
-        apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
-        limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
-        weight = np.where(apart <= limit, 1.0 / sigma**2, 0.0)
+        weight = _weight_of_nearest(y - (terms @ plane[:, :, None])[:, :, 0], sigma, kept)
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
         normal[:, range(3), range(3)] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
     return plane
+
+
+def _level(nearest: Nearest, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return the constant ``(p, 1)`` of image pairs with too few parallaxes for a plane, found as `_planes` are."""
+    constant, one = y[:, :, None], terms[:, :, :1]
+    level = constant[np.arange(len(y)), nearest(one, y, sigma, constant, kept)]
+    for _ in range(PLANE_STEPS):
+        weight = _weight_of_nearest(y - level, sigma, kept)
+        level = ((weight * y).sum(axis=1) / weight.sum(axis=1))[:, None]
+    return level
+
+
+def _weight_of_nearest(residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return the weights of parallaxes ``(p, s)``, zero of those that are farther than number ``kept`` of a pair."""
+    apart = np.abs(residual) / sigma
+    limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
+    return np.where(apart <= limit, 1.0 / sigma**2, 0.0)
 
 
 def _planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -217,14 +239,19 @@ def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
-def _nearest(terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return which of the planes ``tried (p, t, 3)`` has the least distance number ``kept (p,)``, ``(p,)``."""
-    if is_wanted(len(y) >= PAIRS_WORTH_COMPILING):
+def _search(pairs: int) -> Nearest:
+    """Return what finds the planes of that many image pairs."""
+    if is_wanted(pairs >= PAIRS_WORTH_COMPILING):
         from .compiled_planes import nearest_planes
 
-        chosen = np.empty(len(y), dtype=np.int64)
-        nearest_planes(terms, y, sigma, tried, kept, chosen)
-        return chosen
+        return nearest_planes
+    return _nearest_planes
+
+
+def _nearest_planes(
+    terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
+) -> np.ndarray:
+    """As `compiled_planes.nearest_planes`."""
     apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
     apart.partition(np.unique(kept), axis=2)
     reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]

@@ -162,7 +162,8 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         weighted = unit[:, None] * weight
         residual = np.concatenate([miss[number], solution.normals.residual[rows].ravel()])[used]
         position = position[used]
-        own.append((weight - weight @ position @ inverse @ position.T @ weight) * unit * unit[:, None])
+        alone = (weight - weight @ position @ inverse @ position.T @ weight) * unit * unit[:, None]
+        own.append(0.5 * (alone + alone.T))
         by_cameras.append(weighted @ depending[used].reshape(len(used), -1))
         unknowns.append((seeing[:, None] * parameters + np.arange(parameters)).ravel())
         for column, values in zip(
@@ -176,12 +177,13 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         ):  # fmt: skip
             column.append(values)
     point, kind, row, axis, u, sigma = (np.concatenate(column) for column in columns)
-    s = -system.quadratic(_by_unknown(by_cameras, unknowns, loop.prior_weight.size))
+    s = system.quadratic(_by_unknown(by_cameras, unknowns, loop.prior_weight.size))
+    np.negative(s, out=s)
     begin = 0
     for block in own:
         s[begin : begin + len(block), begin : begin + len(block)] += block
         begin += len(block)
-    return Discrepancies(points, point, kind, row, axis, u, 0.5 * (s + s.T), sigma)
+    return Discrepancies(points, point, kind, row, axis, u, s, sigma)
 
 
 def _by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:

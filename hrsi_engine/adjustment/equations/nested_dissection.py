@@ -45,6 +45,7 @@ from ...foundation.threads import are_one_thread_calls, thread_count
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
 WORTH_THREADS = 8  # fronts
+MIRRORED_AT_ONCE = 64  # rows
 
 Runs = Sequence[tuple[slice, slice]]  # parts of a matrix's rows, and where they stand in another
 MatrixPart = tuple[slice, slice]  # rows and columns
@@ -223,8 +224,13 @@ def parts_at(runs: Runs, lower: bool = False) -> Iterator[tuple[MatrixPart, Matr
 
 def symmetric(lower: np.ndarray) -> np.ndarray:
     """Return the matrix of a lower triangle; what is above the diagonal does not matter."""
-    lower = np.tril(lower)
-    return np.asarray(lower + np.tril(lower, -1).T)
+    result = np.array(lower)
+    for begin in range(0, len(lower), MIRRORED_AT_ONCE):  # parts that the processor's cache holds
+        end = min(begin + MIRRORED_AT_ONCE, len(lower))
+        own = np.tril(lower[begin:end, begin:end])
+        result[begin:end, begin:end] = own + np.tril(own, -1).T
+        result[begin:end, end:] = lower[end:, begin:end].T
+    return result
 
 
 class SparseFactor:
