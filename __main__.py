@@ -12,10 +12,7 @@ def main() -> int:
     quit_on_signals()
     from .processing_algorithms.interface import cli  # loads all declarations
 
-    try:
-        return cli.main()
-    finally:
-        quit_on_signals()  # whatever the end of the interpreter takes
+    return cli.run_process()
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import os
 import shlex
@@ -25,7 +26,18 @@ from .terminal import Listeners, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
+_NEW_OBJECTS = 50_000  # between two looks for objects that only each other hold; ours are few
 _DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
+
+
+def run_process() -> int:
+    """Run the command line in a process that is there for this one run; return its exit code."""
+    gc.set_threshold(_NEW_OBJECTS)
+    try:
+        return main()
+    finally:
+        gc.freeze()  # the system takes all at once: no need to look through the modules for what can go first
+        quit_on_signals()  # whatever the end of the interpreter takes
 
 
 def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] = REGISTRY) -> int:
@@ -311,6 +323,4 @@ def _silence_stdout() -> None:
 
 
 if __name__ == "__main__":
-    exit_code = main()
-    quit_on_signals()
-    sys.exit(exit_code)
+    sys.exit(run_process())
