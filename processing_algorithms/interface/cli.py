@@ -14,6 +14,7 @@ from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
 from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, signals_as_exceptions
+from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
@@ -33,6 +34,7 @@ _DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
 def run_process() -> int:
     """Run the command line in a process that is there for this one run; return its exit code."""
     gc.set_threshold(_NEW_OBJECTS)
+    share_one_heap()
     try:
         return main()
     finally:
