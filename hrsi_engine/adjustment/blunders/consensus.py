@@ -96,18 +96,20 @@ def _parallaxes(equations: NormalEquations, observations: Observations, state: S
     local = equations.point_jacobians(state, points)
     rows = local.rows.reshape(-1, length)
     residual, by_ground = local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3)
-    ray = np.cross(by_ground[:, :, 0], by_ground[:, :, 1])
+    ray = _cross(by_ground[:, :, 0], by_ground[:, :, 1])
+    scale_of_one, scale_of_other = np.linalg.norm(by_ground, axis=(2, 3)), np.linalg.norm(ray, axis=2)
+    swapped = by_ground[:, :, ::-1] * np.array([[1.0], [-1.0]])
     sigma = observations.sigma_px[rows]
     columns: list[tuple[np.ndarray, ...]] = []
     for one, other in pairs_of(length):
         # n: the 3 x 3 minors of (B_1; B_2), a row left out each
-        on_one = np.einsum("mci,mi->mc", by_ground[:, one, ::-1], ray[:, other]) * [1.0, -1.0]
-        on_other = np.einsum("mci,mi->mc", by_ground[:, other, ::-1], ray[:, one]) * [1.0, -1.0]
-        squares_one, squares_other = (on_one**2).sum(axis=1), (on_other**2).sum(axis=1)
+        on_one = np.einsum("mci,mi->mc", swapped[:, one], ray[:, other])
+        on_other = np.einsum("mci,mi->mc", swapped[:, other], ray[:, one])
+        squares_one, squares_other = (np.einsum("mc,mc->m", n, n) for n in (on_one, on_other))
         length_of_n = np.sqrt(squares_one + squares_other)
-        scale = np.linalg.norm(by_ground[:, one], axis=(1, 2)) * np.linalg.norm(ray[:, other], axis=1)
-        crossing = length_of_n > PARALLEL * scale  # an image delivered twice has parallel rays, and no such plane
-        y = (on_one * residual[:, one]).sum(axis=1) + (on_other * residual[:, other]).sum(axis=1)
+        # an image delivered twice has parallel rays, and no such plane
+        crossing = length_of_n > PARALLEL * scale_of_one[:, one] * scale_of_other[:, other]
+        y = np.einsum("mc,mc->m", on_one, residual[:, one]) + np.einsum("mc,mc->m", on_other, residual[:, other])
         spread = np.sqrt(squares_one * sigma[:, one] ** 2 + squares_other * sigma[:, other] ** 2)
         every = rows[:, one], rows[:, other], y, spread, length_of_n
         first, second, y, spread, length_of_n = (column[crossing] for column in every)
