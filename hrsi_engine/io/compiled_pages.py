@@ -100,8 +100,12 @@ def add_rows(
                 for byte in range(lengths[column, row]):
                     page[at + byte] = content[word + byte]
                 at += lengths[column, row]
+            elif serial == _REAL:
+                for byte in range(8):  # a loop of known length becomes one instruction
+                    page[at + byte] = (word >> (56 - 8 * byte)) & 255
+                at += 8
             elif serial != _NULL:
-                if serial != _REAL and kinds[column] == NUMBER_CELL:
+                if kinds[column] == NUMBER_CELL:
                     word = int(reals[column, row])
                 _write_integer(page, at, _INTEGER_BYTES[serial], word)
                 at += _INTEGER_BYTES[serial]
@@ -175,6 +179,9 @@ def _varint_bytes(value: int) -> int:
 @njit(nogil=True, cache=True)
 def _write_varint(page: np.ndarray, at: int, value: int) -> int:
     """Write a number below 2**56; return the place behind it."""
+    if value < 128:
+        page[at] = value
+        return at + 1
     count = _varint_bytes(value)
     for byte in range(count):
         page[at + byte] = ((value >> (7 * (count - 1 - byte))) & 127) | (128 if byte < count - 1 else 0)
