@@ -93,7 +93,11 @@ def add_rows(
         at = _write_varint(page, at, key)
         at = _write_varint(page, at, head)
         for column in range(columns):
-            at = _write_varint(page, at, types[column])
+            if types[column] < 128:  # nearly always; called for all of them, the function is not inlined
+                page[at] = types[column]
+                at += 1
+            else:
+                at = _write_varint(page, at, types[column])
         for column in range(1, columns):
             serial, word = types[column], words[column, row]
             if serial >= _BYTES:
@@ -179,9 +183,6 @@ def _varint_bytes(value: int) -> int:
 @njit(nogil=True, cache=True)
 def _write_varint(page: np.ndarray, at: int, value: int) -> int:
     """Write a number below 2**56; return the place behind it."""
-    if value < 128:
-        page[at] = value
-        return at + 1
     count = _varint_bytes(value)
     for byte in range(count):
         page[at + byte] = ((value >> (7 * (count - 1 - byte))) & 127) | (128 if byte < count - 1 else 0)
