@@ -496,7 +496,7 @@ def _only_chosen(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) 
 
 def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
     for option, chosen in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
-        missing = sorted(set(chosen or ()) - set(known.ids.tolist()))
+        missing = sorted(set(chosen).difference(known.ids.tolist())) if chosen else []
         if missing:
             alike = [repr(name) for others in resembling(missing, known.ids).values() for name in others]
             raise InputError(

@@ -54,14 +54,17 @@ def _bones(ids: Iterable[str]) -> list[str]:
 def resembling(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
     """Return which known ids look like strangers, by stranger; without those that look like none."""
     by_spelling: dict[str, list[str]] = {}
-    known = list(map(str, known))
+    waiting = map(str, strangers)
+    names = list(islice(waiting, _AT_ONCE))
+    known = list(map(str, known)) if names else []  # all ids of a large block may be known: nothing is spelt
     if not known:
         return {}
     for name, spelling in zip(known, plain_spellings(known), strict=True):
         by_spelling.setdefault(spelling, []).append(name)
-    waiting, found, bones = map(str, strangers), dict[str, list[str]](), set(_bones(known))
-    while names := list(islice(waiting, _AT_ONCE)):
+    found, bones = dict[str, list[str]](), set(_bones(known))
+    while names:
         names = [name for name, own in zip(names, _bones(names), strict=True) if own in bones]
         spelt = zip(names, plain_spellings(names), strict=True)
         found |= {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
+        names = list(islice(waiting, _AT_ONCE))
     return found
