@@ -183,23 +183,22 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
 
 def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images."""
-    block = result.block
-    used = np.isfinite(result.residual_px).all(axis=1) & (block.points.role == Role.TIE)[block.measurements.point]
-    points = block.measurements.point[used]
-    rays = np.bincount(points, minlength=len(block.points))
+    block, point = result.block, result.block.measurements.point
+    used = np.flatnonzero(np.isfinite(result.residual_px).all(axis=1) & (block.points.role == Role.TIE)[point])
+    rays = np.bincount(point[used], minlength=len(block.points))
+    rays_of_row = rays[point[used]]
     return {
         **_tie_figures(result, left, used),
         "by_rays": {
-            str(count): _tie_figures(result, left, used & (rays[block.measurements.point] == count))
-            for count in np.unique(rays[rays > 0])
+            str(count): _tie_figures(result, left, used[rays_of_row == count]) for count in np.unique(rays[rays > 0])
         },
     }
 
 
 def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[str, Any]:
     return {
-        "points": len(np.unique(result.block.measurements.point[rows])),
-        "observations": int(rows.sum()),
+        "points": int(np.count_nonzero(np.bincount(result.block.measurements.point[rows]))),
+        "observations": len(rows),
         "before_rmse_px": radial_rmse(left.tie_before_px[rows]),
         "rmse_px": radial_rmse(result.residual_px[rows]),
     }

@@ -65,7 +65,8 @@ def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     found = measurement_statistic(left)
     left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
     found = np.where(left_out, result.statistic, found)
-    worst = np.argsort(-np.nan_to_num(found), kind="stable")[: int(is_outlier(found).sum())]
+    outliers = np.flatnonzero(is_outlier(found))
+    worst = outliers[np.argsort(-np.nan_to_num(found[outliers]), kind="stable")]
     return {
         "outliers": [
             named_measurement(result, row) | {"statistic": float(found[row])} for row in worst[:MOST_OUTLIERS].tolist()
