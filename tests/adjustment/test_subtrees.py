@@ -41,7 +41,7 @@ class HereAndNow:
     def scheduler_info(self, n_workers: int = 0) -> dict[str, Any]:
         return {"workers": {}}
 
-    def submit(self, function: Callable[..., Any], *given: Any, pure: bool) -> Any:
+    def submit(self, function: Callable[..., Any], *given: Any, pure: bool, fifo_timeout: float) -> Any:
         return function(*given)
 
     def gather(self, found: Any) -> Any:

@@ -3,27 +3,27 @@
 A node hands up the *update*, what is left of its equations when its own unknowns are eliminated, for the cameras of
 its border; a separator adds those of its children, its own priors and damping, and eliminates its own cameras. Down
 come the steps of the border, from which its own follow, and for the precision the inverse of the border (the formulas
-are those of `equations.nested_dissection`).
+are those of `equations.nested_dissection`). Of symmetric matrices the lower triangle is made and handed on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.dense_matrices import add_product, own_square, product, subtract_square, times_triangle
+from ...foundation.dense_matrices import add_product, own_square, subtract_square, symmetric_times, times_triangle
 from ...foundation.threads import one_thread_calls
 from ..equations.camera_system import unit_scales
-from ..equations.nested_dissection import factor_of, parts_at, runs_of, symmetric
+from ..equations.nested_dissection import MatrixPart, factor_of, parts_at, runs_of
 
 
 class Update(NamedTuple):
     """What is left for a border.
 
     border : (b,) cameras
-    matrix, right : (b p, b p) and (b, p), the equations without priors
+    matrix, right : (b p, b p), its lower triangle, and (b, p), the equations without priors
     diagonal : (b, p) of the matrix before anything was eliminated: what damping and scales refer to
     """
 
@@ -45,7 +45,7 @@ class Steps(NamedTuple):
 
 
 class BorderInverse(NamedTuple):
-    """The inverse ``(k p, k p)`` over cameras ``(k,)``, sorted by camera."""
+    """The lower triangle of the inverse ``(k p, k p)`` over cameras ``(k,)``, sorted by camera."""
 
     cameras: np.ndarray
     matrix: np.ndarray
@@ -72,7 +72,6 @@ class Separator(NamedTuple):
     forward: np.ndarray
     scale: np.ndarray
     pulled: np.ndarray
-    update: Update
 
 
 def unknowns(cameras: np.ndarray, size: int) -> np.ndarray:
@@ -80,8 +79,10 @@ def unknowns(cameras: np.ndarray, size: int) -> np.ndarray:
     return np.asarray((cameras[:, None] * size + np.arange(size)).ravel())
 
 
-def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float, *updates: Update) -> Separator:
-    """Put the updates of the children of a separator together and eliminate its own cameras.
+def join(
+    own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float, *updates: Update
+) -> tuple[Separator, Update]:
+    """Put the updates of the children of a separator together and eliminate its own cameras: return what is left, too.
 
     Parameters
     ----------
@@ -99,8 +100,8 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
     for update in updates:
         place = place_of[np.searchsorted(cameras, update.border, sorter=place_of)]
         chosen = unknowns(place, size)
-        for part, there in parts_at(runs_of(chosen)):
-            matrix[there] += update.matrix[part]
+        for part, there, turned in _lower_parts(chosen):
+            matrix[there] += update.matrix[part].T if turned else update.matrix[part]
         right[place] += update.right
         diagonal[place] += update.diagonal
     mine, n = len(own), len(own) * size
@@ -117,16 +118,11 @@ def join(own: np.ndarray, prior: np.ndarray, values: np.ndarray, damping: float,
         factor = factor_of(matrix[:n, :n])
         coupling = times_triangle(matrix[n:, :n], factor, transposed=True)
         subtract_square(matrix[n:, n:], coupling)
-    left = symmetric(matrix[n:, n:])
     forward = factor @ (scale * right[:mine]).ravel()
     rest = right[mine:] - (coupling @ forward).reshape(-1, size)
     pulled = np.stack([total, np.where(free, prior, 0.0) * values]) if mine else np.zeros((2, 0, size))
-    return Separator(own, border, factor, coupling, forward, scale, pulled, Update(border, left, rest, diagonal[mine:]))
-
-
-def update_of(node: Separator) -> Update:
-    """Return what a node hands up."""
-    return node.update
+    left = Update(border, matrix[n:, n:].copy(), rest, diagonal[mine:])  # a copy, or all of the front would be kept
+    return Separator(own, border, factor, coupling, forward, scale, pulled), left
 
 
 def steps_of(node: Separator, above: Steps | None) -> Steps:
@@ -153,14 +149,13 @@ def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
     inverse = np.zeros((n + len(outer),) * 2)
     with one_thread_calls():
         gain = times_triangle(node.coupling, node.factor)
-        pulled = product(outer, gain)
+        pulled = symmetric_times(outer, gain)
         own = own_square(node.factor)
         add_product(own, gain, pulled)
     scale = node.scale.ravel()
     inverse[n:, n:] = outer
     inverse[n:, :n] = -pulled * scale
-    inverse[:n, n:] = inverse[n:, :n].T
-    inverse[:n, :n] = symmetric(own) * scale * scale[:, None]
+    inverse[:n, :n] = own * scale * scale[:, None]
     cameras = np.concatenate([node.own, node.border])
     order = np.argsort(cameras)
     chosen = unknowns(order, size)
@@ -168,18 +163,26 @@ def invert(node: Separator, above: BorderInverse | None) -> BorderInverse:
 
 
 def _part(matrix: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the rows and columns of some unknowns, many of which follow one another."""
-    result = np.empty((len(chosen),) * 2)
-    for part, there in parts_at(runs_of(chosen)):
-        result[part] = matrix[there]
+    """Return the lower triangle of the rows and columns of some unknowns, from that of the matrix."""
+    result = np.zeros((len(chosen),) * 2)
+    for part, there, turned in _lower_parts(chosen):
+        result[part] = matrix[there].T if turned else matrix[there]
     return result
+
+
+def _lower_parts(place: np.ndarray) -> Iterator[tuple[MatrixPart, MatrixPart, bool]]:
+    """Yield the parts of a small lower triangle, those of the large one where they stand, and whether turned there."""
+    for part, (rows, columns) in parts_at(runs_of(place), lower=True):
+        turned = rows.start < columns.start
+        yield part, (columns, rows) if turned else (rows, columns), turned
 
 
 def own_inverse(node: Separator, inverse: BorderInverse) -> np.ndarray:
     """Return the cofactors ``(k, p, p)`` of each of a separator's own cameras."""
     size, place = node.scale.shape[1], np.searchsorted(inverse.cameras, node.own)
     blocks = inverse.matrix.reshape(len(inverse.cameras), size, len(inverse.cameras), size)
-    return np.asarray(blocks[place, :, place, :])
+    lower = np.tril(blocks[place, :, place, :])
+    return np.asarray(lower + np.tril(lower, -1).transpose(0, 2, 1))
 
 
 def sum_of(parts: Sequence[tuple[float, ...]]) -> np.ndarray:

@@ -66,7 +66,8 @@ class Workers:
         """Hand a call out, for the worker of a leaf where that lives."""
         home = self._home.get(number) if number is not None else None
         where = {} if home is None else {"workers": [home], "allow_other_workers": True}
-        return self._client.submit(OnWorker(function), *given, pure=False, **where)
+        # Calls are made in the order in which they are handed out: Dask takes those of 0.1 s as equal by default
+        return self._client.submit(OnWorker(function), *given, pure=False, fifo_timeout=0, **where)
 
     def every(self, function: Callable[..., Any], *given: Any) -> dict[int, Any]:
         """Call a function for every leaf; mappings by leaf are given as the leaf's own, references as what they are."""
@@ -98,42 +99,53 @@ class Workers:
 
     # ---- up and down -------------------------------------------------------------------------------------------------
 
-    def _up(self, at: BlockAt, damping: float, priors: SeparatorPriors) -> tuple[dict[int, Any], dict[int, Any]]:
-        """Return references to the eliminated leaves and the separators."""
-        gone = self.every(leaf.eliminate_inner, self.leaves, at.leaves, damping)
-        updates = {number: self.ask(number, crown.update_of, one) for number, one in gone.items()}
-        joined: dict[int, Any] = {}
-        for number, node in enumerate(self.division.nodes):
-            if node.is_leaf:
-                continue
-            home = int(self.division.leaf_below[number])
-            below = [updates[child] for child in node.children]
-            joined[number] = self.ask(
-                home, crown.join, node.own, priors.weight[number], at.values[number], damping, *below
-            )
-            updates[number] = self.ask(home, crown.update_of, joined[number])
-        return gone, joined
+    def _up(self, at: BlockAt, damping: float, priors: SeparatorPriors) -> dict[int, Any]:
+        """Return references to the eliminated leaves and the separators.
 
-    def _down(self, joined: Mapping[int, Any], function: Callable[..., Any]) -> tuple[dict[int, Any], dict[int, Any]]:
-        """Return what a function of each separator and what came from above gives, and what each node gets so."""
-        found: dict[int, Any] = {}
+        Each node comes right after those below it, and its update is let go of as soon as the parent has it: of all
+        updates, which are several times as large as the factors, few exist at a time.
+        """
+        gone: dict[int, Any] = {}
+        updates: dict[int, Any] = {}
+        for number, node in enumerate(self.division.nodes):
+            home = int(self.division.leaf_below[number])
+            if node.is_leaf:
+                pair = self.ask(home, leaf.eliminate_inner, self.leaves[number], at.leaves[number], damping)
+            else:
+                below = [updates.pop(child) for child in node.children]
+                pair = self.ask(
+                    home, crown.join, node.own, priors.weight[number], at.values[number], damping, *below
+                )  # fmt: skip
+            gone[number], updates[number] = self.ask(home, leaf.first_of, pair), self.ask(home, leaf.second_of, pair)
+        return gone
+
+    def _down(
+        self, at: BlockAt, gone: dict[int, Any], through: Callable[..., Any], own: Callable[..., Any],
+        into: Callable[..., Any],
+    ) -> tuple[dict[int, Any], dict[int, Any]]:  # fmt: skip
+        """Return references to what leaves make ``into`` of what comes down ``through`` separators, and to these' own.
+
+        Each node comes before those below it, half by half, and takes its reference out of ``gone``: what nobody needs
+        any more goes.
+        """
+        leaves: dict[int, Any] = {}
+        owns: dict[int, Any] = {}
         above: dict[int, Any] = {len(self.division.nodes) - 1: None}
         for number in reversed(range(len(self.division.nodes))):
-            node = self.division.nodes[number]
+            node, home = self.division.nodes[number], int(self.division.leaf_below[number])
+            come, eliminated = above.pop(number), gone.pop(number)
             if node.is_leaf:
-                continue
-            home = int(self.division.leaf_below[number])
-            found[number] = self.ask(home, function, joined[number], above[number])
-            above |= dict.fromkeys(node.children, found[number])
-        return found, above
+                leaves[number] = self.ask(home, into, self.leaves[number], at.leaves[number], eliminated, come)
+            else:
+                found = self.ask(home, through, eliminated, come)
+                owns[number] = self.ask(home, own, eliminated, found)
+                above |= dict.fromkeys(node.children, found)
+        return dict(sorted(leaves.items())), dict(sorted(owns.items()))  # sums are in the order of the tree
 
     def step(self, at: BlockAt, damping: float, priors: SeparatorPriors) -> Step[BlockAt]:
         """Return the next state and the decrease of the cost that the equations promise for it."""
-        gone, joined = self._up(at, damping, priors)
-        steps, above = self._down(joined, crown.steps_of)
-        taken = self.every(leaf.move_on, self.leaves, at.leaves, gone, above)
+        taken, mine = self._down(at, self._up(at, damping, priors), crown.steps_of, crown.own_step, leaf.move_on)
         promises = [self.ask(number, leaf.second_of, pair) for number, pair in taken.items()]
-        mine = {number: self.ask(None, crown.own_step, joined[number], steps[number]) for number in joined}
         promised, own = self.gather([promises, mine])
         gained, points, braked = crown.sum_of(promised).tolist()
         values = {number: at.values[number] + step for number, (step, _, _) in own.items()}
@@ -164,10 +176,8 @@ class Workers:
 
     def precise(self, at: BlockAt, priors: SeparatorPriors) -> tuple[dict[int, Any], dict[int, np.ndarray]]:
         """Return references to the leaves' cofactors (`leaf.LeafPrecision`), and those of the separators' cameras."""
-        gone, joined = self._up(at, 0.0, priors)
-        inverses, above = self._down(joined, crown.invert)
-        own = {number: self.ask(None, crown.own_inverse, joined[number], inverses[number]) for number in joined}
-        return self.every(leaf.precise, self.leaves, at.leaves, gone, above), self.gather(own)
+        leaves, own = self._down(at, self._up(at, 0.0, priors), crown.invert, crown.own_inverse, leaf.precise)
+        return leaves, self.gather(own)
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,7 +113,6 @@ class Eliminated(NamedTuple):
     scale: np.ndarray
     factor: list[tuple[np.ndarray, np.ndarray]]
     total: np.ndarray
-    update: Update
 
 
 LoadLeaf = Callable[[], Leaf]
@@ -165,8 +164,8 @@ def reweight(leaf: Leaf, at: LeafAt, robust: str, stored: Callable[[], PointPrio
     return _at(leaf, at.start._replace(robust=WEIGHTS[robust](t), points=points), at.state)
 
 
-def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
-    """Eliminate the inner cameras of a leaf, whose points are."""
+def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> tuple[Eliminated, Update]:
+    """Eliminate the inner cameras of a leaf, whose points are: return what is left, too."""
     pattern, _, factor = leaf.made
     blocks, inner = at.normals.blocks, leaf.inner
     own = np.einsum("cpp->cp", blocks[pattern.diagonal])
@@ -181,7 +180,7 @@ def eliminate_inner(leaf: Leaf, at: LeafAt, damping: float) -> Eliminated:
     border = np.flatnonzero(~inner)
     total = np.where(inner[:, None] & (scale > 0.0), own + finite, 0.0)
     update = Update(leaf.cameras[border], remainder, forward.reshape(scale.shape)[border], own[border])
-    return Eliminated(forward, scale, [(front.factor, front.coupling) for front in factor.fronts], total, update)
+    return Eliminated(forward, scale, [(front.factor, front.coupling) for front in factor.fronts], total), update
 
 
 def _with_factor(leaf: Leaf, eliminated: Eliminated) -> SparseFactor:
