@@ -45,3 +45,12 @@ class Columns:
                         f"`{name}` has the shape {value.shape} beside {rows} rows: give {(rows, *shape)}"
                     ) from None
             object.__setattr__(self, name, value)
+
+
+def rows_by_number(number: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the order ``(n,)`` that brings equal numbers together, and where each begins in it, ``(count + 1,)``.
+
+    ``number (n,)`` are from 0 to below ``count``; rows of the same number stay in their order.
+    """
+    small = number.astype(np.uint16) if count <= 1 << 16 else number  # sorted by digits: in a sixth of the time
+    return np.argsort(small, kind="stable"), np.r_[0, np.cumsum(np.bincount(number, minlength=count))]

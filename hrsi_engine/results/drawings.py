@@ -14,6 +14,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Image
+from ..block.columns import rows_by_number
 from ..block.footprints import footprint, footprints
 from ..block.points import ROLE_LABELS, Role
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
@@ -202,8 +203,8 @@ def _cards(result: Adjustment, shown: _Shown) -> list[ImageCard]:
     here = np.flatnonzero(np.isfinite(shown.residual_px).all(axis=1))
     if not len(here):
         return []
-    here = here[np.argsort(rows.image[here], kind="stable")]
-    bounds = np.searchsorted(rows.image[here], np.arange(len(result.block.images) + 1))
+    order, bounds = rows_by_number(rows.image[here], len(result.block.images))
+    here = here[order]
     parts = {index: here[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
     size = {
         index: float(np.mean(np.sum(shown.residual_px[part] ** 2, axis=1)))

@@ -22,6 +22,7 @@ from ..adjustment.intersection import image_residuals, intersect
 from ..adjustment.observations import subset
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
+from ..block.columns import rows_by_number
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
@@ -116,8 +117,7 @@ def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray
     """Yield each image's index and its measurements among the ``chosen`` (mask), images without any left out."""
     rows = np.flatnonzero(chosen)
     image = block.measurements.image[rows]
-    order = np.argsort(image, kind="stable")
-    bounds = np.searchsorted(image[order], np.arange(len(block.images) + 1))
+    order, bounds = rows_by_number(image, len(block.images))
     for index in range(len(block.images)):
         if bounds[index] < bounds[index + 1]:
             yield index, rows[order[bounds[index] : bounds[index + 1]]]
