@@ -28,6 +28,8 @@ def start_positions(observations: Observations, height_m: float | None = None) -
         known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
         height_m = float(np.median(known)) if len(known) else None
     first = observations.first[:-1]
+    if not len(first):
+        return np.empty((0, 3))
     seen, image = np.unique(observations.image[first], return_inverse=True)
     images = [observations.images[index] for index in seen.tolist()]
     centre, outwards = _at_centres(images, height_m)
