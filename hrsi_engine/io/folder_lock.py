@@ -73,13 +73,22 @@ def _make(folder: str) -> list[str]:
     while not os.path.lexists(path):
         missing.append(path)
         path = os.path.dirname(path)
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except FileExistsError:
-        raise InputError(f"{folder} is a file: name a directory as `output_dir`") from None
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made ({error.strerror}): choose another `output_dir`") from None
+    _make_all(folder)
     return missing[::-1]
+
+
+def _make_all(folder: str) -> None:
+    """Make a folder and those above it, whoever makes and removes it meanwhile."""
+    while True:
+        try:
+            os.makedirs(folder, exist_ok=True)
+            return
+        except FileExistsError:
+            if os.path.lexists(folder) and not os.path.isdir(folder):
+                raise InputError(f"{folder} is a file: name a directory as `output_dir`") from None
+            # else it was there when it was to be made, and not when Python looked whether it is a folder
+        except OSError as error:
+            raise InputError(f"{folder} cannot be made ({error.strerror}): choose another `output_dir`") from None
 
 
 def _take(path: str) -> int | None:
@@ -88,7 +97,7 @@ def _take(path: str) -> int | None:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except FileNotFoundError:  # another run made the folder, and removed it again
-            os.makedirs(os.path.dirname(path), exist_ok=True)
+            _make_all(os.path.dirname(path))
             continue
         except OSError as error:
             folder = os.path.dirname(path)

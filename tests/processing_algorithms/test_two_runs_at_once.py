@@ -125,7 +125,8 @@ def test_whoever_waits_gets_the_folder(tmp_path: Path) -> None:
                             time.sleep(0.0002)
                             mine.unlink()
                             taken += 1
-                    except InputError:
+                    except InputError as error:
+                        assert "another run" in str(error)
                         time.sleep(0.0003)
                 os._exit(0)
             except BaseException:
