@@ -415,13 +415,26 @@ def main() -> None:
         show(SAME_HEADER, same(given.same), SAME_MARKS if given.docs else None)
         return
     rows = [grow(count, given.memory_limit) for count in given.counts or COUNTS]
-    show(HEADER, rows, (BEGIN, END) if given.docs else None)
+    show(HEADER, rows, (BEGIN, END) if given.docs else None, two_parts(rows))
 
 
-def show(header: Sequence[str], rows: Sequence[Sequence[str]], marks: tuple[str, str] | None) -> None:
-    """Print a table, and put it between the marks of the page."""
+def two_parts(rows: Sequence[Sequence[str]]) -> str:
+    """Return the processor time of an image point as a constant, of points, and what grows with the longest cut."""
+    if len(rows) < 3:
+        return ""
+    images, each = (
+        np.array([float(row[HEADER.index(name)]) for row in rows]) for name in ("images", "µs an image point")
+    )
+    side = np.sqrt(images / 10_000)
+    (points, cuts), *_ = np.linalg.lstsq(np.column_stack([1.0 / each, side / each]), np.ones(len(rows)), rcond=None)
+    apart = np.abs((points + cuts * side) / each - 1.0).max()
+    return f"µs an image point = {points:.1f} + {cuts:.1f} sqrt(images / 10 000), to {apart:.0%} in each row."
+
+
+def show(header: Sequence[str], rows: Sequence[Sequence[str]], marks: tuple[str, str] | None, note: str = "") -> None:
+    """Print a table and a note below it, and put both between the marks of the page."""
     lines = [" | ".join(header), "|".join(["---:"] * len(header)), *(" | ".join(row) for row in rows)]
-    table = "\n".join(f"| {line} |" for line in lines)
+    table = "\n".join(f"| {line} |" for line in lines) + (f"\n\n{note}" if note else "")
     print(table)
     if marks is not None:
         text = PAGE.read_text(encoding="utf-8")
