@@ -1,4 +1,4 @@
-"""One heap for all threads of a process."""
+"""One heap for all threads of a process, and what is free in it back to the system."""
 
 from __future__ import annotations
 
@@ -16,3 +16,12 @@ def share_one_heap() -> None:
     """
     with suppress(AttributeError, OSError, TypeError):  # other libraries; on Windows there is none of no name
         ctypes.CDLL(None).mallopt(MOST_HEAPS, 1)
+
+
+def return_free_memory() -> None:
+    """Give the system what is free in the heap, where the C library is glibc; some milliseconds a gigabyte.
+
+    It keeps what lies below anything in use otherwise, which the larger arrays of the next part do not fit into.
+    """
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,12 +17,13 @@ from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.foundation.threads import one_thread_calls
 from ...hrsi_engine.io.array_files import write_arrays
 from ...hrsi_engine.io.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
-from ...hrsi_engine.io.report import write_report_html, write_report_json
+from ...hrsi_engine.io.report import drawn_report, write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
@@ -74,7 +76,8 @@ class Clock:
         self._start = self._last = time.monotonic()
 
     def lap(self, part: str) -> None:
-        """Close a part."""
+        """Close a part; the memory that it does not need any more is not kept for the next one."""
+        return_free_memory()
         now = time.monotonic()
         self.seconds[part] = round(now - self._last, 3)
         self._last = now
@@ -192,12 +195,14 @@ def write_results(
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
-        names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
-        _name_outputs(report, output, how, images, names, result.joint is not None)
-        advance(context.progress, 0.5, "writing layers")
-        layers = block_layers(result, left, output.residual_crs)
-        write_progress = stage(context.progress, 0.5, 0.7)
-        write_geopackage(str(folder / LAYERS_FILE), layers, progress=write_progress, lineage=items)
+        with ThreadPoolExecutor(1) as beside:  # the page is drawn while compiled code writes the layers' rows
+            drawings = beside.submit(_drawings, result, left, refined) if output.report else None
+            names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
+            _name_outputs(report, output, how, images, names, result.joint is not None)
+            advance(context.progress, 0.5, "writing layers")
+            layers = block_layers(result, left, output.residual_crs)
+            write_progress = stage(context.progress, 0.5, 0.7)
+            write_geopackage(str(folder / LAYERS_FILE), layers, progress=write_progress, lineage=items)
         for file in stale:
             changes.remove(file)
         report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
@@ -207,8 +212,9 @@ def write_results(
             _write_items(folder, report, images, refined, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
-        delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
-        _write_reports(folder, report, result, left, delivered, page=output.report)
+        if drawings is not None:
+            write_report_html(str(folder / PAGE_FILE), report, drawings.result())
+        write_report_json(str(folder / REPORT_FILE), report)
         write_report_json(str(folder / RECORD_FILE), record_of(result))
         if result.joint is not None:
             write_arrays(str(folder / CAMERAS_FILE), joint_arrays(result.joint))
@@ -242,12 +248,11 @@ def _name_outputs(
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 
-def _write_reports(
-    folder: Path, report: Report, result: Adjustment, left: Residuals, refined: Sequence[Image], page: bool
-) -> None:
-    if page:
-        write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, refined, find_outline))
-    write_report_json(str(folder / REPORT_FILE), report)
+def _drawings(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
+    delivered = [replace(image, rpc=new.rpc) for image, new in zip(result.block.images, refined, strict=True)]
+    drawings = drawn_report(report_figures(result, left, delivered, find_outline))
+    return_free_memory()  # the layers need it
+    return drawings
 
 
 def _write_items(
