@@ -98,11 +98,12 @@ class GaussNewton:
 
         The history grows over all runs, one row for every step.
         """
-        return self._descend(self._at(state, weighting, np.ones(len(weighting.image))), robust, tolerance, progress)
+        unweighed = np.ones(len(weighting.image))
+        return self._descend(lambda: self._at(state, weighting, unweighed), robust, tolerance, progress)
 
     def run_on(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
         """Iterate from a solution with its own weights: what has changed are the priors (`hold`)."""
-        return self._descend(replace(last, cost=self.cost(last)), robust, tolerance, progress)
+        return self._descend(lambda: replace(last, cost=self.cost(last)), robust, tolerance, progress)
 
     def cofactors(self, solution: Solution) -> tuple[np.ndarray | None, Cofactors | None]:
         """Return the cofactors of the cameras on the pattern and those of points and image points, None if unknown."""
@@ -112,7 +113,8 @@ class GaussNewton:
             return None, None
         return cameras, self.equations.cofactors(solution.state, solution.weight, solution.normals, cameras)
 
-    def _descend(self, begin: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
+    def _descend(self, begin: Callable[[], Solution], robust: str, tolerance: float, progress: Progress) -> Solution:
+        """Descend from the solution that ``begin`` makes: none here holds its equations when it is left behind."""
         robustly = WEIGHTS[robust]
         tolerance = max(tolerance, ROBUST_TOLERANCE) if robustly is not least_squares else tolerance
         first = len(self.history)
@@ -125,7 +127,7 @@ class GaussNewton:
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
         reweighting = robustly is not least_squares or bool(self.held)
         ended = descend(
-            begin,
+            begin(),
             step,
             lambda at: max(1.0, 2.0 * at.cost / self._freedom(at.weighting)),
             self.max_iterations,

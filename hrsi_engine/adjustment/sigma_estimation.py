@@ -98,6 +98,7 @@ class SigmaEstimation:
     def precision_at(self, loop: GaussNewton, solution: Solution) -> Precision:
         """Return all cofactors at a solution; those that were computed last are kept."""
         if self._last is None or self._last[0] is not solution or self._last[1] is not loop.prior_weight:
+            self._last = None  # one is large enough
             self._last = solution, loop.prior_weight, precision(loop, solution)
         return self._last[2]
 
@@ -157,7 +158,11 @@ class SigmaEstimation:
             variances = own.diagonal(axis1=1, axis2=2)
             freedom = max(redundancy_of(self.problem, loop, solution, variances, cofactors), 0.0)
             unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
-        return max(change, self.drift.update(loop, solution, own, unit_variance)) if self.drifts else change
+        if self.drifts:
+            change = max(change, self.drift.update(loop, solution, own, unit_variance))
+        if change >= SETTLED_SHARE:  # another solution follows
+            self._last = None
+        return change
 
     def _settle_surveys(
         self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]

@@ -83,7 +83,7 @@ def run_adjuster(
 class Adjuster(Snooping):
     """The rounds of one adjustment: those that find blunders (`Snooping`), and those that find sigmas.
 
-    ``solution`` is the last one; there is none before `run`.
+    ``solution`` is the last one; there is none before `run`. Others are let go as soon as can be: they are large.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -96,55 +96,57 @@ class Adjuster(Snooping):
         options = self.problem.options
         rejecting = options.reject_sigma > 0.0
         if rejecting:
-            solution = self.without_wrong_ties(stage(progress, 0.0, 0.6))
-            solution = self.without_wrong_control(solution, stage(progress, 0.6, 0.7))
+            self.solution = self.without_wrong_ties(stage(progress, 0.0, 0.6))
+            self.solution = self.without_wrong_control(self.solution, stage(progress, 0.6, 0.7))
         else:
-            solution = self.solve(None, progress)
-        solution, precise = self.with_fitting_sigmas(solution, stage(progress, 0.7, 0.8))
+            self.solution = self.solve(None, progress)
+        precise = self.with_fitting_sigmas(stage(progress, 0.7, 0.8))
         if self.sigmas.tried and rejecting:  # once more: by drifts and sigmas as they are
-            settled, solution = solution, self.settled(solution, silent)
-            if solution is not settled:
-                solution, precise = self.in_rounds(solution, stage(progress, 0.8, 0.9))
-            settled, solution = solution, self.without_wrong_control(solution, stage(progress, 0.9, 1.0))
-            if solution is not settled:
-                precise = precision(self.loop, solution)
+            solves = self.loop.solves
+            self.solution = self.settled(self.solution, silent)
+            if self.loop.solves > solves:
+                precise = self.in_rounds(stage(progress, 0.8, 0.9))
+            solves = self.loop.solves
+            self.solution = self.without_wrong_control(self.solution, stage(progress, 0.9, 1.0))
+            if self.loop.solves > solves:
+                precise = precision(self.loop, self.solution)
         if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
-            self.judge_tie_variance(solution)
+            self.judge_tie_variance(self.solution)
         self.say()
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
             loop = self.problem.loop()
             loop.hold(self.loop.prior_weight)
-            self.found.cross_validation = cross_validate(self.problem, loop, solution, self.survey_weight, progress)
+            validated = cross_validate(self.problem, loop, self.solution, self.survey_weight, progress)
+            self.found.cross_validation = validated
         self.sigmas.report(self.found)
-        self.solution = solution
-        return outcome(self.problem, self.loop, self.found, solution, precise)
+        return outcome(self.problem, self.loop, self.found, self.solution, precise)
 
     # ---- sigmas ----------------------------------------------------------------------------------------------------
 
-    def with_fitting_sigmas(self, solution: Solution, progress: Progress) -> tuple[Solution, Precision]:
+    def with_fitting_sigmas(self, progress: Progress) -> Precision:
         """Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show."""
         sigmas = self.sigmas
         how = self.problem.options.robust, self.problem.options.tolerance, silent
-        if sigmas.begin(self.loop, solution) and sigmas.drifts:
-            solution = self.loop.run_on(solution, *how)
-            sigmas.test_few_surveys(self.loop, solution)
-        return self.in_rounds(solution, progress)
+        if sigmas.begin(self.loop, self.solution) and sigmas.drifts:
+            self.solution = self.loop.run_on(self.solution, *how)
+            sigmas.test_few_surveys(self.loop, self.solution)
+        return self.in_rounds(progress)
 
-    def in_rounds(self, solution: Solution, progress: Progress) -> tuple[Solution, Precision]:
-        """Estimate sigmas and adjust with them in turn until they settle; also the precision."""
+    def in_rounds(self, progress: Progress) -> Precision:
+        """Estimate sigmas and adjust with them in turn until they settle; return the precision then."""
         sigmas = self.sigmas
         how = self.problem.options.robust, self.problem.options.tolerance, silent
         for number in range(ROUNDS if sigmas.tried else 0):
             advance(progress, number / ROUNDS, "sigmas from the residuals")
-            change = sigmas.update(self.loop, solution, self.discrepancies_at)
+            change = sigmas.update(self.loop, self.solution, self.discrepancies_at)
             if change < SETTLED_SHARE:
-                if not sigmas.test(self.loop, solution):
+                if not sigmas.test(self.loop, self.solution):
                     break
             elif sigmas.sigmas.free.any():
                 self.image_weight = sigmas.image_weight()
                 self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
-                solution = self.solve(solution, silent)
+                self.solution = self.solve(self.solution, silent)
             else:
-                solution = self.loop.run_on(solution, *how)
-        return solution, sigmas.precision_at(self.loop, solution)
+                self.solution = self.loop.run_on(self.solution, *how)
+        return sigmas.precision_at(self.loop, self.solution)

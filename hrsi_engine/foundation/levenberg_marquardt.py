@@ -96,6 +96,7 @@ def descend(
     tolerance : a promised decrease of this share of the cost is none either
     """
     best = at = start
+    del start  # a place may be large, and where a descent began is not needed again
     damping, needed, growth, astray = 0.0, FIRST_DAMPING, RAISED, 0
     promised = np.inf
     for number in range(1, most + 1):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from weakref import ref
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Snooping:
         self.ties = observations.contributing_points & ~observations.located
         self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
         self._undecided: list[Finding] = []
-        self._control: tuple[Solution, np.ndarray, Discrepancies] | None = None
+        self._control: tuple[ref[Solution], np.ndarray, Discrepancies] | None = None
 
     def weighting(self, last: Solution | None, survey_weight: np.ndarray | None = None) -> Weighting:
         """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own.
@@ -169,11 +170,11 @@ class Snooping:
         """Return the discrepancies of some GCPs at a solution; those that were computed last are kept."""
         last = self._control
         if last is None or not (
-            last[0] is solution and last[1] is self.loop.prior_weight and np.array_equal(last[2].points, points)
+            last[0]() is solution and last[1] is self.loop.prior_weight and np.array_equal(last[2].points, points)
         ):
             self._control = last = None  # one is large enough
             control = discrepancies(self.problem, self.loop, solution, points)
-            self._control = last = solution, self.loop.prior_weight, control
+            self._control = last = ref(solution), self.loop.prior_weight, control
         return last[2]
 
     def _may_drift(self) -> bool:
