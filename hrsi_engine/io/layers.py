@@ -39,7 +39,7 @@ _GEOMETRY_TYPES = {
 }  # fmt: skip
 GEOMETRY_COLUMN = "geom"
 LONGEST_PATH = 400  # bytes: hidden names and journals are longer, by what tells who writes
-_CHUNK_ROWS = 50_000
+_CHUNK_ROWS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,16 +246,16 @@ def insert_rows(
     names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
     there = _are_placed(low, high)
-    here = np.flatnonzero(there)
+    numbers = np.flatnonzero(there).astype(np.int32) + np.int32(1)
     if not there.all():
-        low, high = low[here], high[here]
+        low, high = (low[there], low[there]) if low is high else (low[there], high[there])
     with _without_triggers(database, layer.name):
         if empty_first:
             database.execute(sql_text("DELETE FROM {table}", table=layer.name))
             empty_rtree(database, rtree)
         rows.begin()
         with ThreadPoolExecutor(1) as beside:  # the index is sorted while the rows are written
-            tree = beside.submit(pack_rtree, here + 1, low, high)
+            tree = beside.submit(pack_rtree, numbers, low, high)
             for start in range(0, len(layer), _CHUNK_ROWS):
                 part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
                 rows.insert(layer.name, names, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
@@ -263,7 +263,7 @@ def insert_rows(
         fill_rtree(rows, rtree, tree.result())
         rows.commit()
     database.execute("UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = ?", (len(layer), layer.name))
-    if len(here):
+    if len(numbers):
         west, south, east, north = _extent(low, high)
         database.execute(
             "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
@@ -295,7 +295,10 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
     if layer.geometry == "None":
         return np.empty((0, 2)), np.empty((0, 2))
     if layer.geometry != "Polygon":
-        xy = np.asarray(layer.coordinates, dtype=np.float64)[:, :2]
+        xy = np.empty((len(layer.coordinates), 2))
+        for begin in range(0, len(xy), _CHUNK_ROWS):  # coordinates that are put together here have no other copy
+            part = slice(begin, begin + _CHUNK_ROWS)
+            xy[part] = np.asarray(layer.coordinates[part])[:, :2]
         return xy, xy
     extremes = [(np.nan,) * 4 if polygon.is_empty else polygon.bounds for polygon in layer.coordinates]
     corners = np.array(extremes).reshape(-1, 4)

@@ -20,7 +20,7 @@ _MOST_CELLS = 51  # SQLite's limit
 _CELL = np.dtype([("id", ">i8"), ("bounds", ">f4", (4,))])
 _NODE = np.dtype([("depth", ">u2"), ("cells", ">u2"), ("cell", _CELL, (_MOST_CELLS,))])
 _ROOT = 1
-_ROWS_AT_ONCE = 50_000
+_ROWS_AT_ONCE, _NODES_AT_ONCE = 25_000, 1000
 
 
 _Level = tuple[np.ndarray, np.ndarray]  # ascending keys, and a value for each
@@ -64,11 +64,11 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> PackedT
         bounds = -(-np.arange(number + 1) * count // number)  # all nodes are about equally full
         child = rowids[order] if level == 0 else first[level - 1] + np.arange(count)
         depth = level if level == len(counts) - 1 else 0  # the root tells it
-        numbers = first[level] + np.arange(number)
-        nodes.append((numbers, _content(depth, child, boxes, bounds)))
-        node = np.empty(count, dtype=np.int64)
+        numbers = first[level] + np.arange(number, dtype=np.int32)
+        node = np.empty(count, dtype=np.int32)
         node[order if level == 0 else slice(None)] = np.repeat(numbers, np.diff(bounds))
         places.append((rowids if level == 0 else child, node))
+        nodes.append((numbers, _content(depth, child, boxes, bounds)))
         least, largest = (f.reduceat(boxes, bounds[:-1]) for f in (np.minimum, np.maximum))
         boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
     return PackedTree([nodes[-1], *nodes[:-1]], places[0], places[1:])  # the root first, as its number is
@@ -94,9 +94,11 @@ def _content(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.ndarra
     cells = np.diff(bounds)
     content = np.zeros(len(cells), dtype=_NODE)
     content["depth"], content["cells"] = depth, cells
-    row, place = np.repeat(np.arange(len(cells)), cells), np.arange(len(child)) - np.repeat(bounds[:-1], cells)
-    content["cell"]["id"][row, place] = child
-    content["cell"]["bounds"][row, place] = boxes
+    for begin in range(0, len(cells), _NODES_AT_ONCE):
+        part = slice(begin, min(begin + _NODES_AT_ONCE, len(cells)))
+        used, given = np.arange(_MOST_CELLS) < cells[part, None], slice(bounds[part.start], bounds[part.stop])
+        content["cell"]["id"][part][used] = child[given]
+        content["cell"]["bounds"][part][used] = boxes[given]
     return content.view(f"V{_NODE.itemsize}")
 
 
