@@ -55,6 +55,7 @@ HEAD = (
 )
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "large_blocks.md"
 MANY = 1_000_000  # images of the estimate
+KIB = 1024  # bytes, the unit of `ru_maxrss`
 BEGIN, END = "<!-- command: made by benchmarks/command_speed.py -->", "<!-- end of command -->"
 INTRODUCTION = """## The whole command
 
@@ -118,7 +119,7 @@ def run_command(folder: Path, output: Path) -> dict[str, Any]:
         raise SystemExit(f"{folder}: hrsi adjust ended with {process.returncode}")
     report = json.loads((output / "report.json").read_text(encoding="utf-8"))
     return report | {
-        "clock_s": seconds, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": usage.ru_maxrss / 1000.0,
+        "clock_s": seconds, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": usage.ru_maxrss * KIB / 1e6,
     }  # fmt: skip
 
 
@@ -131,7 +132,7 @@ def run_ceres(program: Path | None, folder: Path) -> tuple[float, float]:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{folder}: {program} ended with {process.returncode}")
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000.0
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * KIB / 1e6
 
 
 def growth(rows: list[list[str]]) -> str:
