@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,8 @@ def consensus(equations: NormalEquations, observations: Observations, state: Sta
     used : (m,) mask of the points to compare; the measurements of all others count as agreeing
     """
     agreeing = np.ones(observations.count, dtype=bool)
-    found = [_parallaxes(equations, observations, state, points) for points in _portions(observations, used)]
+    with ThreadPoolExecutor(thread_count(0)) as pool:
+        found = list(pool.map(partial(_parallaxes, equations, observations, state), _portions(observations, used)))
     if not found:
         return agreeing
     pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
@@ -174,10 +176,12 @@ def _by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.nd
     The last is one longer than there are pairs.
     """
     one, other = observations.image[pairs.first], observations.image[pairs.second]
-    key = np.minimum(one, other).astype(np.int64) * len(observations.images) + np.maximum(one, other)
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    bounds = np.r_[np.flatnonzero(np.r_[True, key[1:] != key[:-1]]), len(key)]
+    number = np.min_scalar_type(len(observations.images))  # the fewer bytes, the faster they are sorted
+    smaller, larger = np.minimum(one, other).astype(number), np.maximum(one, other).astype(number)
+    order = np.lexsort((larger, smaller))
+    begins = np.ones(len(order), dtype=bool)
+    begins[1:] = (np.diff(smaller[order]) != 0) | (np.diff(larger[order]) != 0)
+    bounds = np.r_[np.flatnonzero(begins), len(order)]
     return order, np.where(one > other, pairs.second, pairs.first)[order], bounds
 
 
