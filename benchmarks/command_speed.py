@@ -50,6 +50,7 @@ HEAD = (
     "solves",
     "GCPs out",
     "verdict",
+    "Ceres s",
     "Ceres CPU s",
     "Ceres MB",
 )
@@ -123,16 +124,18 @@ def run_command(folder: Path, output: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run_ceres(program: Path | None, folder: Path) -> tuple[float, float]:
-    """Run the Ceres program on a folder; return its seconds of processor and its peak memory in MB, NaN without."""
+def run_ceres(program: Path | None, folder: Path) -> tuple[float, float, float]:
+    """Run the Ceres program on a folder; return its seconds, those of processor and its peak in MB, NaN without."""
     if program is None or not (folder / "truth.csv").exists():
-        return math.nan, math.nan
+        return math.nan, math.nan, math.nan
+    began = time.monotonic()
     process = subprocess.Popen([str(program), str(folder)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.monotonic() - began
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{folder}: {program} ended with {process.returncode}")
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * KIB / 1e6
+    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * KIB / 1e6
 
 
 def growth(rows: list[list[str]]) -> str:

@@ -13,7 +13,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "point_files": "PointTables read_points",
         "rasters": "open_image",
         "reference_images": "open_reference",
-        "report": "drawn_report write_report_html write_report_json",
+        "report": "write_report_html write_report_json",
         "rpc_files": "FoundRpc read_rpc restore write_geotiff_copy write_in_place write_rpb write_rpc_text write_vrt",
     },
 )

@@ -13,7 +13,6 @@ from .point_files import PointTables as PointTables
 from .point_files import read_points as read_points
 from .rasters import open_image as open_image
 from .reference_images import open_reference as open_reference
-from .report import drawn_report as drawn_report
 from .report import write_report_html as write_report_html
 from .report import write_report_json as write_report_json
 from .rpc_files import FoundRpc as FoundRpc

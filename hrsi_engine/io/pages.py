@@ -32,7 +32,7 @@ def write_page(
     ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
     """
     scripts = [_script(name) for name in ("page.js", *(["block_map.js"] if script_data else []))]
-    page = load_template(template)
+    page = _environment().get_template(template)
     write_text(
         path,
         page.render(
@@ -40,11 +40,6 @@ def write_page(
             **LIMITS, **drawings,
         ),
     )  # fmt: skip
-
-
-def load_template(name: str) -> jinja2.Template:
-    """Return a template of ``templates/``, read and compiled at the first call."""
-    return _environment().get_template(name)
 
 
 def _policy(scripts: Sequence[str]) -> str:

@@ -12,10 +12,10 @@ from ..drawing.block_figures import ReportFigures, drawn
 from ..drawing.residual_plots import bars_svg
 from ..foundation.json_values import json_lines
 from .code_pages import explained_codes
-from .pages import load_template, write_page, write_text
+from .pages import write_page, write_text
 
+__all__ = ["ReportFigures", "write_report_html", "write_report_json"]
 MOST_BARS = 12  # images
-_TEMPLATE = "report.html.j2"
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
@@ -36,24 +36,7 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     write_text(path, json_lines(report) + "\n")
 
 
-def drawn_report(figures: ReportFigures) -> dict[str, Any]:
-    """Return the figures of a report drawn, and load its template: all that needs no word of the report itself.
-
-    Parameters
-    ----------
-    figures : ReportFigures
-        The figures.
-
-    Returns
-    -------
-    dict
-        What `write_report_html` puts into the page.
-    """
-    load_template(_TEMPLATE)
-    return drawn(figures)
-
-
-def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[str, Any] | None = None) -> None:
+def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigures | None = None) -> None:
     """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
 
     Parameters
@@ -62,8 +45,8 @@ def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[st
         The file.
     report : mapping
         The report.
-    drawings : mapping, optional
-        The figures, from `drawn_report`.
+    figures : ReportFigures, optional
+        The figures.
 
     Raises
     ------
@@ -72,8 +55,8 @@ def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[st
     """
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explained_codes(reason["code"] for reason in reasons)
-    drawings = drawings or drawn_report(ReportFigures())
-    write_page(path, _TEMPLATE, report, explained=explained, before_after=_before_after(report), **drawings)
+    drawings = drawn(figures or ReportFigures())
+    write_page(path, "report.html.j2", report, explained=explained, before_after=_before_after(report), **drawings)
 
 
 def _before_after(report: Mapping[str, Any]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -23,7 +22,7 @@ from ...hrsi_engine.io.array_files import write_arrays
 from ...hrsi_engine.io.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
-from ...hrsi_engine.io.report import drawn_report, write_report_html, write_report_json
+from ...hrsi_engine.io.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
@@ -33,7 +32,7 @@ from ...hrsi_engine.results.drawings import report_figures
 from ...hrsi_engine.results.figures import block_report, rejection_warnings
 from ...hrsi_engine.results.layers import block_layers, residuals_epsg
 from ...hrsi_engine.results.lineage import lineage_items, state_accuracy
-from ...hrsi_engine.results.residuals import Residuals, residuals
+from ...hrsi_engine.results.residuals import residuals
 from ...hrsi_engine.results.stac import RefinedFiles, has_time, item_collection, item_of_image
 from ...hrsi_engine.results.tables import thinning_warnings
 from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
@@ -195,14 +194,11 @@ def write_results(
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
-        with ThreadPoolExecutor(1) as beside:  # the page is drawn while compiled code writes the layers' rows
-            drawings = beside.submit(_drawings, result, left, refined) if output.report else None
-            names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
-            _name_outputs(report, output, how, images, names, result.joint is not None)
-            advance(context.progress, 0.5, "writing layers")
-            layers = block_layers(result, left, output.residual_crs)
-            write_progress = stage(context.progress, 0.5, 0.7)
-            write_geopackage(str(folder / LAYERS_FILE), layers, progress=write_progress, lineage=items)
+        names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
+        _name_outputs(report, output, how, images, names, result.joint is not None)
+        advance(context.progress, 0.5, "writing layers")
+        layers = block_layers(result, left, output.residual_crs)
+        write_geopackage(str(folder / LAYERS_FILE), layers, progress=stage(context.progress, 0.5, 0.7), lineage=items)
         for file in stale:
             changes.remove(file)
         report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
@@ -212,8 +208,9 @@ def write_results(
             _write_items(folder, report, images, refined, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
-        if drawings is not None:
-            write_report_html(str(folder / PAGE_FILE), report, drawings.result())
+        if output.report:
+            delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
+            write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, delivered, find_outline))
         write_report_json(str(folder / REPORT_FILE), report)
         write_report_json(str(folder / RECORD_FILE), record_of(result))
         if result.joint is not None:
@@ -246,13 +243,6 @@ def _name_outputs(
     if together:
         files["cameras"] = CAMERAS_FILE
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
-
-
-def _drawings(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
-    delivered = [replace(image, rpc=new.rpc) for image, new in zip(result.block.images, refined, strict=True)]
-    drawings = drawn_report(report_figures(result, left, delivered, find_outline))
-    return_free_memory()  # the layers need it
-    return drawings
 
 
 def _write_items(

@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.drawing.target_chips import png_bytes
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.json_values import json_lines, json_ready
 from hrsi.hrsi_engine.io.pages import digits_by_sigma, duration, figure
-from hrsi.hrsi_engine.io.report import drawn_report, write_report_html, write_report_json
+from hrsi.hrsi_engine.io.report import write_report_html, write_report_json
 
 EVIL = '<script>alert("1")</script>&'
 
@@ -145,7 +145,7 @@ def test_json_ready_knows_what_reports_hold() -> None:
 
 def test_html_is_complete_and_escaped(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report_html(str(path), report(), drawn_report(ReportFigures(map=block_map())))
+    write_report_html(str(path), report(), ReportFigures(map=block_map()))
     page = outline(path)
     text = path.read_text(encoding="utf-8")
     assert page.tags.count("script") == 1  # HRSI's own, without a source; which one the policy tells

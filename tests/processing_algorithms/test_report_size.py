@@ -20,7 +20,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Role
-from hrsi.hrsi_engine.io.report import drawn_report, write_report_html
+from hrsi.hrsi_engine.io.report import write_report_html
 from hrsi.hrsi_engine.results.drawings import MOST_KNOWN, MOST_TIES, report_figures
 from hrsi.hrsi_engine.results.figures import block_report
 from hrsi.hrsi_engine.results.residuals import Residuals, residuals
@@ -90,7 +90,7 @@ def page_of(small: tuple[Adjustment, Residuals], count: int, path: Path) -> tupl
         **block_report(result, left, refined * count), **entries(result, left),
     }  # fmt: skip
     start = time.process_time()
-    write_report_html(str(path), report, drawn_report(report_figures(result, left)))
+    write_report_html(str(path), report, report_figures(result, left))
     return result, path.stat().st_size, time.process_time() - start
 
 
