@@ -41,6 +41,7 @@ from ...foundation.dense_matrices import (
     times_triangle,
 )
 from ...foundation.errors import SolveError
+from ...foundation.large_arrays import zeros
 from ...foundation.threads import are_one_thread_calls, thread_count
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
@@ -330,7 +331,7 @@ class SparseFactor:
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
         """Return a front's matrix, its lower triangle that is."""
         cameras, p = len(front.own) + len(front.border), self.size
-        matrix = np.zeros((cameras, p, cameras, p))
+        matrix = zeros((cameras, p, cameras, p))
         entries = front.entries
         values = blocks[entries.number]
         values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
@@ -375,7 +376,7 @@ class SparseFactor:
         With the factors L of A it is Y' Y for L Y = R'. A row takes part only in the fronts from its own unknowns up to
         the root, so that rows from all over a block cost little more than the fronts that they share.
         """
-        result, adding = np.zeros((rows.shape[0],) * 2), threading.Lock()
+        result, adding = zeros((rows.shape[0],) * 2), threading.Lock()
         by_unknown = rows.tocsc()
         borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and what they bring to a front's border
 
@@ -384,7 +385,7 @@ class SparseFactor:
             here = by_unknown[:, self._unknowns(front.own)].tocoo()
             brought = [borders.pop(id(child)) for child in front.children]
             taking_part = np.unique(np.concatenate([here.row, *(numbers for numbers, _ in brought)]))
-            x = np.zeros((own + len(front.border) * self.size, len(taking_part)))
+            x = zeros((own + len(front.border) * self.size, len(taking_part)))
             x[here.col, np.searchsorted(taking_part, here.row)] = here.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
@@ -405,7 +406,7 @@ class SparseFactor:
 
         def invert(front: Front) -> None:
             cameras, own = len(front.own) + len(front.border), len(front.own) * self.size
-            inverse = np.zeros((cameras * self.size,) * 2)
+            inverse = zeros((cameras * self.size,) * 2)
             if kept is not None and front is self.fronts[-1]:
                 inverse[:] = kept
             else:

@@ -29,6 +29,7 @@ from typing import Protocol
 import numpy as np
 
 from ...foundation.compiled_code import is_wanted
+from ...foundation.large_arrays import zeros
 from ...ground.geodesy import moved_ground
 from ...refinement.model import RefinementModel, Structure
 from ..observations import Observations
@@ -218,6 +219,6 @@ def _sums(
     pattern: Pattern, structure: Structure, residual: np.ndarray, inverse: np.ndarray, point_right: np.ndarray
 ) -> Normals:
     """Return sums of zero of the reduced matrix, beside arrays for what each point and image point has of its own."""
-    blocks = np.zeros((pattern.blocks, structure.terms**2, structure.size**2))
+    blocks = zeros((pattern.blocks, structure.terms**2, structure.size**2))
     right = np.zeros((pattern.cameras, len(structure.mixing)))
     return Normals(residual, blocks, right, inverse, point_right)
