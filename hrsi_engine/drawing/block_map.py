@@ -263,9 +263,13 @@ def _pictures(pictures: Sequence[GroundPicture], view: _View) -> Iterable[str]:
 def _footprints(rings: Mapping[str, np.ndarray], images: Sequence[str], view: _View) -> Iterable[str]:
     number = {image: place for place, image in enumerate(images)}
     yield '<g class="footprints">'
-    for image, ring in rings.items():
-        outline = view(ring if len(rings) <= _MOST_LABELS else ring[:: max(1, len(ring) // 8)])
-        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in outline)
+    outlines = list(rings.values())
+    if len(rings) > _MOST_LABELS:
+        outlines = [ring[:: max(1, len(ring) // 8)] for ring in outlines]
+    ends = np.cumsum([0, *map(len, outlines)]).tolist()
+    corners = view(np.concatenate(outlines)).tolist() if outlines else []
+    for image, start, end in zip(rings, ends[:-1], ends[1:], strict=True):
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners[start:end])
         title = f"<title>{html.escape(image)}</title>"
         yield f'<polygon class="footprint" data-i="{number[image]}" points="{path}">{title}</polygon>'
     yield "</g>"

@@ -14,6 +14,7 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,13 @@ class Layer:
 
     def __len__(self) -> int:
         return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
+
+    @cached_property
+    def boxes(self) -> np.ndarray:
+        """West, south, east, north of each polygon, ``(n, 4)``; NaN where it is empty."""
+        empty = (np.nan,) * 4
+        extremes = [empty if polygon.is_empty else polygon.bounds for polygon in self.coordinates]
+        return np.array(extremes, dtype=np.float64).reshape(-1, 4)
 
     @property
     def width_m(self) -> float:
@@ -300,9 +308,7 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
             part = slice(begin, begin + _CHUNK_ROWS)
             xy[part] = np.asarray(layer.coordinates[part])[:, :2]
         return xy, xy
-    extremes = [(np.nan,) * 4 if polygon.is_empty else polygon.bounds for polygon in layer.coordinates]
-    corners = np.array(extremes).reshape(-1, 4)
-    return corners[:, :2], corners[:, 2:]
+    return layer.boxes[:, :2], layer.boxes[:, 2:]
 
 
 def _are_placed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -319,8 +325,8 @@ def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
 def _geometries(layer: Layer, rows: slice) -> np.ndarray:
     """Return geometries as bytes (dtype ``V``); as objects where some have none, or where they are polygons."""
     if layer.geometry == "Polygon":
-        polygons = layer.coordinates[rows]
-        return _objects([_polygon_blob(polygon, layer.crs) for polygon in polygons])
+        boxed = zip(layer.coordinates[rows], layer.boxes[rows].tolist(), strict=True)
+        return _objects([_polygon_blob(polygon, box, layer.crs) for polygon, box in boxed])
     # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
     # Source: OGC 12-128r18, clause 2.1.3.
     xyz = np.asarray(layer.coordinates[rows], dtype=np.float64)
@@ -346,11 +352,11 @@ def _objects(values: Sequence[object]) -> np.ndarray:
     return array
 
 
-def _polygon_blob(polygon: Polygon, crs: int) -> bytes | None:
+def _polygon_blob(polygon: Polygon, box: Sequence[float], crs: int) -> bytes | None:
     """Return the GeoPackage geometry of a polygon: a header with its envelope, then WKB."""
     if polygon.is_empty:
         return None
-    west, south, east, north = polygon.bounds
+    west, south, east, north = box
     return struct.pack("<2sBBi4d", b"GP", 0, 3, crs, west, east, south, north) + bytes(polygon.wkb)
 
 

@@ -13,6 +13,7 @@ derivatives by all coefficients are I2 (x) t', and by the ground (I2 + slope of 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -55,8 +56,12 @@ class ImagePolynomial:
         by_monomial = np.where(
             degree == 0, priors.shift_px, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
         )
-        used = np.abs(self.mixing).max(axis=0) > 0.0
-        return np.array([by_monomial[used[:, column]].max() for column in range(len(self.parameters))])
+        return np.asarray(np.where(self._enters, by_monomial[:, None], 0.0).max(axis=0, initial=0.0))
+
+    @cached_property
+    def _enters(self) -> np.ndarray:
+        """Which parameters enter the coefficients of which monomial, ``(m, p)``."""
+        return np.asarray((self.mixing != 0.0).any(axis=0))
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""

@@ -255,20 +255,31 @@ class _Search:
 
     def wrong(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
+        surprise = dict.fromkeys(group, 0.0)
         while group:
             everything = self.control.without(self.control.measurements_of(group))
             factor = self.factor(group, everything)
-            surprise = [self._surprise(group, gcp, factor) for gcp in group]
-            least = int(np.argmin(surprise))
-            if surprise[least] > self.limit:
+            lowest, least = np.inf, -1
+            for gcp in sorted(group, key=lambda gcp: surprise[gcp]):  # by the last one's, so that few are told in full
+                surprise[gcp] = self._surprise(group, gcp, factor, lowest)
+                if (surprise[gcp], gcp) < (lowest, least) or least < 0:
+                    lowest, least = surprise[gcp], gcp
+            if lowest > self.limit:
                 break
-            group = (*group[:least], *group[least + 1 :])
+            group = tuple(gcp for gcp in group if gcp != least)
         return group
 
-    def _surprise(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> float:
-        """Return the largest -log probability of what may be wrong with a GCP, the rest of the group left out."""
-        rest = self._without_others(group, gcp)
-        return max(factor.surprise(*rest.test(one.out)) for one in _explanations(rest, gcp))
+    def _surprise(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor, enough: float) -> float:
+        """Return the largest -log probability of what may be wrong with a GCP, the rest of the group left out.
+
+        Once it is above ``enough`` it is told as it is, whatever else may be wrong.
+        """
+        rest, most = self._without_others(group, gcp), 0.0
+        for one in _explanations(rest, gcp):
+            most = max(most, factor.surprise(*rest.test(one.out)))
+            if most > enough:
+                break
+        return most
 
     def _without_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
         """Return the discrepancies of a GCP with the others of its group left out."""
