@@ -25,6 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -181,10 +182,13 @@ From the last row of each kind and its last exponents (at least 1):
 """
 
 
-def measure(name: str, folder: Path, ceres: Path | None = None) -> list[str]:
-    """Run the command on a folder; return the row of the table."""
-    with tempfile.TemporaryDirectory() as output:
-        report = run_command(folder, Path(output) / "result")
+def measure(name: str, folder: Path, work: Path, ceres: Path | None = None) -> list[str]:
+    """Run the command on a folder; return the row of the table. What it wrote stays in a folder of ``work``.
+
+    ext4 passes over the files that were deleted in the last minutes, one by one, to make a new one: with results of
+    10 000 images just deleted, the next ones took twice the time to write.
+    """
+    report = run_command(folder, Path(tempfile.mkdtemp(dir=work)) / "result")
     rows = sum(image["observations"] for image in report["images"].values())
     others = run_ceres(ceres, folder)
     return [
@@ -211,23 +215,29 @@ def main() -> None:
     parser.add_argument("--ceres", type=Path, help="the program of the Ceres benchmark")
     parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     given = parser.parse_args()
-    rows = []
-    for folder in given.folders:
-        rows.append(measure(folder.name, folder.resolve(), given.ceres and given.ceres.resolve()))
-        print(rows[-1], flush=True)
     counts = [] if given.folders and given.images is None else given.images or [1000, 3000, 10_000]
-    simulated_rows: dict[str, list[list[str]]] = {"right": [], "wrong GCPs and ties": []}
-    for count in counts:
-        with tempfile.TemporaryDirectory() as folder:
-            block = simulated(count)
-            for name, one in (("right", block), ("wrong GCPs and ties", spoilt(block))):
-                write_folder(one, Path(folder) / name.split()[0])
-                simulated_rows[name].append(measure(name, Path(folder) / name.split()[0]))
-                print(simulated_rows[name][-1], flush=True)
-    rows += list(itertools.chain(*simulated_rows.values()))
+    with tempfile.TemporaryDirectory() as work:
+        rows = measure_all(given.folders, counts, Path(work), given.ceres and given.ceres.resolve())
     print(render(HEAD, rows))
     if given.docs:
         write_page(rows)
+
+
+def measure_all(folders: Sequence[Path], counts: Sequence[int], work: Path, ceres: Path | None) -> list[list[str]]:
+    """Return the rows of folders, then those of right and of wrong simulated blocks; all is written into ``work``."""
+    rows = []
+    for folder in folders:
+        rows.append(measure(folder.name, folder.resolve(), work, ceres))
+        print(rows[-1], flush=True)
+    simulated_rows: dict[str, list[list[str]]] = {"right": [], "wrong GCPs and ties": []}
+    for count in counts:
+        block = simulated(count)
+        for name, one in (("right", block), ("wrong GCPs and ties", spoilt(block))):
+            folder = work / f"{name.split()[0]}_{count}"
+            write_folder(one, folder)
+            simulated_rows[name].append(measure(name, folder, work))
+            print(simulated_rows[name][-1], flush=True)
+    return [*rows, *itertools.chain(*simulated_rows.values())]
 
 
 if __name__ == "__main__":
