@@ -5,18 +5,16 @@
 
 from __future__ import annotations
 
-import os
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, SolveError
 from hrsi.hrsi_engine.foundation.options import nested, option
 from hrsi.hrsi_engine.foundation.progress import advance
+from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
 from hrsi.processing_algorithms.interface.option_groups import Common, ResultFolder
 
@@ -63,18 +61,14 @@ class SampleOptions:
 
 
 def run(options: SampleOptions, context: Context) -> Report:
-    """Wait in steps, write ``result.txt`` by way of a temporary name, and report the options."""
+    """Wait in steps, write ``result.txt``, over that of an earlier run, and report the options."""
     context.log("a message")
     FAILURES[options.fail]()
-    folder = Path(options.folder.output_dir)
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".hrsi-", dir=folder) as temporary:
-        result = Path(temporary) / "result.txt"
-        result.write_text("half")
+    with stage_folder(options.folder.output_dir, context.inputs, overwrite=True) as folder:
+        (folder / "result.txt").write_text("half")
         for step in range(100):
             advance(context.progress, step / 100)
             time.sleep(options.wait / 100)
-        os.replace(result, folder / "result.txt")
     return {"algorithm": "sample", "options": settings_of(options)}
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..foundation.errors import InputError
+from ..foundation.interruption import holding_signals
 
 LOCK = ".hrsi-lock"
 _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
@@ -31,17 +32,20 @@ def only_writer(folder: str | None) -> Iterator[None]:
     if not folder or folder.startswith("/vsi"):
         yield
         return
-    made = _make(folder)
+    made: list[str] = []
     lock = None
     try:
-        lock = _take(os.path.join(folder, LOCK))
+        with holding_signals():  # one between making something and knowing of it would leave it behind
+            made = _make(folder)
+            lock = _take(os.path.join(folder, LOCK))
         yield
     finally:
-        if lock is not None:
-            _release(lock, os.path.join(folder, LOCK))
-        for path in reversed(made):
-            with contextlib.suppress(OSError):  # it holds results
-                os.rmdir(path)
+        with holding_signals():
+            if lock is not None:
+                _release(lock, os.path.join(folder, LOCK))
+            for path in reversed(made):
+                with contextlib.suppress(OSError):  # it holds results
+                    os.rmdir(path)
 
 
 def require_writable(folder: str) -> None:

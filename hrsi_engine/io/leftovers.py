@@ -16,7 +16,12 @@ import sys
 import tempfile
 import time
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+
+from ..foundation.errors import OutputError
+from ..foundation.interruption import holding_signals
 
 FOLDER_PREFIX = ".hrsi-unfinished-"
 _WRITER = r"([0-9a-f]{8})-(\d+)-(\d+)"  # machine, process, its beginning
@@ -35,8 +40,31 @@ def temporary_name(path: str) -> str:
 
 
 def temporary_folder(folder: str) -> str:
-    """Make a hidden folder inside ``folder``; raise OSError where that is not possible."""
-    return tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{writer()}-", dir=folder)
+    """Make a hidden folder inside ``folder``; raise `OutputError` where that is not possible."""
+    try:
+        return tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{writer()}-", dir=folder)
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be written ({error.strerror}): choose another `output_dir`") from None
+
+
+@contextmanager
+def hidden_folder(folder: str) -> Iterator[str]:
+    """Give a hidden folder inside ``folder`` for what is needed for a while; it goes with all that it holds.
+
+    Raises
+    ------
+    OutputError
+        the folder takes no files
+    """
+    hidden = None
+    try:
+        with holding_signals():  # one between making it and knowing of it would leave it behind
+            hidden = temporary_folder(folder)
+        yield hidden
+    finally:
+        with holding_signals():
+            if hidden is not None:
+                shutil.rmtree(hidden, ignore_errors=True)
 
 
 def is_unfinished(folder: str) -> bool:

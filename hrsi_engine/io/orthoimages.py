@@ -12,9 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, NamedTuple, Protocol
@@ -27,7 +25,7 @@ from ..foundation.json_values import json_text
 from ..foundation.progress import Progress, advance, stage
 from .content_marks import content_mark
 from .datasets import config_option, gdal_messages, metadata_of, open_dataset
-from .leftovers import temporary_folder
+from .leftovers import hidden_folder
 from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
 from .replacing import replacing
 
@@ -246,7 +244,7 @@ def write_orthoimage(
         dataset.SetMetadata({**_metadata(made_from, figures), **(lineage or {})})
 
     options = form.creation_options(source.is_integer, threads)
-    with _hidden_folder(path) as hidden, replacing(path) as temporary:
+    with hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
         if FORMATS[form.name][0] == "GTiff":
             _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
         else:
@@ -256,20 +254,6 @@ def write_orthoimage(
             _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
             _copy(plain, temporary, path, FORMATS[form.name][0], options, stage(progress, WARPED, 1.0))
     return figures
-
-
-@contextmanager
-def _hidden_folder(path: str) -> Iterator[str]:
-    """Give a folder beside a file for what is needed until it is finished."""
-    folder = os.path.dirname(os.path.abspath(path))
-    try:
-        hidden = temporary_folder(folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}): choose another `output_dir`") from None
-    try:
-        yield hidden
-    finally:
-        shutil.rmtree(hidden, ignore_errors=True)
 
 
 def _write_tiles(

@@ -15,7 +15,8 @@ from typing import Any
 
 from osgeo import gdal
 
-from ..foundation.errors import InputError
+from ..foundation.errors import InputError, OutputError
+from ..foundation.interruption import holding_signals
 from .datasets import quiet, virtual_status
 from .json_files import read_json
 from .layers import remove_old_journal
@@ -128,25 +129,32 @@ def stage_folder(
         return
     folder = Path(path)
     made = not folder.exists()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        temporary = Path(temporary_folder(str(folder)))
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror}): choose another `output_dir`") from error
+    temporary = None
     changes = transaction or Transaction(str(folder))
-    for needless in discarded:
-        changes.discard(needless)
     try:
+        with holding_signals():  # one between making a folder and knowing of it would leave it behind
+            _make_folder(folder)
+            temporary = Path(temporary_folder(path))
+        for needless in discarded:
+            changes.discard(needless)
         yield temporary
         with changes:
             _move_into_place(temporary, folder, inputs, overwrite, changes)
     except BaseException:
-        if not changes.is_under_way:
+        if temporary is not None and not changes.is_under_way:
             shutil.rmtree(temporary, ignore_errors=True)
-        if made and not any(folder.iterdir()):
+        if made and folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
         raise
-    shutil.rmtree(temporary, ignore_errors=True)
+    with holding_signals():
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be written ({error.strerror}): choose another `output_dir`") from None
 
 
 def _move_into_place(

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import secrets
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere, open_workers
-from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.deposits import FileDeposit
-from ...hrsi_engine.io.leftovers import FOLDER_PREFIX, temporary_folder
+from ...hrsi_engine.io.leftovers import FOLDER_PREFIX, hidden_folder
 from ...hrsi_engine.io.virtual_files import VIRTUAL, remove_virtual
 from ..interface.option_groups import WorkerOptions
 
@@ -33,17 +31,8 @@ def adjusting_workers(options: WorkerOptions, output_dir: str) -> Iterator[Elsew
         finally:
             remove_virtual(parts)
         return
-    folder = os.path.abspath(output_dir)
-    new = not os.path.exists(folder)
-    try:
-        os.makedirs(folder, exist_ok=True)
-        parts = temporary_folder(folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another `output_dir`") from None
-    try:
-        with open_workers(options.scheduler, options.certificates, FileDeposit(parts)) as elsewhere:
-            yield elsewhere
-    finally:
-        shutil.rmtree(parts, ignore_errors=True)
-        if new and not os.listdir(folder):
-            os.rmdir(folder)
+    with (
+        hidden_folder(os.path.abspath(output_dir)) as parts,
+        open_workers(options.scheduler, options.certificates, FileDeposit(parts)) as elsewhere,
+    ):
+        yield elsewhere

@@ -12,8 +12,10 @@ from pathlib import Path
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
+from hrsi.hrsi_engine.foundation.interruption import signals_as_exceptions
 from hrsi.hrsi_engine.io import leftovers, transactions
-from hrsi.hrsi_engine.io.leftovers import is_dead, sweep, temporary_folder, temporary_name
+from hrsi.hrsi_engine.io.folder_lock import only_writer
+from hrsi.hrsi_engine.io.leftovers import hidden_folder, is_dead, sweep, temporary_folder, temporary_name
 from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.transactions import JOURNAL, SIGNPOST, Transaction, finish_interrupted
 
@@ -131,6 +133,39 @@ def test_living_writers_are_left_alone(tmp_path: Path) -> None:
     living.write_text("")
     folder = temporary_folder(str(tmp_path))
     assert sweep(str(tmp_path)) == [] and living.exists() and Path(folder).is_dir()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_at_the_making_of_a_folder_leaves_none(tmp_path: Path, number: signal.Signals) -> None:
+    """It comes in the very moment in which a folder, the lock's file or a hidden folder has been made."""
+    calls = [end_of_a_call(tmp_path, number, count) for count in range(1, 7)]
+    assert calls == ["mkdir", "mkdir", "open", "mkdir", "mkdir", None]  # two folders, the lock, two hidden folders
+    assert {path.name for path in tmp_path.rglob("*")} == {"above", "out", "a.txt"}
+
+
+def end_of_a_call(parent: Path, number: signal.Signals, count: int) -> str | None:
+    """Write a result, and raise a signal as the n-th making call returns; return which that was."""
+    folder, made = str(parent / "above" / "out"), []
+
+    def signalling(_frame: object, event: str, called: object) -> None:
+        if event != "c_return" or called not in (os.mkdir, os.open):
+            return
+        made.append(getattr(called, "__name__", ""))
+        if len(made) == count:
+            sys.setprofile(None)
+            signal.raise_signal(number)
+
+    sys.setprofile(signalling)
+    try:
+        with signals_as_exceptions(), only_writer(folder), stage_folder(folder, ()) as stage, hidden_folder(folder):
+            sys.setprofile(None)
+            (stage / "a.txt").write_text("a")
+    except KeyboardInterrupt:
+        assert list(parent.iterdir()) == [], made
+        return made[-1]
+    finally:
+        sys.setprofile(None)
+    return None
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
