@@ -197,6 +197,7 @@ def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
         values = positions[axis] - origin[axis]
         values[np.isnan(values)] = NOWHERE
         dataset.GetRasterBand(axis + 1).WriteArray(values)
+    del dataset  # closed here, not at the return: whoever looks at frames, as Dask's profiler does, may keep this one
 
 
 def _geolocation(table: str, step: int) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,25 @@ def test_the_bytes_are_those_of_threads(
     with distributed.Client(cluster) as client:
         client.run(os.chdir, str(tmp_path))
     assert ortho(scene, tmp_path / "workers", format=format, scheduler=cluster.scheduler_address) == one
+
+
+def test_who_looks_at_frames_keeps_no_file_open(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask's profiler keeps frames of a worker's threads beyond their return, with the datasets that they hold."""
+    monkeypatch.chdir(scene)
+    undisturbed = ortho(scene, tmp_path / "undisturbed")
+    kept: list[Any] = []
+
+    def keep(frame: Any, event: str, _argument: object) -> None:
+        if event == "return" and "hrsi_engine" in frame.f_code.co_filename:
+            kept.append(frame)
+            del kept[:-50]
+
+    threading.setprofile(keep)
+    try:
+        assert ortho(scene, tmp_path / "watched") == undisturbed
+    finally:
+        threading.setprofile(None)  # type: ignore[arg-type]
+    assert any(frame.f_code.co_name == "warp_chunk" for frame in kept)
 
 
 def test_a_killed_worker_does_not_matter(
