@@ -125,6 +125,15 @@ def test_many_wrong_ties_are_told(share: float, level: Level | None):
     assert found.keys() <= {"ties-left-out"}
 
 
+@pytest.mark.parametrize(("share", "level"), [(0.15, None), (0.3, Level.DOUBTFUL)])
+def test_of_two_rays_that_do_not_meet_one_counts_as_wrong(share: float, level: Level | None):
+    """On two images both measurements of a wrong point go, of which one is wrong: a tenth of the ties is a fifth."""
+    block = without(sound(ties=300), sound(ties=300).measurements.image == 2)
+    found = reasons_of(mismatched(block, share))
+    assert (found["ties-left-out"].level if "ties-left-out" in found else None) is level
+    assert found.keys() <= {"ties-left-out", "image-not-held"}  # nothing lies on the third image
+
+
 def test_ties_of_which_most_are_wrong_are_unusable():
     block = sound(ties=150)
     rng = np.random.default_rng(2)

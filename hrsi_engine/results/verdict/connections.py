@@ -14,7 +14,7 @@ from ...foundation.reasons import Level, Reason
 from ...refinement.stacked_cameras import equations_of_images
 from .evidence import Evidence
 
-MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.1, 0.5  # share of the tie measurements
+MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.1, 0.5  # shares of the tie measurements: that are wrong, that are out
 LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
 LINK_TIES = 8  # points of a pair from which their share left out says something
 BROKEN_LINK = 0.5
@@ -29,11 +29,15 @@ def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     if not total:
         return
     share = out / total
+    point = block.measurements.point
+    rays = np.bincount(point[ties], minlength=len(block.points.ids))
+    rays_out = np.bincount(point[ties & evidence.left_out], minlength=len(block.points.ids))
+    wrong = (out - int(((rays == 2) & (rays_out == 2)).sum())) / total  # one of two rays is wrong, nobody knows which
     count = np.bincount(block.measurements.image[ties], minlength=len(block.images))
     lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
     bad = np.flatnonzero((count >= LINK_TIES) & (lost > MOST_LEFT_OUT * count))
     images = tuple(block.images[index].id for index in bad.tolist())
-    if share > MANY_TIES_LEFT_OUT or images:
+    if wrong > MANY_TIES_LEFT_OUT or images:
         where = f"; more than half of those on image {list_ids(images)}" if images else ""
         yield Reason(
             "ties-left-out",
