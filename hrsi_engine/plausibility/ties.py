@@ -37,6 +37,11 @@ MODE_SHARE = 0.15  # of a pair's points, whose narrowest interval is where the b
 MANY_WRONG, MOST_WRONG = 0.15, 0.37  # share of wrong measurements that is worth a look, and that nobody should trust
 JOINED = 0.5  # share of a pair's points that must agree for the pair to fit
 CURED, CURED_BY = 0.15, 3.0  # share of wrong points that a named slip leaves, and how many times fewer
+#: Slips that make images and their mirror images, which meet alike where all views are of one strip; likelier first.
+ALIKE_FOR_TIES = (
+    ("sample-line-swapped", "image-turned"),
+    ("lines-from-below", "samples-from-right", "image-turned"),
+)
 LEAST_CURED = 12  # points that a named slip makes join
 MOST_SUSPECTS = 6
 
@@ -241,14 +246,16 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
     suspects = _suspects(pairs, given, failing)
     found = _named_slip(pairs, given, suspects)
     if found is not None:
-        slip, images, cured = found
+        (slip, *alike), images, cured = found
         ids = tuple(block.images[index].id for index in images)
         where = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
+        readings = "; or ".join(reading.what for reading in (slip, *alike))
         return [
             Reason(
                 slip.code, Level.UNUSABLE,
-                f"of tie points{where}: {slip.what}; {given.share:.0%} of them do not join their images, and "
-                f"{cured:.0%} when this is undone",
+                f"of tie points{where}: {readings}; {given.share:.0%} of them do not "
+                f"join their images, and {cured:.0%} when this is undone"
+                + (" (points of known ground would tell which it is)" if alike else ""),
                 slip.advice, ids,
             )
         ]  # fmt: skip
@@ -290,18 +297,26 @@ def _suspects(pairs: SampledPairs, given: Joint, failing: np.ndarray) -> np.ndar
     return bad[np.argsort(-failed[bad] / all_pairs[bad], kind="stable")][:MOST_SUSPECTS]
 
 
-def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tuple[Slip, np.ndarray, float] | None:
-    """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong."""
+def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tuple[list[Slip], np.ndarray, float] | None:
+    """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong.
+
+    Behind the slip stand those of `ALIKE_FOR_TIES` that do it as well.
+    """
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
     for slip, images, share in _readings(pairs, given, suspects):
         cured = (given.share - share) * len(pairs.pair) >= LEAST_CURED and share * CURED_BY < given.share
         if share < CURED and cured and (slip.code not in best or share < best[slip.code][0]):
             best[slip.code] = share, slip, images
-    ranked = sorted(best.values(), key=lambda entry: entry[0])
-    if not ranked or (len(ranked) > 1 and ranked[1][0] < 2.0 * ranked[0][0] + 0.03):
+    if not best:
         return None
-    share, slip, images = ranked[0]
-    return slip, images, share
+    least = min(share for share, _, _ in best.values())
+    good = {code: entry for code, entry in best.items() if entry[0] < 2.0 * least + 0.03}
+    family = next((codes for codes in ALIKE_FOR_TIES if good.keys() <= set(codes)), None)
+    if family is None and len(good) > 1:
+        return None
+    likely, *others = (good[code] for code in family or good if code in good)
+    share, slip, images = likely
+    return [slip, *(other for _, other, of in others if np.array_equal(of, images))], images, share
 
 
 def _readings(

@@ -38,6 +38,13 @@ def test_no_refined_rpc_comes_out(name):
     assert not found.crash
 
 
+@pytest.mark.parametrize("sensor", ["quickbird", "worldview-2", "pleiades"])
+def test_the_likelier_of_two_slips_that_ties_cannot_tell_apart(sensor):
+    """Images of one strip and their mirror images meet alike: swapped columns look like those of a turned copy."""
+    _, _, spoilt = wrong("sample and line swapped, ties", sensor, 142)
+    assert run_checks(spoilt).names(("sample-line-swapped",))
+
+
 def test_right_blocks():
     assert [found.codes for _, _, found in clean_blocks(range(200, 201), SENSORS, run_checks)] == [()] * 3
 
