@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..foundation.large_arrays import any_of_rows
 from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import ground_difference_m
 from .delivery import deliver
@@ -26,7 +27,7 @@ def cross_validate(
     A GCP on one image is predicted on its ray at the surveyed height; its height error does not exist.
     """
     observations = problem.observations
-    chosen = np.flatnonzero(solution.weighting.contributes & (survey_weight > 0.0).any(axis=1))
+    chosen = np.flatnonzero(solution.weighting.contributes & any_of_rows(survey_weight > 0.0))
     error = np.full((len(chosen), 3), np.nan)
     rays = np.add.reduceat(solution.weighting.image > 0.0, observations.first[:-1], dtype=np.int64)
     for number, point in enumerate(chosen.tolist()):

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Block
+from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import robust_sigma
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.models import MODELS
@@ -102,7 +103,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
     ground = intersect(observations, none, no_values, start_positions(observations))
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
-    there = np.isfinite(ground).all(axis=1)
+    there = finite_rows(ground)
     for image, rows in zip(block.images, observations.by_image, strict=True):
         here = rows[there[observations.point[rows]]]
         computed, by_ground[here] = image.rpc.project_with_metric_jacobian(ground[observations.point[here]])
@@ -143,7 +144,7 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
         Of each pair with a common point.
     """
     pairs = []
-    usable = np.isfinite(fit.fit_px).all(axis=1)
+    usable = finite_rows(fit.fit_px)
     rows_of = [rows[usable[rows]] for rows in observations.by_image]
     for i, first in enumerate(rows_of):
         for j in range(i + 1, len(rows_of)):
@@ -220,7 +221,7 @@ def known_residuals_px(block: Block) -> np.ndarray:
     """Return observed - projected ``(n, 2)`` of the image points of surveyed points, NaN of all others."""
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
-    usable = (block.known & np.isfinite(block.points.ground).all(axis=1))[rows.point]
+    usable = (block.known & finite_rows(block.points.ground))[rows.point]
     for index, image in enumerate(block.images):
         here = np.flatnonzero(usable & (rows.image == index))
         residual[here] = rows.xy[here] - image.rpc.project(block.points.ground[rows.point[here]])
@@ -234,7 +235,7 @@ def known_differences_m(block: Block) -> np.ndarray:
     """
     difference = np.full((len(block.points), 3), np.nan)
     rays = block.rays_per_point()
-    usable = block.known & np.isfinite(block.points.ground).all(axis=1)
+    usable = block.known & finite_rows(block.points.ground)
     several = usable & (rays >= 2)
     if several.any():
         observations, fit = fit_tracks(block, several)

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..block.block import Block
 from ..foundation.errors import SolveError
+from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, silent
 from ..ground.geodesy import moved_ground
 from .delivery import delivered_values, drift_gain
@@ -182,7 +183,7 @@ class Follower:
             return start
         state, priors = State(self._last.state.values, start), PointPriors.of(observations, start, survey)
         ground = fixed_cameras(observations, self._problem.camera).intersect(state, weight, priors)
-        return np.where(np.isfinite(ground).all(axis=1)[:, None], ground, start)
+        return np.where(finite_rows(ground)[:, None], ground, start)
 
     def _normals(self, share: _Share) -> Normals | None:
         """Return what points put into the reduced equations, None without any."""
@@ -214,7 +215,7 @@ class Follower:
         """Return the known points and some others, seen by the delivered cameras; None without any."""
         problem, points = self._problem, self._problem.observations.points
         wanted = problem.block.known[points] | np.isin(self._ids, list(others))
-        wanted &= np.isfinite(self.result.ground[points]).all(axis=1)
+        wanted &= finite_rows(self.result.ground[points])
         if not wanted.any():
             return None
         before = self._before(wanted)

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.laser import DEFAULT_SIGMA_M, LaserPoints
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from .held_heights import HeightRows
 from .result import LaserOutcome
@@ -139,7 +140,7 @@ class LaserHeights:
     def _plan(self, ground: np.ndarray) -> _Plan:
         """Return which ties each laser point speaks of, and the ground between."""
         laser = self.laser.ground[self.usable]
-        placed = self.ties[np.isfinite(ground[self.ties]).all(axis=1)]
+        placed = self.ties[finite_rows(ground[self.ties])]
         if not len(laser) or not len(placed):
             return _Plan.nothing(ground)
         frame = LocalFrame(*ground[placed[0]])

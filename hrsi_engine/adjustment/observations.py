@@ -14,6 +14,7 @@ import numpy as np
 
 from ..block.block import Block, Image, Role
 from ..block.reference_places import REFERENCE_KIND, ReferencePlaces
+from ..foundation.large_arrays import any_of_rows
 from ..refinement.model import Linearise, RefinementModel
 
 COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height
@@ -70,7 +71,7 @@ class Observations:
     @property
     def surveyed(self) -> np.ndarray:
         """Mask of the points with a survey of any coordinate."""
-        return (self.survey_weight > 0.0).any(axis=1)
+        return any_of_rows(self.survey_weight > 0.0)
 
     @property
     def located(self) -> np.ndarray:
@@ -82,7 +83,7 @@ class Observations:
         """Mask of the points whose survey has correlations."""
         if self.survey_correlation is None:
             return np.zeros(len(self.points), dtype=bool)
-        return (self.survey_correlation != 0.0).any(axis=1)
+        return any_of_rows(self.survey_correlation != 0.0)
 
     @cached_property
     def contributing_points(self) -> np.ndarray:

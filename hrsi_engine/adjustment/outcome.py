@@ -10,6 +10,7 @@ import numpy as np
 from ..block.block import Block
 from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
 from ..foundation.errors import list_ids
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m
 from .delivery import Delivered, deliver
 from .gauss_newton import GaussNewton, Solution
@@ -268,7 +269,7 @@ def _parts(
     """Return what holds each part of the block, and the mean sigmas of its points."""
     observations = problem.observations
     sigma = ground_sigma[observations.points]
-    known = np.flatnonzero(np.isfinite(sigma).all(axis=1))
+    known = np.flatnonzero(finite_rows(sigma))
     of_point = part_of_image[observations.image[observations.first[:-1][known]]]
     counts = np.maximum(np.bincount(of_point, minlength=len(problem.parts)), 1)
     sums = [np.bincount(of_point, sigma[known, axis] ** 2, minlength=len(problem.parts)) for axis in range(3)]

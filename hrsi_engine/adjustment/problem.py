@@ -19,6 +19,7 @@ from ..block.block import Block, Image, tiles_of_scenes
 from ..block.imaging_geometry import rays_up
 from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
+from ..foundation.large_arrays import any_of_rows, finite_rows
 from ..refinement.image_space import ImagePolynomial, with_drift
 from ..refinement.model import Priors, RefinementModel, believed_priors, priors_of
 from ..refinement.models import MODELS
@@ -187,7 +188,7 @@ class Problem:
 def find_determined(observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray) -> np.ndarray:
     """Return which points have a survey or at least two measurements of any weight, ``(m,)``."""
     rays = np.add.reduceat(image_weight > 0.0, observations.first[:-1], dtype=np.int64)
-    located = (survey_weight > 0.0).any(axis=1)
+    located = any_of_rows(survey_weight > 0.0)
     if observations.referenced is not None:
         located |= observations.referenced
     return (rays >= 2) | (located & (rays >= 1))
@@ -351,7 +352,7 @@ def _starting_points(
     """Intersect all points with the cameras of the start; points that cannot be computed leave the adjustment."""
     state = State(values, start_positions(observations))
     ground = equations.intersect(state, 1.0 / observations.sigma_px**2, PointPriors.of(observations, state.ground))
-    lost = ~np.isfinite(ground).all(axis=1)
+    lost = ~finite_rows(ground)
     if not lost.any():
         return observations, ground, []
     ids = list_ids(block.points.ids[observations.points[lost]])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from ..block.block import Block
 from ..block.laser import LaserPoints
 from ..block.points import Role
+from ..foundation.large_arrays import finite_rows
 from ..refinement.model import RefinementModel
 from ..refinement.selection import Choice
 from .joint_prior import JointCameras
@@ -390,6 +392,11 @@ class Adjustment:
         high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + STATED_ALIKE)
         variance = covariance.diagonal(axis1=1, axis2=2)
         return np.asarray((variance >= low) & (variance <= high))
+
+    @cached_property
+    def took_part(self) -> np.ndarray:
+        """Which measurements have residuals, ``(measurements,)``."""
+        return finite_rows(self.residual_px)
 
     @property
     def judged_residual_px(self) -> np.ndarray:

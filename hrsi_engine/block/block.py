@@ -15,6 +15,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
+from ..foundation.large_arrays import any_of_rows, finite_rows
 from .default_sigmas import Defaults
 from .names import isin, join_names, unique_ids
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, lie_apart
@@ -399,7 +400,7 @@ def _confused_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> li
 
     Two that are measured on the same image are two points.
     """
-    surveyed = known.ids[np.isfinite(known.ground).all(axis=1)]
+    surveyed = known.ids[finite_rows(known.ground)]
     found = []
     for tie, others in resembling(ids[~np.isin(ids, surveyed)], surveyed).items():
         images = rows.image_ids[rows.ids == tie]
@@ -490,7 +491,7 @@ def _without_points_off(
 
 def _only_chosen(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
     """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
-    other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & np.isfinite(known.ground).all(axis=1)
+    other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & finite_rows(known.ground)
     return known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
 
 
@@ -512,7 +513,7 @@ def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequen
         role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))
     if check_ids:
         role = np.where(np.isin(known.ids, list(check_ids)), Role.CHECK, role)
-    return np.where(np.isnan(known.ground).any(axis=1), Role.TIE, role)
+    return np.where(any_of_rows(np.isnan(known.ground)), Role.TIE, role)
 
 
 def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: Defaults) -> GroundPoints:
@@ -569,7 +570,7 @@ def _without_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str
 
 
 def _require_finite(rows: Measurements, ids: np.ndarray, images: Sequence[Image]) -> None:
-    bad = ~(np.isfinite(rows.xy).all(axis=1) & (rows.sigma_px > 0.0))
+    bad = ~(finite_rows(rows.xy) & (rows.sigma_px > 0.0))
     if bad.any():
         first = np.flatnonzero(bad)[0]
         raise InputError(

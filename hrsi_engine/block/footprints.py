@@ -15,6 +15,7 @@ from shapely.errors import ShapelyDeprecationWarning
 from shapely.geometry import MultiPoint, Polygon
 from shapely.strtree import STRtree
 
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import continuous_longitudes
 from .block import Image
 from .stack import stack_of
@@ -69,7 +70,7 @@ def polygon_of(ground: np.ndarray) -> Polygon:
 
 def _join(ground: np.ndarray) -> np.ndarray:
     """Return finite lon, lat ``(k, 2)``, the longitudes without a jump at 180."""
-    lonlat = ground[np.isfinite(ground).all(axis=1), :2]
+    lonlat = ground[finite_rows(ground), :2]
     return np.column_stack([continuous_longitudes(lonlat[:, 0]), lonlat[:, 1]])
 
 

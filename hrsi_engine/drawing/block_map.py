@@ -18,6 +18,7 @@ from shapely.geometry import Polygon
 
 from ..block.block import Role
 from ..block.footprints import ring_of
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import LocalFrame, continuous_longitudes
 from .arrows import arrow_path, round_length
 
@@ -161,14 +162,14 @@ def drawn_map(data: BlockMap, name: str = "") -> DrawnMap:
         SVG and figures.
     """
     rings = {image: ring_of(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
-    here = np.flatnonzero(np.isfinite(data.lonlat).all(axis=1))
+    here = np.flatnonzero(finite_rows(data.lonlat))
     ties = data.ties.lonlat if data.ties is not None else np.empty((0, 2))
-    places = np.vstack([*rings.values(), data.lonlat[here], ties[np.isfinite(ties).all(axis=1)]])
+    places = np.vstack([*rings.values(), data.lonlat[here], ties[finite_rows(ties)]])
     if not len(places):
         return DrawnMap()
     view = _view_of(places)
     # Drawing units per metre of residual; None without residuals
-    residual = data.residual_en_m[np.isfinite(data.residual_en_m).all(axis=1)]
+    residual = data.residual_en_m[finite_rows(data.residual_en_m)]
     typical = float(np.percentile(np.linalg.norm(residual, axis=1), 90.0)) if len(residual) else 0.0
     arrow_scale = _ARROW / typical if typical > 0.0 else None
     cells, figures = _cells(data.ties, view) if data.ties is not None else ([], {})
@@ -296,7 +297,7 @@ def _apart(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
 
 def _cells(ties: TieField, view: _View) -> tuple[list[str], dict[str, Any]]:
     """Return squares that hold tie points, darker for more, and their figures: number, residual, sigma and rays."""
-    here = np.isfinite(ties.lonlat).all(axis=1)
+    here = finite_rows(ties.lonlat)
     cell = np.floor(view(ties.lonlat[here]) / _CELL).astype(np.int64)
     columns = int(np.ceil(_WIDTH / _CELL))
     code, which, count = np.unique(cell[:, 1] * columns + cell[:, 0], return_inverse=True, return_counts=True)

@@ -1,8 +1,9 @@
-"""Large arrays of zeros in large pages."""
+"""Large arrays: zeros in large pages, and short rows that are tested column by column."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -16,3 +17,16 @@ def zeros(shape: Sequence[int]) -> np.ndarray:
     array = np.empty(shape)
     array.fill(0.0)
     return array
+
+
+def any_of_rows(mask: np.ndarray) -> np.ndarray:
+    """Return which short rows of a mask ``(n, k)`` have a true value, ``(n,)``.
+
+    As ``mask.any(axis=1)``, which loops over the two or three values of each row and takes five to ten times as long.
+    """
+    return reduce(np.logical_or, mask.T)
+
+
+def finite_rows(values: np.ndarray) -> np.ndarray:
+    """Return which short rows of ``values (n, k)`` are finite, ``(n,)``; see `any_of_rows`."""
+    return reduce(np.logical_and, map(np.isfinite, values.T))

@@ -24,6 +24,7 @@ from shapely.geometry import Polygon
 
 from ..foundation.dates import run_date
 from ..foundation.errors import OutputError
+from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import WGS84, WGS84_3D, are_continuous, continuous_longitudes, metres_per_degree
 from .datasets import config_option, gdal_messages, quiet
@@ -313,8 +314,7 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
 
 def _are_placed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return which geometries have finite corners, ``(n,)``."""
-    columns = (*low.T, *([] if low is high else high.T))  # each by itself: many times faster than along short rows
-    return np.logical_and.reduce([np.isfinite(column) for column in columns])
+    return finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
 
 
 def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:

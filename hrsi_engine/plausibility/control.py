@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Block
+from ..foundation.large_arrays import finite_rows
 from .accuracy import ImageAccuracy
 from .sights import Sights, sights
 
@@ -88,7 +89,7 @@ def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> SurveyedRow
     """Return the measurements of surveyed points of a block; None where there are none."""
     covariance = block.points.survey_covariance_m2()
     sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
-    known = block.known & np.isfinite(block.points.ground).all(axis=1) & np.isfinite(sigma).all(axis=1)
+    known = block.known & finite_rows(block.points.ground) & finite_rows(sigma)
     rows = np.flatnonzero(known[block.measurements.point])
     if not len(rows):
         return None

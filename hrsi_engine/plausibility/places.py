@@ -10,6 +10,7 @@ from ..block.block import Block, Image
 from ..block.imaging_geometry import looks_cropped
 from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
+from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..ground import height_datum
 from ..surface.dem import HeightSurface, surface_heights
@@ -138,7 +139,7 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
                 "name a DEM of the whole block, and check its CRS", ids,
             )
         )  # fmt: skip
-    known = block.known & np.isfinite(block.points.ground).all(axis=1)
+    known = block.known & finite_rows(block.points.ground)
     ground = block.points.ground[known]
     of_dem = surface_heights(surface, ground[:, :2])
     of_dem[np.abs(ground[:, 2] - of_dem) < TAKEN_FROM_DEM_M] = np.nan  # they tell nothing

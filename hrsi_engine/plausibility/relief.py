@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
 from ..ground.geodesy import metres_per_degree
@@ -121,7 +122,7 @@ def _displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[float, fl
         ]
         gradient = np.column_stack([(high - low) / (2.0 * step) for low, high in sides])
         miss = ground[:, 2] - middle
-        known = np.isfinite(miss) & np.isfinite(gradient).all(axis=1)
+        known = np.isfinite(miss) & finite_rows(gradient)
         if known.sum() < max(LEAST_COMPARED, (1.0 - MOST_BEYOND) * len(known)):
             break
         miss = miss[known] - np.median(miss[known])

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.stack import stack_of
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 
 NOWHERE_M = 2e7  # distance of a point without a ray
@@ -32,7 +33,7 @@ class Sights:
         difference[:, 0] = wrap_degrees(difference[:, 0])
         across = difference * metres_per_degree(self.ground)[:, :2]
         across += self.slope * (surveyed[:, 2] - self.ground[:, 2])[:, None]
-        lost = ~np.isfinite(across).all(axis=1)
+        lost = ~finite_rows(across)
         across[lost] = NOWHERE_M
         return across
 

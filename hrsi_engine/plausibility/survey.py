@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from ..block.block import Block
 from ..block.points import Role, lie_apart
 from ..foundation.errors import list_ids
+from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..ground.geodesy import metres_per_degree, to_ecef
 from .accuracy import ImageAccuracy
@@ -61,7 +62,7 @@ def independence_reasons(block: Block) -> list[Reason]:
     Copies of GCPs, with a little noise or surveyed again, are measured at the same pixels of every image, most of them.
     """
     points = np.unique(block.measurements.point)
-    known = points[np.isfinite(block.points.ground[points]).all(axis=1)]
+    known = points[finite_rows(block.points.ground[points])]
     role = block.points.role[known]
     gcps, checks = known[role == Role.GCP], known[role == Role.CHECK]
     if not (len(gcps) and len(checks)):

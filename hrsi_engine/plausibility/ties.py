@@ -17,6 +17,7 @@ import numpy as np
 
 from ..block.block import Block, Role
 from ..foundation.errors import list_ids
+from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..ground.geodesy import moved_ground
 from .accuracy import ImageAccuracy
@@ -211,7 +212,7 @@ def _modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndar
         middle = np.argmin(width, axis=1) + number // 2
         own = np.arange(len(same))
         modes[same] = ordered[own, middle] if number % 2 else 0.5 * (ordered[own, middle - 1] + ordered[own, middle])
-        for lost in np.flatnonzero(~np.isfinite(ordered).all(axis=1)).tolist():
+        for lost in np.flatnonzero(~finite_rows(ordered)).tolist():
             modes[same[lost]] = _mode(ordered[lost])
     return modes
 

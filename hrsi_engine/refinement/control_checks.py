@@ -14,6 +14,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..foundation.errors import InputError, list_ids
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import distances_m, ground_difference_m
 from .estimate import Control
 from .ground_area import ground_area
@@ -36,7 +37,7 @@ def check_control(image: Image, control: Control) -> list[str]:
 
 
 def _require_numbers(image: Image, control: Control) -> None:
-    finite = np.isfinite(control.ground).all(axis=1) & np.isfinite(control.xy).all(axis=1)
+    finite = finite_rows(control.ground) & finite_rows(control.xy)
     sigmas = (control.sigma_px > 0.0) & (control.sigma_m > 0.0).all(axis=1)
     if not finite.all():
         raise InputError(f"{image.id}: GCP {list_ids(control.ids[~finite])} has no number as coordinate: complete it")

@@ -21,6 +21,7 @@ import numpy as np
 from ..block.block import Image
 from ..block.columns import Columns
 from ..foundation.errors import SolveError
+from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
 from .direct_rpc import DirectRPC
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
@@ -173,7 +174,7 @@ class _Equations:
         at = self.linearise(values, control.ground)
         residual = control.xy - at.computed
         if not (np.isfinite(residual).all() and np.isfinite(at.by_values).all()):
-            lost = control.ids[~np.isfinite(residual).all(axis=1)].tolist()
+            lost = control.ids[~finite_rows(residual)].tolist()
             raise SolveError(
                 f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: it "
                 "lies outside what the RPC describes; check its coordinates, or choose a simpler `model`"

@@ -33,6 +33,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import FIT_CHECK_GRID, FIT_GRID, best_fit, image_grid
+from ..foundation.large_arrays import finite_rows
 from ..ground import ellipsoid
 from .corrected_rays import meet_height, see_by_rays
 from .ground_area import ground_area, px_per_m
@@ -172,7 +173,7 @@ class PseudoSensor:
             z = z + heights - ground[:, 2]
             if not np.nanmax(np.abs(heights - ground[:, 2])) > HEIGHT_CLOSURE_M:
                 break
-        known = np.isfinite(ground).all(axis=1)
+        known = finite_rows(ground)
         return ground[known], position[known]
 
     def _hit(

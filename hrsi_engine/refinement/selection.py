@@ -31,6 +31,7 @@ from scipy import special  # not scipy.stats, which takes a quarter of a second 
 
 from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
+from ..foundation.large_arrays import finite_rows
 from .estimate import Control, Estimate, estimate
 from .models import BLOCK_MODELS
 
@@ -89,7 +90,7 @@ Controls = Sequence[tuple[Image, Control]]
 def controls_of(block: Block) -> list[tuple[Image, Control]]:
     """Return the images of a block that have GCPs, with these; GCPs of height or of position only say too little."""
     rows, points = block.measurements, block.points
-    located = ((points.role == Role.GCP) & np.isfinite(points.sigma_m).all(axis=1))[rows.point]
+    located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]
     with_gcps = np.unique(rows.image[located])
     few = block.with_measurements(located)  # of millions that are ties
     return [(block.images[index], control_on(few, index, Role.GCP)) for index in with_gcps.tolist()]

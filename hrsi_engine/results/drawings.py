@@ -21,6 +21,7 @@ from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.image_cards import FEWEST_OF_FIELD, ImageCard
 from ..drawing.target_chips import TargetChip
+from ..foundation.large_arrays import finite_rows
 from ..ground.map_crs import middle_position
 from ..io.pictures import picture_uri
 from ..io.rasters import GdalRaster
@@ -105,7 +106,7 @@ def _choose_points(result: Adjustment, left: Residuals) -> _Shown:
     block, statistic = result.block, np.nan_to_num(measurement_statistic(left))
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
-    placed = np.isfinite(positions(result)).all(axis=1)
+    placed = finite_rows(positions(result))
     known = _worst(np.flatnonzero(placed & block.known), worst, MOST_KNOWN)
     listed = np.concatenate([worst_known(result, left, role) for role in (Role.GCP, Role.CHECK)])
     known = np.union1d(known, listed)  # a row of the page's tables leads to its point
@@ -128,7 +129,7 @@ def _point_columns(result: Adjustment, left: Residuals, shown: _Shown) -> dict[s
     block, rows, points = result.block, result.block.measurements, shown.points
     here = np.flatnonzero(shown.number[rows.point] >= 0)
     here = here[np.argsort(shown.number[rows.point[here]], kind="stable")]
-    outlier, used = is_outlier(shown.statistic), np.isfinite(result.residual_px).all(axis=1)
+    outlier, used = is_outlier(shown.statistic), result.took_part
     unused = ~used & (block.points.role[rows.point] == Role.TIE)
     flag = np.select([unused, outlier], [2, 1], 0)
     worst = np.zeros(len(block.points), dtype=np.int64)
@@ -175,7 +176,7 @@ def _map(
     """Return footprints, points with their residuals, and tie points by cells where they are too many."""
     block, place = result.block, positions(result)
     height = middle_position(place)[2]
-    ties = np.flatnonzero(~block.known & np.isfinite(place).all(axis=1))
+    ties = np.flatnonzero(~block.known & finite_rows(place))
     many = len(ties) > MOST_TIES
     field = TieField(
         place[ties, :2], _point_rms(block, shown)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
@@ -200,7 +201,7 @@ def _map(
 def _cards(result: Adjustment, shown: _Shown) -> list[ImageCard]:
     """Return the images with the largest residuals; known points and outliers first, then some ties."""
     rows = result.block.measurements
-    here = np.flatnonzero(np.isfinite(shown.residual_px).all(axis=1))
+    here = np.flatnonzero(finite_rows(shown.residual_px))
     if not len(here):
         return []
     order, bounds = rows_by_number(rows.image[here], len(result.block.images))
@@ -310,7 +311,7 @@ def _chips(result: Adjustment, shown: _Shown, outline: Outline | None) -> list[P
     """Return chips of control points, check points and the tie points that stand out, each the worst first."""
     block, rows = result.block, result.block.measurements
     pixels = np.array([image.raster is not None for image in block.images], dtype=bool)
-    there = np.isfinite(shown.residual_px).all(axis=1) & pixels[rows.image]
+    there = finite_rows(shown.residual_px) & pixels[rows.image]
     role, outlier = block.points.role[rows.point], is_outlier(shown.statistic)
     worst = np.zeros(len(block.points))  # the images of a point stand together
     np.maximum.at(worst, rows.point, shown.statistic)

@@ -137,7 +137,7 @@ def _image_entry(
 ) -> dict[str, Any]:
     values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
     return {
-        "observations": int(np.isfinite(result.residual_px[here]).all(axis=1).sum()),
+        "observations": int(result.took_part[here].sum()),
         "before_rmse_sample_px": rmse(left.before_px[here, 0]),
         "before_rmse_line_px": rmse(left.before_px[here, 1]),
         "rmse_sample_px": rmse(left.at_known_px[here, 0]),
@@ -184,7 +184,7 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
 def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images."""
     block, point = result.block, result.block.measurements.point
-    used = np.flatnonzero(np.isfinite(result.residual_px).all(axis=1) & (block.points.role == Role.TIE)[point])
+    used = np.flatnonzero(result.took_part & (block.points.role == Role.TIE)[point])
     rays = np.bincount(point[used], minlength=len(block.points))
     rays_of_row = rays[point[used]]
     return {

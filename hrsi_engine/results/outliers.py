@@ -13,6 +13,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
+from ..foundation.large_arrays import any_of_rows
 from ..io.layer_words import Words
 from .residuals import Residuals
 
@@ -29,7 +30,8 @@ def statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         squares = (residual / sigma) ** 2
-    return np.where(np.isfinite(squares).any(axis=1), np.sqrt(np.nansum(squares, axis=1)), np.nan)
+    total = np.einsum("ij->i", np.where(np.isnan(squares), 0.0, squares))
+    return np.where(any_of_rows(np.isfinite(squares)), np.sqrt(total), np.nan)
 
 
 def measurement_statistic(left: Residuals) -> np.ndarray:
@@ -45,7 +47,7 @@ def is_outlier(statistics: np.ndarray) -> np.ndarray:
 def measurement_flags(result: Adjustment, left: Residuals) -> Words:
     """Return a word for each image measurement: ``ok``, ``outlier``, ``rejected`` (a tie left out) or ``unused``."""
     role = result.block.points.role[result.block.measurements.point]
-    unused = ~np.isfinite(result.residual_px).all(axis=1)
+    unused = ~result.took_part
     outlier = is_outlier(measurement_statistic(left))
     which = np.select([unused & (role == Role.TIE), outlier, unused], [1, 2, 3], 0)
     return Words(np.array(["ok", "rejected", "outlier", "unused"]), which.astype(np.int8))

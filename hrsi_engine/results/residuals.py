@@ -23,6 +23,7 @@ from ..adjustment.observations import subset
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
 from ..block.columns import rows_by_number
+from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
@@ -81,7 +82,7 @@ def residuals(result: Adjustment) -> Residuals:
     known = np.flatnonzero(block.known)
     surveyed = np.zeros(len(block.points), dtype=bool)
     surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
-    there = surveyed[rows.point] & np.isfinite(at_known).all(axis=1)
+    there = surveyed[rows.point] & finite_rows(at_known)
     drift = result.residual_px - result.judged_residual_px
     sigma_px = np.hypot(unit_sigma(result) * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
     sigma_m = _ground_sigmas(result)
@@ -149,7 +150,7 @@ def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, gr
     """
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
-    usable = np.isfinite(ground).all(axis=1)
+    usable = finite_rows(ground)
     for index, here in by_image(block, usable[rows.point]):
         there = ground[rows.point[here]]
         residual[here] = rows.xy[here] - model.project(block.images[index], values[index], there)
@@ -179,7 +180,7 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
     single = block.known & (block.rays_per_point() == 1)
     computed[single] = _on_single_rays(block, model, values, single)[single]
     residual = np.full_like(computed, np.nan)
-    usable = np.isfinite(computed).all(axis=1)
+    usable = finite_rows(computed)
     residual[usable] = ground_difference_m(block.points.ground[usable], computed[usable])
     residual[single, 2] = np.nan
     known = np.flatnonzero(block.known)
@@ -253,7 +254,7 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     """Return the residuals of the used tie points, intersected with the vendor's cameras."""
     block = result.block
     residual = np.full((len(block.measurements), 2), np.nan)
-    used = np.isfinite(result.residual_px).all(axis=1) & (block.points.role == Role.TIE)[block.measurements.point]
+    used = result.took_part & (block.points.role == Role.TIE)[block.measurements.point]
     if not used.any():
         return residual
     ties = block.with_measurements(used)
@@ -273,5 +274,6 @@ def rmse(values: np.ndarray) -> float | None:
 
 def radial_rmse(vectors: np.ndarray) -> float | None:
     """Return sqrt(mean(dx² + dy²)) over the finite rows ``(n, 2)``, None without any."""
-    finite = vectors[np.isfinite(vectors).all(axis=1)]
-    return float(np.sqrt(np.mean(np.sum(finite**2, axis=1)))) if len(finite) else None
+    square = np.einsum("ij,ij->i", vectors, vectors)
+    finite = square[np.isfinite(square)]
+    return float(np.sqrt(np.mean(finite))) if len(finite) else None

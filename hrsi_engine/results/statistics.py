@@ -12,6 +12,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..block.block import Role
+from ..foundation.large_arrays import finite_rows
 from .residuals import Residuals, by_image, measurement_sigma_px
 
 LEAST_CONTROLLED = 0.02  # an observation that nothing controls has no residual to speak of
@@ -50,7 +51,7 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     """Return how many tie points that took part lie in each cell of each image, ``(cells, cells)``, lines first."""
     block = result.block
     rows = block.measurements
-    used = np.isfinite(result.residual_px).all(axis=1) & (block.points.role[rows.point] == Role.TIE)
+    used = result.took_part & (block.points.role[rows.point] == Role.TIE)
     counts = {image.id: np.zeros((COVERAGE_CELLS, COVERAGE_CELLS), dtype=np.int64) for image in block.images}
     for index, here in by_image(block, used):
         image = block.images[index]
@@ -67,7 +68,7 @@ def covered_share(counts: np.ndarray) -> float:
 
 def worst_known(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
     """Return the rows of a role's points with the largest ground residuals, the worst first; at most 200."""
-    here = np.flatnonzero((result.block.points.role == role) & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
     return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_KNOWN_ROWS]
 
 

@@ -18,6 +18,7 @@ from ..adjustment.result import Adjustment, LaserOutcome
 from ..block.block import Block
 from ..block.footprints import footprints
 from ..block.points import ROLE_LABELS
+from ..foundation.large_arrays import finite_rows
 from ..io.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
@@ -36,7 +37,7 @@ class Table:
 def images_table(result: Adjustment, height_m: float) -> Table:
     """Return footprints at a height, with id, path, size and the image's number of measurements."""
     images = result.block.images
-    used = np.isfinite(result.residual_px).all(axis=1)
+    used = result.took_part
     count = np.bincount(result.block.measurements.image[used], minlength=len(images))
     columns = {
         "id": np.array([image.id for image in images]),
@@ -78,7 +79,7 @@ def ground_points_table(result: Adjustment) -> Table:
     """Return all points at their adjusted positions, with sigmas; known ones also as they were surveyed."""
     points = result.block.points
     place = positions(result)
-    here = np.isfinite(place).all(axis=1)
+    here = finite_rows(place)
     surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
     sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
     columns: dict[str, Column] = {
@@ -102,7 +103,7 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     """Return all measurements at the position of their point, with residuals, weights and flags."""
     rows = result.block.measurements
     place = positions(result)
-    here = np.isfinite(place).all(axis=1)[rows.point]
+    here = finite_rows(place)[rows.point]
     columns = {
         **_identity(result.block, rows.point, rows.image),
         "sample": rows.xy[:, 0],
@@ -157,7 +158,7 @@ def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, C
 
 def _ground_rows(result: Adjustment, left: Residuals) -> Table:
     points = result.block.points
-    here = np.flatnonzero(result.block.known & np.isfinite(left.ground_m[:, :2]).all(axis=1))
+    here = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
     nothing = np.broadcast_to(np.nan, len(here))
     columns = {
         "id": Words(points.ids, here),
@@ -183,7 +184,7 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
     rows = result.block.measurements
     residual, sigma = left.measured_px, left.measured_sigma_px
     place = positions(result)
-    here: Any = np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(place).all(axis=1)[rows.point])
+    here: Any = np.flatnonzero(finite_rows(residual) & finite_rows(place)[rows.point])
     flags = measurement_flags(result, left)
     if len(here) > most:
         shown = ~is_any(flags[here], ("ok",)) | result.block.known[rows.point[here]]

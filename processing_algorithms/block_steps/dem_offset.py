@@ -6,6 +6,7 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Role
+from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.plausibility.accuracy import image_accuracies
@@ -26,7 +27,7 @@ def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     role = result.block.points.role
     if surface is None or sigma_dem_m is not None or np.any(role == Role.GCP):
         return []
-    ground = result.ground[(role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
+    ground = result.ground[(role == Role.TIE) & finite_rows(result.ground)]
     above = ground[:, 2] - surface_heights(surface, ground[:, :2])
     above = above[np.isfinite(above)]
     if len(above) < LEAST_POINTS:
@@ -47,7 +48,7 @@ def ground_reasons(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     if surface is None:
         return []
     role = result.block.points.role
-    chosen = (role == Role.TIE) & np.isfinite(result.ground).all(axis=1) & (result.block.rays_per_point() > 1)
+    chosen = (role == Role.TIE) & finite_rows(result.ground) & (result.block.rays_per_point() > 1)
     sigma = result.ground_sigma_m[chosen, 2]
     of_points = float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else 0.0
     in_place = bool((role == Role.GCP).any()) or result.plan is not None

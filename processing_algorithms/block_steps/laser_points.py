@@ -17,6 +17,7 @@ from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.laser import LaserPoints
 from ...hrsi_engine.block.reference_places import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
@@ -115,7 +116,7 @@ def adjust_at_laser_points(
             return result, ["no tie point could be measured at a laser point: other tie points tell the ground there"]
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
         moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
-        moved = np.abs(np.median(moved[np.isfinite(moved).all(axis=1)], axis=0))
+        moved = np.abs(np.median(moved[finite_rows(moved)], axis=0))
         if np.hypot(*moved[:2]) < MOVED_PLAN_M and moved[2] < MOVED_HEIGHT_M:
             break
     return result, []
@@ -126,7 +127,7 @@ def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     found = result.laser
     if found is not None and (found.reason == "").sum() >= FEW_HOLD:
         return 0.0
-    ties = result.ground[(result.block.points.role == Role.TIE) & np.isfinite(result.ground).all(axis=1)]
+    ties = result.ground[(result.block.points.role == Role.TIE) & finite_rows(result.ground)]
     good = laser.ground[laser.doubt == ""]
     if not len(ties) or not len(good):
         return 0.0

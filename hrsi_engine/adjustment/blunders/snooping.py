@@ -15,6 +15,7 @@ from weakref import ref
 
 import numpy as np
 
+from ...foundation.large_arrays import any_of_rows
 from ...foundation.progress import Progress, silent, stage
 from ..equations import PointPriors
 from ..equations.camera_system import Factored
@@ -203,4 +204,4 @@ class Snooping:
         weighting, observations = solution.weighting, self.problem.observations
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
         held = weighting.contributes & weighting.points.held & observations.surveyed
-        return np.flatnonzero(held & measured & (self.survey_weight > 0.0).any(axis=1))
+        return np.flatnonzero(held & measured & any_of_rows(self.survey_weight > 0.0))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...foundation.large_arrays import any_of_rows
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 from ..observations import COORDINATE_PAIRS, Observations
 
@@ -81,7 +82,7 @@ class PointPriors:
     @property
     def held(self) -> np.ndarray:
         """Mask of the points with an observed coordinate."""
-        return self.observed.any(axis=1)
+        return any_of_rows(self.observed)
 
     def miss_m(self, ground: np.ndarray, points: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Return target - ground in metres east, north, up of some points, for their ``ground (k, 3)``."""

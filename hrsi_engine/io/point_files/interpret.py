@@ -17,6 +17,7 @@ import numpy as np
 from ...block.names import RepeatedNames, unique_ids
 from ...block.points import UNSET, GroundPoints, ImagePoints, Role, lie_apart
 from ...foundation.errors import InputError
+from ...foundation.large_arrays import any_of_rows
 from ..budgets import MOST_SAMPLES_PX, require_heights
 from ..rasters import image_id
 from .positions import Reference, ground_positions, has_positions
@@ -88,7 +89,8 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     """Return the rows that have sample and line; in a table that holds ground points too, others may have none."""
     xy = np.column_stack([_require_field(table, "sample"), _require_field(table, "line")])
     empty = np.isnan(xy)
-    wrong = empty.any(axis=1) & ~(empty.all(axis=1) & known)
+    some = any_of_rows(empty)
+    wrong = some & ~(empty.all(axis=1) & known) if known else some
     if wrong.any():
         row = np.flatnonzero(wrong)[0]
         field = "sample" if empty[row, 0] else "line"
@@ -97,7 +99,7 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     if far.any():
         row = np.flatnonzero(far)[0]
         raise InputError(f"{table.at(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")
-    rows = np.flatnonzero(~empty.any(axis=1))
+    rows = np.flatnonzero(~some)
     if not len(rows):
         return None
     everything = len(rows) == len(table)  # millions of rows are not copied without need

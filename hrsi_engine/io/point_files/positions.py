@@ -13,6 +13,7 @@ import pyproj
 from osgeo import osr
 
 from ...foundation.errors import InputError
+from ...foundation.large_arrays import finite_rows
 from ...ground.geodesy import has_vertical_datum, to_wgs84, wrap_degrees
 from ..geoid_grids import read_geoid_heights
 from .table import PointTable
@@ -56,7 +57,7 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
         lon, lat, height = (table.columns[name] for name in SURVEYED)
         return np.column_stack([wrap_degrees(lon), lat, height]), []
     xyz, crs, warnings = _given_positions(table, reference)
-    present = np.isfinite(xyz[:, :2]).all(axis=1)
+    present = finite_rows(xyz[:, :2])
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
     missing = half if "sample" in table.columns else ~present
     if missing.any():
@@ -73,7 +74,7 @@ def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarra
     if len(rows):
         ground[rows], more = _to_ellipsoidal(table, xyz[rows], parsed, reference.height_datum)
         warnings += more
-    lost = np.flatnonzero(present & ~np.isfinite(ground).all(axis=1))
+    lost = np.flatnonzero(present & ~finite_rows(ground))
     if len(lost):
         raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
     ground[:, 0] = wrap_degrees(ground[:, 0])

@@ -88,7 +88,7 @@ def _common_points(evidence: Evidence, chosen: np.ndarray | None) -> sparse.csr_
 def images_not_held(evidence: Evidence) -> Iterator[Reason]:
     """Images without any point, images by few points, and parts of a block without control beside others with it."""
     result, block = evidence.result, evidence.result.block
-    used = evidence.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
     count = np.bincount(block.measurements.image[used], minlength=len(block.images))
     control = np.bincount(block.measurements.image[used & evidence.is_role(Role.GCP)], minlength=len(block.images))
     free = result.model.parameters and len(block.images) > 1
@@ -135,7 +135,7 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
     worst corner exceeds the middle of the points: the block's own position, known or not, is common to both.
     """
     result, block = evidence.result, evidence.result.block
-    used = evidence.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
     where, xy = block.measurements.image[used], block.measurements.xy[used]
     count = np.bincount(where, minlength=len(block.images))
     sums = np.column_stack([np.bincount(where, xy[:, axis], minlength=len(block.images)) for axis in (0, 1)])

@@ -42,11 +42,6 @@ class Evidence:
         return block.points.role[block.measurements.point]
 
     @cached_property
-    def took_part(self) -> np.ndarray:
-        """Which measurements have residuals, ``(n,)``."""
-        return np.isfinite(self.result.residual_px).all(axis=1)
-
-    @cached_property
     def left_out(self) -> np.ndarray:
         """Which measurements data snooping left out, ``(n,)``."""
         return self.result.decision != int(Decision.KEPT)
@@ -54,7 +49,7 @@ class Evidence:
     @cached_property
     def fields(self) -> list[ResidualField]:
         """The significant fields in the residuals of images that were adjusted, the largest first."""
-        used = self.took_part & ~self.left_out
+        used = self.result.took_part & ~self.left_out
         image = self.result.block.measurements.image
         held = np.bincount(image[used & ~self.is_role(Role.CHECK)], minlength=len(self.result.block.images)) > 0
         return residual_fields(self.result, used & held[image])

@@ -14,6 +14,7 @@ from scipy import special
 from ...adjustment.laser_heights import MISFIT
 from ...block.block import Role
 from ...foundation.errors import list_ids
+from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ..residuals import by_image, unit_sigma
 from .evidence import Evidence
@@ -47,7 +48,7 @@ def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iter
     in_sigmas = left.measured_px / np.hypot(stated, evidence.camera_px)
     out = [finding.id for finding in result.findings if finding.left_out]
     takes_part = evidence.is_role(role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]
-    rows = np.flatnonzero(takes_part & np.isfinite(in_sigmas).all(axis=1))
+    rows = np.flatnonzero(takes_part & finite_rows(in_sigmas))
     if not len(rows):
         return
     squares = np.sum(in_sigmas[rows] ** 2, axis=1)
@@ -107,7 +108,7 @@ def _miss_px(evidence: Evidence, name: str) -> float:
     """Return how far a known point's measurements lie from where the refined RPCs put it, RMS in two dimensions."""
     block = evidence.result.block
     miss = evidence.left.at_known_px[block.points.ids[block.measurements.point] == name]
-    miss = miss[np.isfinite(miss).all(axis=1)]
+    miss = miss[finite_rows(miss)]
     return float(np.sqrt(np.mean(np.sum(miss**2, axis=1)))) if len(miss) else np.inf
 
 
@@ -118,7 +119,7 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
     error = evidence.left.ground_m[check]
     covariance = result.ground_covariance_m2[check] + result.survey_covariance_m2(check)
     covariance += evidence.camera_px**2 * _cofactors_of_rays(evidence, check)
-    usable = np.isfinite(error[:, :2]).all(axis=1) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
+    usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]
     if not len(check):
         return
