@@ -1,4 +1,4 @@
-"""Evaluation of one RPC of many at one point, for compiled loops (needs numba).
+"""Evaluation of one RPC of many at one point, for compiled loops, and such loops over many points (needs numba).
 
 The same tables and rules as in `RPC` (`rpc_terms`, `ellipsoid`): the terms by `FACTORS`, the tables of coefficients
 `RPC.polynomials` and `RPC.derivatives`, the quotient rule `slope_of_ratio`. Arrays are passed whole, with indices: a
@@ -96,3 +96,55 @@ def project_compiled(
     by_ground[a, 1, 2] = slope_of_ratio(tz0, tz1, t, dt) * line_scale * sz
     computed[a, 0] = s * sample_scale + constants[i, 6]
     computed[a, 1] = t * line_scale + constants[i, 7]
+
+
+@njit(**OPTIONS)
+def project_points(
+    rpcs: Arrays, which: np.ndarray, ground: np.ndarray, computed: np.ndarray, by_ground: np.ndarray
+) -> None:
+    """Write what `project_compiled` gives for ground points ``(n, 3)`` of the RPCs ``which (n,)``."""
+    terms = np.empty(20)
+    for a in range(len(which)):
+        lon, lat, height = ground[a, 0], ground[a, 1], ground[a, 2]
+        east, north = ellipsoid.metres_of_a_degree(lat, height)
+        project_compiled(rpcs, which[a], lon, lat, height, east, north, terms, computed, by_ground, a)
+
+
+def normalised_tables(rpcs: Sequence[RPC]) -> Arrays:
+    """Return tables with which `project_compiled` takes and gives normalised coordinates, one "metre" a "degree"."""
+    constants, polynomials, derivatives = rpc_tables(rpcs)
+    constants[:] = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    return constants, polynomials, derivatives
+
+
+@njit(**OPTIONS)
+def invert_points(
+    normalised: Arrays, which: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray,
+    closure_px: float, steps: int, place: np.ndarray, least_px: np.ndarray,
+) -> None:  # fmt: skip
+    """Find where RPCs see image points at given heights, by Newton's iteration from the middle of their domains.
+
+    It ends at ``closure_px``, where a step brings nothing, or after a number of ``steps``.
+
+    Parameters
+    ----------
+    normalised : `normalised_tables`; which : (n,) of them
+    target, height : (n, 2), (n,) normalised sample, line and height; scale_px : (n, 2) pixels that normalise to 1
+    place, least_px : (n, 2) normalised lon, lat, and (n,) what they are off in the image; both are written
+    """
+    terms, computed, slopes = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
+    for a in range(len(which)):
+        x, y = 0.0, 0.0
+        place[a, 0], place[a, 1], least_px[a] = x, y, np.inf
+        for _ in range(steps):
+            project_compiled(normalised, which[a], x, y, height[a], 1.0, 1.0, terms, computed, slopes, 0)
+            u, v = target[a, 0] - computed[0, 0], target[a, 1] - computed[0, 1]
+            error = max(abs(u) * scale_px[a, 0], abs(v) * scale_px[a, 1])
+            if not error < least_px[a]:
+                break
+            place[a, 0], place[a, 1], least_px[a] = x, y, error
+            if error <= closure_px:
+                break
+            determinant = slopes[0, 0, 0] * slopes[0, 1, 1] - slopes[0, 0, 1] * slopes[0, 1, 0]
+            x += (slopes[0, 1, 1] * u - slopes[0, 0, 1] * v) / determinant
+            y += (slopes[0, 0, 0] * v - slopes[0, 1, 0] * u) / determinant

@@ -1,16 +1,19 @@
 """Many RPCs at once: a few points on each of thousands of images, without a call for each image.
 
 A call of `RPC` costs as much as the arithmetic of a thousand points, and its first `RPC.localize` a fit besides. Here
-each point says which RPC is meant, and its coefficients are gathered beside it; the order of terms is that of
-`rpc_terms`. `RPC` is the faster one from some hundred points on an image.
+each point says which RPC is meant. NumPy gathers its coefficients beside it; tens of thousands of points are worth the
+compiled loops of `compiled_rpc`. The order of terms is that of `rpc_terms`. `RPC` is the faster one from some hundred
+points on an image.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
+from ..foundation.compiled_code import Arrays, is_wanted
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 from .rpc_inverse import ACCEPTED_PX, DOMAIN_MARGIN, INVERSE_CLOSURE_PX
@@ -18,6 +21,9 @@ from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, chunks, monomials, slope_of
 
 GATHERED_AT_ONCE = 4096  # their coefficients stay in the processor's cache
 INVERSE_STEPS = 8
+POINTS_WORTH_COMPILING = 20_000  # points
+
+Solve = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class RPCStack:
@@ -51,6 +57,11 @@ class RPCStack:
     def project_with_metric_jacobian(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
+        if is_wanted(len(ground) >= POINTS_WORTH_COMPILING):
+            from .compiled_rpc import project_points, rpc_tables  # needs numba, and takes a second
+
+            project_points(rpc_tables(self._rpcs), which, np.ascontiguousarray(ground), image, jacobian)
+            return image, jacobian
         for part in chunks(len(ground), GATHERED_AT_ONCE):
             own = which[part]
             ratios, slopes = self._slopes(own, self._normalised(own, ground[part]), 3)
@@ -76,9 +87,10 @@ class RPCStack:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         found = np.empty(len(image), dtype=bool)
+        solve = self._solve_compiled if is_wanted(len(image) >= POINTS_WORTH_COMPILING) else self._solve
         with np.errstate(all="ignore"):
             for part in chunks(len(image), GATHERED_AT_ONCE):
-                ground[part], found[part] = self._localized(which[part], image[part], heights[part])
+                ground[part], found[part] = self._localized(which[part], image[part], heights[part], solve)
         lost = np.flatnonzero(~found)
         for number in np.unique(which[lost]).tolist():
             rows = lost[which[lost] == number]
@@ -86,13 +98,24 @@ class RPCStack:
         return ground
 
     def _localized(
-        self, own: np.ndarray, image: np.ndarray, heights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        self, own: np.ndarray, image: np.ndarray, heights: np.ndarray, solve: Solve
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return ground points, and which of them are right."""
-        scale_px = np.abs(self._image_scale[own])
         target = (image - self._image_off[own]) / self._image_scale[own]
+        height = (heights - self._ground_off[own, 2]) / self._ground_scale[own, 2]
+        place, least = solve(own, target, height, np.abs(self._image_scale[own]))
+        ground = np.column_stack([place * self._ground_scale[own, :2] + self._ground_off[own, :2], heights])
+        if np.abs(ground[:, 0]).max() > 180.0:
+            outside = np.abs(ground[:, 0]) > 180.0
+            ground[outside, 0] = wrap_degrees(ground[outside, 0])
+        return ground, (least <= ACCEPTED_PX) & (np.abs(place) <= DOMAIN_MARGIN).all(axis=1)
+
+    def _solve(
+        self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return normalised lon, lat ``(n, 2)`` of normalised image points and heights, and what is left in px."""
         normalised = np.zeros((len(own), 3))
-        normalised[:, 2] = (heights - self._ground_off[own, 2]) / self._ground_scale[own, 2]
+        normalised[:, 2] = height
         best, least = normalised[:, :2].copy(), np.full(len(own), np.inf)
         for _ in range(INVERSE_STEPS):
             ratios, slopes = self._slopes(own, normalised, 2)
@@ -105,11 +128,25 @@ class RPCStack:
             a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
             step = np.column_stack([d * miss[:, 0] - b * miss[:, 1], a * miss[:, 1] - c * miss[:, 0]])
             normalised[:, :2] += step / (a * d - b * c)[:, None]
-        ground = np.column_stack([best * self._ground_scale[own, :2] + self._ground_off[own, :2], heights])
-        if np.abs(ground[:, 0]).max() > 180.0:
-            outside = np.abs(ground[:, 0]) > 180.0
-            ground[outside, 0] = wrap_degrees(ground[outside, 0])
-        return ground, (least <= ACCEPTED_PX) & (np.abs(best) <= DOMAIN_MARGIN).all(axis=1)
+        return best, least
+
+    @cached_property
+    def _normalised_tables(self) -> Arrays:
+        from .compiled_rpc import normalised_tables  # needs numba, and takes a second
+
+        return normalised_tables(self._rpcs)
+
+    def _solve_compiled(
+        self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the same as `_solve`, each point by itself."""
+        from .compiled_rpc import invert_points
+
+        place, least = np.empty((len(own), 2)), np.empty(len(own))
+        invert_points(
+            self._normalised_tables, own, target, height, scale_px, INVERSE_CLOSURE_PX, INVERSE_STEPS, place, least
+        )
+        return place, least
 
     def _normalised(self, own: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return normalised lon, lat, height ``(n, 3)``."""

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from enum import Enum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,11 @@ def json_ready(value: Any) -> Any:
 
 def json_text(value: Any, indent: int | None = None, ascii_only: bool = True, sort_keys: bool = False) -> str:
     """Return any value as JSON text, as `json_ready` makes it ready."""
-    return _encoded(json_ready(value), indent, ascii_only, sort_keys)
+    return _encoder(indent=indent, ensure_ascii=ascii_only, sort_keys=sort_keys).encode(json_ready(value))
+
+
+_encoder = partial(json.JSONEncoder, allow_nan=False, default=json_ready)
+_of_lines = _encoder(ensure_ascii=False)
 
 
 def json_lines(value: Mapping[str, Any]) -> str:
@@ -46,18 +51,22 @@ def json_lines(value: Mapping[str, Any]) -> str:
 
     So every image of a report has its line. Deeper indentation would be Python's slow way of making JSON.
     """
-    ready = json_ready(value)
-    return "{\n" + ",\n".join(f" {_encoded(key)}: {_in_lines(item)}" for key, item in ready.items()) + "\n}"
+    return "{\n" + ",\n".join(f" {_line(str(key))}: {_in_lines(item)}" for key, item in value.items()) + "\n}"
 
 
-def _in_lines(ready: Any) -> str:
-    """Return a value of `json_ready` with its items, where it has any, on lines of their own."""
-    if isinstance(ready, dict) and ready:
-        return "{\n" + ",\n".join(f"  {_encoded(key)}: {_encoded(item)}" for key, item in ready.items()) + "\n }"
-    if isinstance(ready, list) and ready:
-        return "[\n" + ",\n".join(f"  {_encoded(item)}" for item in ready) + "\n ]"
-    return _encoded(ready)
+def _in_lines(value: Any) -> str:
+    """Return a value with its items, where it has any, on lines of their own."""
+    value = value if isinstance(value, (Mapping, list, tuple)) else json_ready(value)
+    if isinstance(value, Mapping) and value:
+        return "{\n" + ",\n".join(f"  {_line(str(key))}: {_line(item)}" for key, item in value.items()) + "\n }"
+    if isinstance(value, (list, tuple)) and value:
+        return "[\n" + ",\n".join(f"  {_line(item)}" for item in value) + "\n ]"
+    return _line(value)
 
 
-def _encoded(ready: Any, indent: int | None = None, ascii_only: bool = False, sort_keys: bool = False) -> str:
-    return json.dumps(ready, indent=indent, ensure_ascii=ascii_only, sort_keys=sort_keys, allow_nan=False)
+def _line(value: Any) -> str:
+    """Return a value on one line; most are fit for JSON as they are, and are made ready only where they are not."""
+    try:
+        return _of_lines.encode(value)
+    except (TypeError, ValueError):  # a key that is no text, or a number that is not finite
+        return _of_lines.encode(json_ready(value))

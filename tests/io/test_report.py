@@ -125,7 +125,8 @@ def test_json_is_valid_and_plain(tmp_path: Path) -> None:
     "value",
     [{}, {"none": {}, "nothing": [], "text": "a\nb ä", "number": 1.5},
      {"images": {"A\n": {"x": [1, {"y": math.nan}]}, "ü": {"x": np.arange(3)}}},
-     {7: [Role.CHECK, None, {"a": {"b": 1}}]}],
+     {7: [Role.CHECK, None, {"a": {"b": 1}}], "array": np.array([0.5, np.inf]), "set": {1.5}, "role": Role.GCP},
+     {"odd": [{3: np.float64("nan"), 4: np.float32(0.5)}, {"path": Path("a"), "pair": (np.int64(1), np.bool_(True))}]}],
 )  # fmt: skip
 def test_a_report_has_a_line_for_each_item(value: dict[Any, Any]) -> None:
     text, ready = json_lines(value), json_ready(value)
