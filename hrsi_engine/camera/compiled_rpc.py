@@ -15,9 +15,9 @@ from numba import njit
 from ..foundation.compiled_code import OPTIONS, Arrays, register
 from ..ground import ellipsoid
 from .rpc import RPC
-from .rpc_terms import FACTORS, QUADRATIC_TERMS, slope_of_ratio
+from .rpc_terms import FACTORS, QUADRATIC_TERMS, slope_of_ratio, solve_pair
 
-register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio)
+register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio, solve_pair)
 
 
 def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
@@ -110,11 +110,10 @@ def project_points(
         project_compiled(rpcs, which[a], lon, lat, height, east, north, terms, computed, by_ground, a)
 
 
-def normalised_tables(rpcs: Sequence[RPC]) -> Arrays:
-    """Return tables with which `project_compiled` takes and gives normalised coordinates, one "metre" a "degree"."""
-    constants, polynomials, derivatives = rpc_tables(rpcs)
-    constants[:] = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
-    return constants, polynomials, derivatives
+def normalised_tables(rpcs: Arrays) -> Arrays:
+    """Return `rpc_tables` by which `project_compiled` takes and gives normalised coordinates, one metre a degree."""
+    constants, polynomials, derivatives = rpcs
+    return np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0], (len(constants), 1)), polynomials, derivatives
 
 
 @njit(**OPTIONS)
@@ -145,6 +144,5 @@ def invert_points(
             place[a, 0], place[a, 1], least_px[a] = x, y, error
             if error <= closure_px:
                 break
-            determinant = slopes[0, 0, 0] * slopes[0, 1, 1] - slopes[0, 0, 1] * slopes[0, 1, 0]
-            x += (slopes[0, 1, 1] * u - slopes[0, 0, 1] * v) / determinant
-            y += (slopes[0, 0, 0] * v - slopes[0, 1, 0] * u) / determinant
+            dx, dy = solve_pair(slopes[0, 0, 0], slopes[0, 0, 1], slopes[0, 1, 0], slopes[0, 1, 1], u, v)
+            x, y = x + dx, y + dy

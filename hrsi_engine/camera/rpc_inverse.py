@@ -13,7 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, Workspace, fill_monomials, monomials, multiply, slopes_of_ratios
+from .rpc_terms import (
+    DERIVATIVES,
+    QUADRATIC_TERMS,
+    Workspace,
+    fill_monomials,
+    monomials,
+    multiply,
+    slopes_of_ratios,
+    solve_pair,
+)
 
 INVERSE_CLOSURE_PX = 1e-9  # the iteration ends when the image point is reproduced to this
 ACCEPTED_PX = 1e-8  # and has converged where rounding leaves it within this
@@ -165,4 +174,4 @@ class Solver:
         ratios = values[:2] / values[2:]
         (a, c), (b, d) = slopes_of_ratios(self._derivatives, terms, ratios, values[2:])
         miss = target - ratios
-        return miss, np.stack([d * miss[0] - b * miss[1], a * miss[1] - c * miss[0]]) / (a * d - b * c)
+        return miss, np.stack(solve_pair(a, b, c, d, *miss))

@@ -17,7 +17,7 @@ from ..foundation.compiled_code import Arrays, is_wanted
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 from .rpc_inverse import ACCEPTED_PX, DOMAIN_MARGIN, INVERSE_CLOSURE_PX
-from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio
+from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair
 
 GATHERED_AT_ONCE = 4096  # their coefficients stay in the processor's cache
 INVERSE_STEPS = 8
@@ -47,6 +47,8 @@ class RPCStack:
 
     def project(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` of ground points ``(n, 3)``, see `RPC.project`."""
+        if is_wanted(len(ground) >= POINTS_WORTH_COMPILING):
+            return self._project_compiled(which, ground)[0]
         image = np.empty((len(ground), 2))
         for part in chunks(len(ground), GATHERED_AT_ONCE):
             own = which[part]
@@ -56,12 +58,9 @@ class RPCStack:
 
     def project_with_metric_jacobian(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
-        image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         if is_wanted(len(ground) >= POINTS_WORTH_COMPILING):
-            from .compiled_rpc import project_points, rpc_tables  # needs numba, and takes a second
-
-            project_points(rpc_tables(self._rpcs), which, np.ascontiguousarray(ground), image, jacobian)
-            return image, jacobian
+            return self._project_compiled(which, ground)
+        image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         for part in chunks(len(ground), GATHERED_AT_ONCE):
             own = which[part]
             ratios, slopes = self._slopes(own, self._normalised(own, ground[part]), 3)
@@ -126,15 +125,28 @@ class RPCStack:
             if not (better & (least > INVERSE_CLOSURE_PX)).any():  # at the goal, or at the limit of rounding
                 break
             a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
-            step = np.column_stack([d * miss[:, 0] - b * miss[:, 1], a * miss[:, 1] - c * miss[:, 0]])
-            normalised[:, :2] += step / (a * d - b * c)[:, None]
+            normalised[:, :2] += np.column_stack(solve_pair(a, b, c, d, *miss.T))
         return best, least
 
     @cached_property
-    def _normalised_tables(self) -> Arrays:
-        from .compiled_rpc import normalised_tables  # needs numba, and takes a second
+    def _tables(self) -> Arrays:
+        from .compiled_rpc import rpc_tables  # needs numba, and takes a second
 
-        return normalised_tables(self._rpcs)
+        return rpc_tables(self._rpcs)
+
+    @cached_property
+    def _normalised_tables(self) -> Arrays:
+        from .compiled_rpc import normalised_tables
+
+        return normalised_tables(self._tables)
+
+    def _project_compiled(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the same as `project_with_metric_jacobian`, each point by itself."""
+        from .compiled_rpc import project_points
+
+        image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
+        project_points(self._tables, which, np.ascontiguousarray(ground), image, jacobian)
+        return image, jacobian
 
     def _solve_compiled(
         self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray

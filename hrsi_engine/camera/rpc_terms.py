@@ -156,6 +156,12 @@ def slope_of_ratio(numerator: Number, denominator: Number, ratio: Number, diviso
     return (numerator - ratio * denominator) / divisor
 
 
+def solve_pair(a: Number, b: Number, c: Number, d: Number, u: Number, v: Number) -> tuple[Number, Number]:
+    """Return x and y of ``a x + b y = u, c x + d y = v``, numbers or arrays."""
+    determinant = a * d - b * c
+    return (d * u - b * v) / determinant, (a * v - c * u) / determinant
+
+
 def slopes_of_ratios(
     derivatives: np.ndarray, terms: np.ndarray, ratios: np.ndarray, denominators: np.ndarray
 ) -> np.ndarray:

@@ -90,7 +90,7 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     xy = np.column_stack([_require_field(table, "sample"), _require_field(table, "line")])
     empty = np.isnan(xy)
     some = any_of_rows(empty)
-    wrong = some & ~(empty.all(axis=1) & known) if known else some
+    wrong = some & ~empty.all(axis=1) if known else some
     if wrong.any():
         row = np.flatnonzero(wrong)[0]
         field = "sample" if empty[row, 0] else "line"
