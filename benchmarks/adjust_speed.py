@@ -31,9 +31,9 @@ import numpy as np
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.outcome import outcome
-from hrsi.hrsi_engine.adjustment.precision import precision
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
+from hrsi.hrsi_engine.adjustment.statistics.precision import precision
 from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent

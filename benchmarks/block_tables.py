@@ -36,10 +36,17 @@ from hrsi.benchmarks.real_blocks import (
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.adjustment.precision import predicted_accuracy
+from hrsi.hrsi_engine.adjustment.statistics.precision import predicted_accuracy
 from hrsi.hrsi_engine.block.block import Block, Defaults, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_blocks.md"
 Three = tuple[float, float, float]

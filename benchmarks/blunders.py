@@ -23,7 +23,14 @@ from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_blunders.md"
 TESTED = AdjustOptions(reject_sigma=4.0)  # as the command line does

@@ -20,8 +20,15 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.block import Block, assemble
 from hrsi.hrsi_engine.foundation.errors import HrsiError
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
 from hrsi.hrsi_engine.results.verdict import Verdict
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "sound_blocks.md"
 MODELS_JUDGED = ("shift", "affine")

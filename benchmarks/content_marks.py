@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hrsi.hrsi_engine.io.content_marks import WHOLE_BYTES, content_mark
+from hrsi.hrsi_engine.io.safety.content_marks import WHOLE_BYTES, content_mark
 
 HEADER = (
     "ENVI\nsamples = {side}\nlines = {side}\nbands = 1\nheader offset = 0\nfile type = ENVI Standard\n"

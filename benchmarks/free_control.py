@@ -20,18 +20,25 @@ from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
 from hrsi.hrsi_engine.block.orthoimage import Orthoimage
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
-from hrsi.hrsi_engine.io.dems import open_dem
-from hrsi.hrsi_engine.io.simulated_block import write_laser_points
+from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
+from hrsi.hrsi_engine.laboratory.simulated_files import write_laser_points
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
+from hrsi.hrsi_engine.laboratory.simulation.free_dem import simulate_free_dem
+from hrsi.hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, free_orthoimage
+from hrsi.hrsi_engine.laboratory.simulation.laser import simulate_laser
+from hrsi.hrsi_engine.laboratory.simulation.options import FreeDemSpec, FreeOrthoSpec, LaserSpec
+from hrsi.hrsi_engine.laboratory.simulation.render import block_with_pixels
+from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
+from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, SimulatedTerrain
 from hrsi.hrsi_engine.measurement.reference.matching import match_reference
 from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
-from hrsi.hrsi_engine.simulation.free_dem import simulate_free_dem
-from hrsi.hrsi_engine.simulation.free_ortho import draw_ortho_errors, free_orthoimage
-from hrsi.hrsi_engine.simulation.laser import simulate_laser
-from hrsi.hrsi_engine.simulation.options import FreeDemSpec, FreeOrthoSpec, LaserSpec
-from hrsi.hrsi_engine.simulation.render import block_with_pixels
-from hrsi.hrsi_engine.simulation.surface import locate_on_surface
-from hrsi.hrsi_engine.simulation.terrain import Chart, SimulatedTerrain
 from hrsi.hrsi_engine.surface.dem import GridSurface, surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.laser_points import adjust_at_laser_points

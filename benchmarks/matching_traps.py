@@ -21,8 +21,7 @@ import numpy as np
 
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
     PointCounts,
@@ -31,8 +30,9 @@ from hrsi.hrsi_engine.simulation import (
     along_track_views,
     simulate_block,
 )
-from hrsi.hrsi_engine.simulation.render import renderer
-from hrsi.hrsi_engine.simulation.surface import locate_on_surface
+from hrsi.hrsi_engine.laboratory.simulation.render import renderer
+from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
+from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 
 FALSE_PX = 3.0
 SIZE = (1000, 1000)

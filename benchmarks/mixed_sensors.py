@@ -19,9 +19,8 @@ from scipy.interpolate import LinearNDInterpolator
 from hrsi.hrsi_engine import find_tie_points
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.foundation.workers.scheduling import open_scheduler
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
     PointCounts,
@@ -31,6 +30,7 @@ from hrsi.hrsi_engine.simulation import (
     renderer,
     simulate_block,
 )
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
 
 GROUND_M, RELIEF_M, OFF_NADIR_DEG = 420.0, 40.0, 20.0
 PAIRS = (

@@ -53,7 +53,7 @@ MUTANTS = (
         "left.ground_sigma_m[here, 2]", TRUTH,
     ),
     Mutant(
-        "CE90 of check points 2.146 RMSE", "adjustment/precision.py", "CIRCLE_90, LINE_90 = 1.5175, ",
+        "CE90 of check points 2.146 RMSE", "adjustment/statistics/precision.py", "CIRCLE_90, LINE_90 = 1.5175, ",
         "CIRCLE_90, LINE_90 = 2.146, ", TRUTH,
     ),
     Mutant(
@@ -78,7 +78,7 @@ MUTANTS = (
         "tests/refinement/test_models.py -k follow_from_the_residuals",
     ),
     Mutant(
-        "GCPs count wholly in variance components", "adjustment/variance_components.py", "1.0 - np.einsum(",
+        "GCPs count wholly in variance components", "adjustment/statistics/variance_components.py", "1.0 - np.einsum(",
         "1.0 - 0.0 * np.einsum(", "tests/adjustment/test_variance_groups.py",
     ),
     Mutant(

@@ -20,13 +20,10 @@ sys.path.insert(0, str(ROOT / "tests"))
 import reference_scenes as scenes  # noqa: E402
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust  # noqa: E402
-from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90  # noqa: E402
+from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90  # noqa: E402
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image  # noqa: E402
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, reference_shift  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference  # noqa: E402
-from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions  # noqa: E402
-from hrsi.hrsi_engine.simulation import (  # noqa: E402
+from hrsi.hrsi_engine.laboratory.simulation import (  # noqa: E402
     SENSORS,
     Noise,
     OrientationError,
@@ -36,6 +33,9 @@ from hrsi.hrsi_engine.simulation import (  # noqa: E402
     along_track_views,
     simulate_block,
 )
+from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, reference_shift  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions  # noqa: E402
 from hrsi.hrsi_engine.surface.dem import GridSurface, intersect_surface  # noqa: E402
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "real"
@@ -192,9 +192,9 @@ def real() -> None:
     """Match two images of the s2p triplet with an orthoimage of the third, changed as by another season."""
     from osgeo import gdal
 
-    from hrsi.hrsi_engine.io.dems import open_dem
-    from hrsi.hrsi_engine.io.rasters import open_image
-    from hrsi.hrsi_engine.io.reference_images import open_reference
+    from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
+    from hrsi.hrsi_engine.io.rasters.images.images import open_image
+    from hrsi.hrsi_engine.io.rasters.images.reference_images import open_reference
 
     folder, work = DATA / "s2p_triplet_phr", ROOT / "build" / "reference"
     if not folder.is_dir():

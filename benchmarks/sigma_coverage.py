@@ -26,11 +26,11 @@ import numpy as np
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90
+from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.simulation import SENSORS, PushbroomCamera, aim, fit_camera
-from hrsi.hrsi_engine.simulation.vendor import stated_accuracy
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, PushbroomCamera, aim, fit_camera
+from hrsi.hrsi_engine.laboratory.simulation.vendor import stated_accuracy
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "coverage.md"
 JUDGED = 1000  # the first seed of those that judge

@@ -17,8 +17,8 @@ import numpy as np
 import pyproj
 
 from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim, fit_camera
 from hrsi.hrsi_engine.refinement.estimate import Control
-from hrsi.hrsi_engine.simulation import SENSORS, OrientationError, PushbroomCamera, aim, fit_camera
 
 SIZE = (24_000, 24_000)
 HEADING_DEG, OFF_NADIR_DEG = 12.0, 10.0

@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.block.names import unique_ids
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
-from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_measured, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 

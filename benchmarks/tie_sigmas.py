@@ -25,13 +25,13 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Image, ImagePoints, assemble
+from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
+from hrsi.hrsi_engine.laboratory.simulation.synthesis import SimulatedBlock, simulate_block
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.simulation.surface import locate_on_surface
-from hrsi.hrsi_engine.simulation.synthesis import SimulatedBlock, simulate_block
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.declare import made_options
 from hrsi.processing_algorithms.interface.options import checked_options
-from hrsi.processing_algorithms.simulation_steps.inputs import make_views
+from hrsi.processing_algorithms.laboratory.simulation_steps.inputs import make_views
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tie_sigmas.md"
 REAL = {

@@ -41,7 +41,7 @@ from hrsi.hrsi_engine.block.block import Block, Image
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.io.deposits import FileDeposit
+from hrsi.hrsi_engine.io.safety.deposits import FileDeposit
 from hrsi.hrsi_engine.refinement.models import MODELS
 from hrsi.hrsi_engine.surface.dem import GridSurface
 

@@ -33,12 +33,8 @@ from hrsi.hrsi_engine.ground.geodesy import (
 from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
-from hrsi.hrsi_engine.io.simulated_block import write_dem, write_ground_points
-from hrsi.hrsi_engine.plausibility.accuracy import image_accuracies
-from hrsi.hrsi_engine.plausibility.control import control_of, fit
-from hrsi.hrsi_engine.plausibility.datums import datum_shifts
-from hrsi.hrsi_engine.plausibility.slips import common_lift
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.laboratory.simulated_files import write_dem, write_ground_points
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
     PointCounts,
@@ -47,6 +43,10 @@ from hrsi.hrsi_engine.simulation import (
     along_track_views,
     simulate_block,
 )
+from hrsi.hrsi_engine.plausibility.accuracy import image_accuracies
+from hrsi.hrsi_engine.plausibility.control import control_of, fit
+from hrsi.hrsi_engine.plausibility.datums import datum_shifts
+from hrsi.hrsi_engine.plausibility.slips import common_lift
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
@@ -861,7 +861,7 @@ def real_blocks_outcome(matching: bool = True) -> list[list[str]]:
     ``matching`` takes also those whose tie points have to be found first.
     """
     from hrsi.benchmarks import real_blocks as real
-    from hrsi.hrsi_engine.io.rasters import open_image
+    from hrsi.hrsi_engine.io.rasters.images.images import open_image
     from hrsi.hrsi_engine.plausibility import check_block
 
     def matched(folder: str, names: Sequence[str]) -> Block:

@@ -23,15 +23,14 @@ from .declarations import (
     orthorectify,
     project,
     refine_rpc,
-    register,
     rpc_info,
-    simulate,
     tie_points,
     triangulate,
     write_rpc,
 )
 from .interface.declare import Algorithm, Context, Log, Report
 from .interface.options import checked_options, find_algorithm
+from .laboratory.declarations import register, simulate
 
 REGISTRY: dict[str, Algorithm] = {
     module.ALGORITHM.name: module.ALGORITHM

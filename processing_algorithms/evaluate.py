@@ -20,7 +20,7 @@ from ..hrsi_engine.adjustment.evaluation import (
     known_residuals_px,
 )
 from ..hrsi_engine.adjustment.observations import Observations
-from ..hrsi_engine.adjustment.precision import errors_90
+from ..hrsi_engine.adjustment.statistics.precision import errors_90
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ..hrsi_engine.block.footprints import footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
@@ -30,11 +30,11 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.ground.geodesy import WGS84
-from ..hrsi_engine.io.layers import Layer, default_styles, write_geopackage
-from ..hrsi_engine.io.output_dir import stage_folder
-from ..hrsi_engine.io.pages import write_page
+from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
+from ..hrsi_engine.io.pages.page import write_page
+from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import measurements_of, read_points
-from ..hrsi_engine.io.report import write_report_json
+from ..hrsi_engine.io.safety.output_dir import stage_folder
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights

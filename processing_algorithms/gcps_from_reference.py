@@ -7,7 +7,7 @@ import numpy as np
 from ..hrsi_engine.block.reference_places import REFERENCE_KIND
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.ground.geodesy import WGS84_3D
-from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.geopackage.layers import Layer
 from .block_steps import reference_control
 from .block_steps.reference_control import PREFIX, FromReference
 from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromReferenceOptions

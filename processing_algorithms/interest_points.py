@@ -9,8 +9,8 @@ import numpy as np
 
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.ground.sun import SunAngles
-from ..hrsi_engine.io.layers import Layer
-from ..hrsi_engine.io.sun_angles import FoundSun, read_sun
+from ..hrsi_engine.io.geopackage.layers import Layer
+from ..hrsi_engine.io.rasters.sun_angles import FoundSun, read_sun
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
 from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points

@@ -9,7 +9,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.geodesy import WGS84_3D
-from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .declarations.project import LAYERS_FILE, ProjectOptions

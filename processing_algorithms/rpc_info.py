@@ -10,9 +10,9 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry, all_pairs, sanity_warnings
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.io.layers import Layer
+from ..hrsi_engine.io.geopackage.layers import Layer
+from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
-from ..hrsi_engine.io.sun_angles import read_sun
 from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_images

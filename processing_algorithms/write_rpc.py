@@ -10,7 +10,7 @@ from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.io import rpc_files
-from ..hrsi_engine.io.rasters import image_id
+from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.io.rpc_files import (
     FoundRpc,
     read_back_px,

@@ -63,7 +63,7 @@ class Import(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """A file of the product: its module's name, ``hrsi_engine.io.rasters``, and its text."""
+    """A file of the product: its module's name, ``hrsi_engine.io.rasters.images``, and its text."""
 
     module: str
     text: str

@@ -26,7 +26,7 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.interruption import quit_on_signals
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.io.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main

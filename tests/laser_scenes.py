@@ -12,13 +12,20 @@ from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role,
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.block.reference_places import ReferencePlaces
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
+from hrsi.hrsi_engine.laboratory.simulation.control import measure, observe
+from hrsi.hrsi_engine.laboratory.simulation.free_ortho import CORNER_FROM, draw_ortho_errors
+from hrsi.hrsi_engine.laboratory.simulation.laser import SimulatedLaser, simulate_laser
+from hrsi.hrsi_engine.laboratory.simulation.options import FreeOrthoSpec, LaserSpec
+from hrsi.hrsi_engine.laboratory.simulation.synthesis import SimulatedBlock
 from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
-from hrsi.hrsi_engine.simulation.control import measure, observe
-from hrsi.hrsi_engine.simulation.free_ortho import CORNER_FROM, draw_ortho_errors
-from hrsi.hrsi_engine.simulation.laser import SimulatedLaser, simulate_laser
-from hrsi.hrsi_engine.simulation.options import FreeOrthoSpec, LaserSpec
-from hrsi.hrsi_engine.simulation.synthesis import SimulatedBlock
 
 LOOKED_UP, TIES_EACH, AROUND_M = 400, 3, 10.0
 

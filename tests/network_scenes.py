@@ -16,10 +16,10 @@ from scipy import fft
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.laboratory.simulation.texture import PeriodicField
 from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.thresholds import Tolerance
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss
-from hrsi.hrsi_engine.simulation.texture import PeriodicField
 
 RELIEF_PX, RELIEF_WAVE_PX = 5.0, 220.0  # parallax between the views: amplitude, and length of its waves
 NOISE = 0.06  # of the texture's standard deviation

@@ -10,9 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from hrsi.hrsi_engine.measurement.interest_points import InterestPoints, detect_interest_points
-from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions, DetectionOptions
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     ImageRenderer,
     Noise,
@@ -25,7 +23,9 @@ from hrsi.hrsi_engine.simulation import (
     renderer,
     simulate_block,
 )
-from hrsi.hrsi_engine.simulation.landscape import Objects
+from hrsi.hrsi_engine.laboratory.simulation.landscape import Objects
+from hrsi.hrsi_engine.measurement.interest_points import InterestPoints, detect_interest_points
+from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions, DetectionOptions
 
 #: As matching gets them: the partner of a strong centre may be weaker.
 CANDIDATES = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY))

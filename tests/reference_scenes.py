@@ -9,7 +9,7 @@ import numpy as np
 
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.block.orthoimage import Orthoimage
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
     OrientationError,
@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.simulation import (
     orthophoto,
     simulate_block,
 )
-from hrsi.hrsi_engine.simulation.terrain import SimulatedTerrain
+from hrsi.hrsi_engine.laboratory.simulation.terrain import SimulatedTerrain
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
 

@@ -11,8 +11,8 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.io.simulated_block import write_image
+from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.laboratory.simulated_files import write_image
 
 HALF = 350.0
 BIAS_PX = ((0.0, 0.0), (4.0, -3.0), (-6.0, 2.0))  # of the RPCs of the triplet

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.foundation import dense_matrices as dense
+from hrsi.hrsi_engine.adjustment.equations import dense_matrices as dense
 
 
 @pytest.fixture(name="whole")

@@ -27,7 +27,7 @@ def test_the_faces_show_what_a_user_starts_from():
         "camera.rpc.RPC.project",
         "block.block.assemble",
         "adjustment.solver.adjust",
-        "io.rasters.open_image",
+        "io.rasters.images.open_image",
     } <= names
 
 

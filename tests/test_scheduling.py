@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.foundation.scheduling import WorkPart, digest, open_scheduler, run_parts
-from hrsi.hrsi_engine.foundation.threads import one_thread_calls
-from hrsi.hrsi_engine.io import leftovers
-from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.foundation.workers.scheduling import WorkPart, digest, open_scheduler, run_parts
+from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
+from hrsi.hrsi_engine.io.safety import leftovers
+from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def test_error_of_a_part_is_the_error_of_the_run():
 
 
 def test_scheduler_that_does_not_answer(monkeypatch):
-    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.CONNECT_S", 1)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.workers.cluster.CONNECT_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_parts(squares(1), ["square-0"], open_scheduler("tcp://127.0.0.1:9"))
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.foundation.scheduling import WorkPart, open_scheduler, run_parts
+from hrsi.hrsi_engine.foundation.workers.scheduling import WorkPart, open_scheduler, run_parts
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -90,8 +90,8 @@ def test_a_client_without_the_certificates_is_not_let_in(
     cluster: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, client: str
 ):
     """One line that names the scheduler; nothing was run."""
-    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.CONNECT_S", 3.0)
-    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.GIVE_UP_S", 10.0)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.workers.cluster.CONNECT_S", 3.0)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.workers.cluster.GIVE_UP_S", 10.0)
     others = certificates_of_others(tmp_path)
     address = cluster.address
     if client == "no encryption":
@@ -103,7 +103,7 @@ def test_a_client_without_the_certificates_is_not_let_in(
 
 def test_a_client_that_waits_without_end_is_given_up(monkeypatch: pytest.MonkeyPatch):
     """Dask's own timeout does not always hold, where a connection is closed at the wrong moment."""
-    monkeypatch.setattr("hrsi.hrsi_engine.foundation.cluster.GIVE_UP_S", 0.2)
+    monkeypatch.setattr("hrsi.hrsi_engine.foundation.workers.cluster.GIVE_UP_S", 0.2)
     monkeypatch.setattr(distributed, "Client", lambda *_given, **_named: threading.Event().wait(60.0))
     with pytest.raises(InputError, match="tcp://nowhere:1: no Dask scheduler answers there"):
         squares("tcp://nowhere:1")

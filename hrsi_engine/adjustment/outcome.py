@@ -15,7 +15,6 @@ from ..ground.geodesy import ground_difference_m
 from .delivery import Delivered, deliver
 from .gauss_newton import GaussNewton, Solution
 from .joint_prior import JointCameras
-from .precision import Precision, deletion_tests
 from .problem import Problem
 from .result import (
     Adjustment,
@@ -30,6 +29,7 @@ from .result import (
     PlanAgreement,
     VarianceComponent,
 )
+from .statistics.precision import Precision, deletion_tests
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 MANY_HEIGHTS_LEFT_OUT = 0.02  # share of a source's heights

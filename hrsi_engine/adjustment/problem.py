@@ -26,15 +26,15 @@ from ..refinement.models import MODELS
 from ..refinement.selection import RULES, Choice, choose_model
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
-from .held_heights import DemHeights, HeightByRpcs, HeightSource, HeldHeights
-from .held_plan import HeldPlan
+from .held.held_heights import DemHeights, HeightByRpcs, HeightSource, HeldHeights
+from .held.held_plan import HeldPlan
+from .held.laser_heights import LaserHeights
 from .intersection import fixed_cameras, start_positions
 from .joint_prior import JointPrior
-from .laser_heights import LaserHeights
 from .observations import Observations, select
 from .options import AdjustOptions
+from .statistics.variance_components import GROUPINGS
 from .subtrees.loop import Elsewhere, Shares, WorkersLoop
-from .variance_components import GROUPINGS
 from .weak_geometry import point_priors
 from .weights import WEIGHTS
 

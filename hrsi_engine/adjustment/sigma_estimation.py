@@ -35,10 +35,10 @@ from .drift_prior import DriftPrior
 from .equations.camera_system import Factored
 from .gauss_newton import GaussNewton, Solution
 from .outcome import Found, redundancy_of
-from .precision import Precision, camera_cofactors, precision
 from .problem import Problem
 from .result import ModelTest
-from .variance_components import (
+from .statistics.precision import Precision, camera_cofactors, precision
+from .statistics.variance_components import (
     LEAST_GROUP_FREEDOM,
     SURVEY_GROUPS,
     SURVEYS,

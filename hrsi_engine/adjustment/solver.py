@@ -9,16 +9,16 @@ import numpy as np
 from ..block.block import Block
 from ..foundation.errors import SolveError
 from ..foundation.progress import Progress, advance, silent, stage
-from ..foundation.threads import one_thread_calls
+from ..foundation.workers.threads import one_thread_calls
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
 from .gauss_newton import Solution
 from .options import AdjustOptions
 from .outcome import outcome
-from .precision import Precision, precision
 from .problem import Problem, prepare
 from .result import Adjustment
 from .sigma_estimation import ROUNDS, SETTLED_SHARE, SigmaEstimation
+from .statistics.precision import Precision, precision
 from .subtrees.loop import Elsewhere
 
 

@@ -2,7 +2,6 @@
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 
-from .certificates import Certificates as Certificates
 from .errors import Cancelled as Cancelled
 from .errors import HrsiError as HrsiError
 from .errors import InputError as InputError
@@ -15,7 +14,8 @@ from .progress import stage as stage
 from .reasons import Level as Level
 from .reasons import Reason as Reason
 from .robust_scale import robust_sigma as robust_sigma
-from .scheduling import WorkPart as WorkPart
-from .scheduling import open_scheduler as open_scheduler
-from .scheduling import run_parts as run_parts
 from .version import VERSION as VERSION
+from .workers.certificates import Certificates as Certificates
+from .workers.scheduling import WorkPart as WorkPart
+from .workers.scheduling import open_scheduler as open_scheduler
+from .workers.scheduling import run_parts as run_parts

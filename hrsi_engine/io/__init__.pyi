@@ -3,18 +3,18 @@
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 
 from .csv_tables import write_csv as write_csv
-from .dems import open_dem as open_dem
-from .layers import Layer as Layer
-from .layers import write_geopackage as write_geopackage
-from .ortho_rasters import open_ortho as open_ortho
-from .orthoimages import OrthoFormat as OrthoFormat
-from .orthoimages import write_orthoimage as write_orthoimage
+from .geopackage.layers import Layer as Layer
+from .geopackage.layers import write_geopackage as write_geopackage
+from .pages.report import write_report_html as write_report_html
+from .pages.report import write_report_json as write_report_json
 from .point_files import PointTables as PointTables
 from .point_files import read_points as read_points
-from .rasters import open_image as open_image
-from .reference_images import open_reference as open_reference
-from .report import write_report_html as write_report_html
-from .report import write_report_json as write_report_json
+from .rasters.dems import open_dem as open_dem
+from .rasters.images import open_image as open_image
+from .rasters.ortho_rasters import open_ortho as open_ortho
+from .rasters.orthoimages import OrthoFormat as OrthoFormat
+from .rasters.orthoimages import write_orthoimage as write_orthoimage
+from .rasters.reference_images import open_reference as open_reference
 from .rpc_files import FoundRpc as FoundRpc
 from .rpc_files import read_rpc as read_rpc
 from .rpc_files import restore as restore

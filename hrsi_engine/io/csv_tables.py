@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..block.points import ImagePoints
-from .replacing import replacing
+from .safety.replacing import replacing
 
 
 def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

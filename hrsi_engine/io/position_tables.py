@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.errors import InputError
-from .budgets import require_heights
+from .opening.budgets import require_heights
 from .point_files.find import point_reader_of, split_spec
 from .point_files.in_memory import PointsInMemory
 from .point_files.interpret import image_names

@@ -13,6 +13,5 @@ __getattr__, __dir__, __all__ = lazy_names(
         "targets.measuring": "TargetMeasurement measure_edges measure_target",
         "reference.options": "ReferenceOptions",
         "reference.matching": "ReferenceControl match_reference",
-        "registration": "MethodComparison compare_kinds",
     },
 )

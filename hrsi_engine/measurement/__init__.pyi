@@ -11,8 +11,6 @@ from .interest_points import detect_interest_points as detect_interest_points
 from .reference.matching import ReferenceControl as ReferenceControl
 from .reference.matching import match_reference as match_reference
 from .reference.options import ReferenceOptions as ReferenceOptions
-from .registration import MethodComparison as MethodComparison
-from .registration import compare_kinds as compare_kinds
 from .targets.measuring import TargetMeasurement as TargetMeasurement
 from .targets.measuring import measure_edges as measure_edges
 from .targets.measuring import measure_target as measure_target

@@ -17,7 +17,7 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import InputError
 from ..foundation.progress import Progress, silent
-from ..foundation.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
+from ..foundation.workers.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
 from .block_matching import joining
 from .block_matching.links import hold_images, judge_links, without_links
 from .block_matching.overlaps import coarseness, resolution_step

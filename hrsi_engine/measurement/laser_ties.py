@@ -4,7 +4,7 @@ Every laser point is projected into the image that looks at it most steeply. Int
 footprint, are then sought in the other images where their height puts them, and measured as tie points are, with sigmas
 by the same rule (`block_matching.joining`). Of large images only the windows that show laser points are read. Which
 ties lie at which laser point is not kept: the adjustment finds that out again, with the ties where they really are
-(`adjustment.laser_heights`).
+(`adjustment.held.laser_heights`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..block.imaging_geometry import rays_up
 from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
-from ..foundation.streams import open_calls
-from ..foundation.threads import thread_count
+from ..foundation.workers.streams import open_calls
+from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import Rows, columns_of
 from .block_matching.windows import ImageWindow, predicted_window, read_tile

@@ -18,7 +18,7 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import list_ids
 from ..foundation.progress import Progress, silent, stage
-from ..foundation.scheduling import Keeper, Scheduler, open_scheduler
+from ..foundation.workers.scheduling import Keeper, Scheduler, open_scheduler
 from ..surface.dem import HeightSurface
 from .block_matching import joining
 from .block_matching.links import (

@@ -23,7 +23,7 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur
 from ..foundation.robust_scale import robust_sigma
-from ..foundation.streams import open_calls
+from ..foundation.workers.streams import open_calls
 from ..measurement.window_matching.cross_correlation import correlation_surface
 from .options import MisregistrationOptions
 

@@ -27,8 +27,8 @@ from scipy import sparse
 from ..adjustment.joint_prior import JointCameras
 from ..adjustment.result import Adjustment
 from ..foundation.errors import InputError
-from ..io.block_records import POINT_LAYERS
-from ..io.item_images import item_entry
+from ..io.catalogue.block_records import POINT_LAYERS
+from ..io.opening.item_images import item_entry
 
 
 def record_of(result: Adjustment) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from ..drawing.image_cards import FEWEST_OF_FIELD, ImageCard
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..ground.map_crs import middle_position
-from ..io.pictures import picture_uri
-from ..io.rasters import GdalRaster
+from ..io.pages.pictures import picture_uri
+from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
 from .statistics import normalised_residuals, worst_known
@@ -78,7 +78,7 @@ def report_figures(
     Returns
     -------
     ReportFigures
-        What `io.report` writes.
+        What `io.pages.report` writes.
     """
     shown = _choose_points(result, left)
     images = refined or result.block.images

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.precision import errors_90, predicted_accuracy
 from ..adjustment.result import Adjustment, DatumPart, Decision
+from ..adjustment.statistics.precision import errors_90, predicted_accuracy
 from ..block.block import GroundPoints, Role
 from ..block.pointing import believed_pointing
 from ..refinement.model import RefinedRPC

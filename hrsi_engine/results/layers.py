@@ -9,8 +9,8 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, to_projected
-from ..io.layer_words import Picked, Stacked
-from ..io.layers import Layer
+from ..io.geopackage.layer_words import Picked, Stacked
+from ..io.geopackage.layers import Layer
 from .residuals import Residuals
 from .tables import (
     Table,

@@ -14,7 +14,7 @@ import numpy as np
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.large_arrays import any_of_rows
-from ..io.layer_words import Words
+from ..io.geopackage.layer_words import Words
 from .residuals import Residuals
 
 OUTLIER_SIGMAS = 4.0  # of a normal error in an image 1 in 3000 is larger

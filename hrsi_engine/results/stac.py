@@ -2,8 +2,8 @@
 
 An item has the image's outline on the ground, time and sun of its acquisition, the direction that it was taken from,
 how its RPC came about (``processing``), how accurate it is (``accuracy``), and the files with sizes and checksums
-(``file``). The refined RPC stands in it too, in the fields ``rpc:…`` that `io.stac_items` reads, so that an item is
-enough for who has the pixels elsewhere; what has no field in an extension has the prefix ``hrsi``.
+(``file``). The refined RPC stands in it too, in the fields ``rpc:…`` that `io.catalogue.stac_items` reads, so that an
+item is enough for who has the pixels elsewhere; what has no field in an extension has the prefix ``hrsi``.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..block.block import Image
 from ..block.footprints import footprint
 from ..block.imaging_geometry import rays_up
 from ..block.pointing import middle_gsd_m
-from ..io.item_images import item_of
-from ..io.lineage import file_entry
+from ..io.catalogue.lineage import file_entry
+from ..io.catalogue.stac_items import href_of
+from ..io.opening.item_images import item_of
+from ..io.rasters.sun_angles import read_sun, read_time
 from ..io.rpc_files.fields import STAC_NAMES, json_members
-from ..io.stac_items import href_of
-from ..io.sun_angles import read_sun, read_time
 from ..refinement.model import RefinedRPC
 from .lineage import block_accuracy
 

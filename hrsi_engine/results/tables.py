@@ -19,7 +19,7 @@ from ..block.block import Block
 from ..block.footprints import footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
-from ..io.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
+from ..io.geopackage.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 

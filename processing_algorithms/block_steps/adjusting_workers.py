@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere, open_workers
-from ...hrsi_engine.io.deposits import FileDeposit
-from ...hrsi_engine.io.leftovers import FOLDER_PREFIX, hidden_folder
-from ...hrsi_engine.io.virtual_files import VIRTUAL, remove_virtual
+from ...hrsi_engine.io.opening.virtual_files import VIRTUAL, remove_virtual
+from ...hrsi_engine.io.safety.deposits import FileDeposit
+from ...hrsi_engine.io.safety.leftovers import FOLDER_PREFIX, hidden_folder
 from ..interface.option_groups import WorkerOptions
 
 

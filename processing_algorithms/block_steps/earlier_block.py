@@ -18,10 +18,10 @@ from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from ...hrsi_engine.block.names import unique_ids
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
+from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
+from ...hrsi_engine.io.catalogue.stac_items import recorded_images
 from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
-from ...hrsi_engine.io.rasters import open_image
-from ...hrsi_engine.io.stac_items import recorded_images
+from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.results.block_record import joint_of_arrays
 from ..files.image_files import require_ids
 from ..interface.option_groups import FREE, NO_TIES, JoinedBlockOptions

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.io.rasters import pixel_doubt
+from ...hrsi_engine.io.rasters.images import pixel_doubt
 from ...hrsi_engine.plausibility import check_block
 from ..files.terrain import dem_surface
 from ..interface.option_groups import DemOptions, PointFiles

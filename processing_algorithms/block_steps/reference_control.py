@@ -12,7 +12,7 @@ from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, 
 from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.io.reference_images import open_reference
+from ...hrsi_engine.io.rasters.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     MeasuredGcps,
     ReferenceAccuracy,

@@ -17,7 +17,7 @@ from ...hrsi_engine.io.rpc_files import (
     write_rpc_text,
     write_vrt,
 )
-from ...hrsi_engine.io.transactions import Transaction
+from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefinedRPC
 
 Writer = Callable[[str, str, RPC, Lineage, Progress], object]

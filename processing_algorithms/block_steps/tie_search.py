@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.scheduling import open_scheduler
-from ...hrsi_engine.io.finished_parts import FinishedParts
+from ...hrsi_engine.foundation.workers.scheduling import open_scheduler
+from ...hrsi_engine.io.safety.finished_parts import FinishedParts
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points, overlapping_pairs
 from ...hrsi_engine.surface.dem import HeightSurface

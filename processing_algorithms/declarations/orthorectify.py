@@ -15,11 +15,11 @@ from ..interface.option_groups import (
     report_option,
 )
 
-#: GDAL's kernels (`io.ortho_warp.RESAMPLING`).
+#: GDAL's kernels (`io.rasters.ortho_warp.RESAMPLING`).
 RESAMPLING_NAMES = (
     "near", "bilinear", "cubic", "cubicspline", "lanczos", "average", "rms", "mode", "max", "min", "med", "q1", "q3",
 )  # fmt: skip
-#: Formats and compressions (`io.orthoimages`).
+#: Formats and compressions (`io.rasters.orthoimages`).
 FORMAT_NAMES, COMPRESSION_NAMES = ("cog", "gtiff"), ("deflate", "lzw", "zstd", "none")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.io.point_files import PointsInMemory
-from ...hrsi_engine.io.rasters import ImageInMemory, path_of
+from ...hrsi_engine.io.rasters.images import ImageInMemory, path_of
 from ..interface.declare import Algorithm, Kind
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...hrsi_engine.block.block import ArrayRaster, Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters import open_image
+from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.rpc_files import read_rpc
 
 

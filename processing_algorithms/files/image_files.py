@@ -9,8 +9,8 @@ import numpy as np
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters import open_image_and_source, pixel_doubt
-from ...hrsi_engine.io.transactions import finish_interrupted
+from ...hrsi_engine.io.rasters.images import open_image_and_source, pixel_doubt
+from ...hrsi_engine.io.safety.transactions import finish_interrupted
 from ..interface.declare import Context
 
 MOST_LINES = 20  # of a large block only the images with several RPCs are told

@@ -10,7 +10,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Raster
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters import GdalRaster, image_id
+from ...hrsi_engine.io.rasters.images import GdalRaster, image_id
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
 from ...hrsi_engine.measurement.interest_points.windows import Area
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters import image_id
+from ...hrsi_engine.io.rasters.images import image_id
 from ...hrsi_engine.io.rpc_files import read_rpc_or_none, rpc_for_image, rpc_reader_of
 from ..interface.declare import Log
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.dems import open_dem
+from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.surface.dem import ConstantHeight, HeightSurface
 from ..interface.option_groups import DemOptions, TerrainOptions
 

@@ -310,7 +310,7 @@ def version_page() -> str:
     """Return the version, and below it those of the libraries, as far as they can be loaded."""
     lines = {}
     try:
-        from ...hrsi_engine.io.versions import versions
+        from ...hrsi_engine.io.catalogue.versions import versions
 
         lines = {name: text for name, text in versions().items() if name != "hrsi"}
     except ImportError as error:

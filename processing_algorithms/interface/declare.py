@@ -20,11 +20,11 @@ Report = dict[str, Any]
 Log = Callable[[str], None]
 Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
-_RASTERS = f"{_ROOT}.hrsi_engine.io.rasters"
-_DELIVERIES = f"{_ROOT}.hrsi_engine.io.deliveries"
+_RASTERS = f"{_ROOT}.hrsi_engine.io.rasters.images"
+_DELIVERIES = f"{_ROOT}.hrsi_engine.io.catalogue.deliveries"
 _JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
-_FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.folder_lock"
-_LINEAGE = f"{_ROOT}.hrsi_engine.io.lineage"
+_FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.safety.folder_lock"
+_LINEAGE = f"{_ROOT}.hrsi_engine.io.catalogue.lineage"
 POSITIONS_CRS = "EPSG:4979"  #: of all ground positions in results: longitude, latitude, ellipsoidal height
 SCHEMA = 1  #: of reports
 

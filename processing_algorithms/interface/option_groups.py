@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ...hrsi_engine.block.default_sigmas import Defaults
-from ...hrsi_engine.foundation.certificates import Certificates
 from ...hrsi_engine.foundation.options import nested, option, options, threads_option
+from ...hrsi_engine.foundation.workers.certificates import Certificates
 from ...hrsi_engine.measurement.reference.options import ReferenceOptions
 from ...hrsi_engine.measurement.tie_options import TieOptions
 from .declare import Kind

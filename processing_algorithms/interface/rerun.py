@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.json_files import read_json
-from ...hrsi_engine.io.lineage import HIDDEN, file_entry
-from ...hrsi_engine.io.versions import versions
+from ...hrsi_engine.io.catalogue.lineage import HIDDEN, file_entry
+from ...hrsi_engine.io.catalogue.versions import versions
+from ...hrsi_engine.io.opening.json_files import read_json
 from .command_parser import algorithm_parser
 from .declare import READ_KINDS, Algorithm, Kind, Param
 from .naming import option_label

@@ -8,12 +8,12 @@ from functools import lru_cache
 
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.streams import Calls
-from ...hrsi_engine.io.ortho_warp import OrthoSource, Warp
-from ...hrsi_engine.io.orthoimages import OrthoChunk, chunk_windows, warped_chunk
+from ...hrsi_engine.foundation.workers.streams import Calls
+from ...hrsi_engine.io.catalogue.versions import versions
 from ...hrsi_engine.io.point_files.find import split_spec
-from ...hrsi_engine.io.rasters import path_elsewhere
-from ...hrsi_engine.io.versions import versions
+from ...hrsi_engine.io.rasters.images import path_elsewhere
+from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
+from ...hrsi_engine.io.rasters.orthoimages import OrthoChunk, chunk_windows, warped_chunk
 from ...hrsi_engine.ortho.grid import GridWindow, MapGrid
 from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ...hrsi_engine.surface.dem import HeightSurface

@@ -13,10 +13,10 @@ import pyproj
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.filled_dems import fill_gaps
-from ...hrsi_engine.io.orthoimages import file_state
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
+from ...hrsi_engine.io.rasters.filled_dems import fill_gaps
+from ...hrsi_engine.io.rasters.orthoimages import file_state
 from ...hrsi_engine.ortho.footprint import footprint_bounds, map_crs_of, mean_gsd_m, share_of_ground, terrain_below
 from ...hrsi_engine.ortho.grid import MapGrid, rounded_resolution
 from ...hrsi_engine.ortho.point_surface import surface_of_points

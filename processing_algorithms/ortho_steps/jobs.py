@@ -15,9 +15,9 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
-from ...hrsi_engine.io.ortho_warp import OrthoSource, Warp
-from ...hrsi_engine.io.orthoimages import OrthoFormat, file_state, fingerprint
-from ...hrsi_engine.io.versions import versions
+from ...hrsi_engine.io.catalogue.versions import versions
+from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
+from ...hrsi_engine.io.rasters.orthoimages import OrthoFormat, file_state, fingerprint
 from ...hrsi_engine.ortho.grid import MapGrid
 from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ..declarations.orthorectify import OrthorectifyOptions

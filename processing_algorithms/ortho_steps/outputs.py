@@ -12,15 +12,15 @@ import pyproj
 
 from ...hrsi_engine.foundation.errors import Cancelled, InputError
 from ...hrsi_engine.foundation.progress import advance, stage
-from ...hrsi_engine.foundation.streams import open_calls
-from ...hrsi_engine.foundation.threads import thread_count
-from ...hrsi_engine.io.json_files import read_json
-from ...hrsi_engine.io.lineage import rpc_history
-from ...hrsi_engine.io.orthoimages import OrthoFigures, stamp_of, stored_figures, write_orthoimage
-from ...hrsi_engine.io.output_dir import stage_folder
-from ...hrsi_engine.io.pages import write_page
-from ...hrsi_engine.io.report import write_report_json
-from ...hrsi_engine.io.virtual_files import VIRTUAL
+from ...hrsi_engine.foundation.workers.streams import open_calls
+from ...hrsi_engine.foundation.workers.threads import thread_count
+from ...hrsi_engine.io.catalogue.lineage import rpc_history
+from ...hrsi_engine.io.opening.json_files import read_json
+from ...hrsi_engine.io.opening.virtual_files import VIRTUAL
+from ...hrsi_engine.io.pages.page import write_page
+from ...hrsi_engine.io.pages.report import write_report_json
+from ...hrsi_engine.io.rasters.orthoimages import OrthoFigures, stamp_of, stored_figures, write_orthoimage
+from ...hrsi_engine.io.safety.output_dir import stage_folder
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..interface.declare import Context, Report

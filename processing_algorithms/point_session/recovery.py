@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.line_journals import LeftJournal, LineJournal, left_journals, remove_journal
+from ...hrsi_engine.io.safety.line_journals import LeftJournal, LineJournal, left_journals, remove_journal
 from .files import new_session, open_block
 from .history import Change, Key
 from .rows import KnownPoint, Measured

@@ -9,7 +9,7 @@ import numpy as np
 from ...hrsi_engine.block.footprints import footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
-from ...hrsi_engine.io.layers import Layer
+from ...hrsi_engine.io.geopackage.layers import Layer
 from .session import PointSession
 
 

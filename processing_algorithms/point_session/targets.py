@@ -10,7 +10,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.drawing.target_chips import chip_svg
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters import close_images
+from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.targets.measuring import measure_target, refuse
 from ..files.target_chip import chip_of
 from .rows import Measured

@@ -13,7 +13,7 @@ from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, advance, silent
 from ...hrsi_engine.ground.geodesy import moved_ground
-from ...hrsi_engine.io.rasters import close_images
+from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
 from .rows import TIE, KnownPoint

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.dems import open_dem
-from ...hrsi_engine.io.pixel_views import grey_range, pixel_view
+from ...hrsi_engine.io.rasters.dems import open_dem
+from ...hrsi_engine.io.rasters.pixel_views import grey_range, pixel_view
 from ...hrsi_engine.surface.dem import surface_heights
 from .session import PointSession
 

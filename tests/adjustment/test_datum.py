@@ -197,7 +197,7 @@ def test_warm_start_needs_fewer_passes():
 
 
 def test_predicted_accuracy_and_ellipses():
-    from hrsi.hrsi_engine.adjustment.precision import (
+    from hrsi.hrsi_engine.adjustment.statistics.precision import (
         error_ellipses,
         minimal_detectable_error,
         predicted_accuracy,

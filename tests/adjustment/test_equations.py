@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.adjustment.equations.nested_dissection import SparseFactor
 from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.adjustment.equations.states import PointPriors, State
 from hrsi.hrsi_engine.adjustment.observations import select
-from hrsi.hrsi_engine.foundation.threads import one_thread_calls
+from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
 
 

@@ -9,12 +9,12 @@ import pytest
 from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
-from hrsi.hrsi_engine.adjustment.shared_errors import MOST_RETURNS, Memory, Opinion, SharedError, agree_on
+from hrsi.hrsi_engine.adjustment.held.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
+from hrsi.hrsi_engine.adjustment.held.shared_errors import MOST_RETURNS, Memory, Opinion, SharedError, agree_on
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
+from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
 from hrsi.hrsi_engine.results.verdict import judge
-from hrsi.hrsi_engine.simulation.options import LaserSpec
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
 OPTIONS = AdjustOptions(model="shift")

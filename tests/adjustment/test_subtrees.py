@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.block.reference_places import ReferencePlaces
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
-from hrsi.hrsi_engine.io.deposits import FileDeposit
+from hrsi.hrsi_engine.io.safety.deposits import FileDeposit
 from hrsi.hrsi_engine.surface.dem import GridSurface
 from hrsi.processing_algorithms import run
 

@@ -10,14 +10,21 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
+from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
 from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.block.laser import LASER_KIND
 from hrsi.hrsi_engine.block.pointing import middle_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
 from hrsi.hrsi_engine.refinement import MODELS
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
 
 VIEWS = ((0.35, 0.05), (-0.30, 0.10), (0.05, -0.40), (0.02, 0.3))
 GSD = (1.0, 2.0, 1.0, 2.0)  # two sensors

@@ -8,7 +8,7 @@ import numpy as np
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.precision import CIRCLE_90, LINE_90
+from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 
 ERR_BIAS_M = 4.0  # pixels of one metre

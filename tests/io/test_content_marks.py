@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from osgeo import gdal
 
-from hrsi.hrsi_engine.io import content_marks
-from hrsi.hrsi_engine.io.content_marks import content_mark
+from hrsi.hrsi_engine.io.safety import content_marks
+from hrsi.hrsi_engine.io.safety.content_marks import content_mark
 
 
 def write_image(path: Path, grey: np.ndarray, *options: str) -> None:

@@ -13,10 +13,10 @@ from osgeo import ogr
 
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
-from hrsi.hrsi_engine.io import content_marks
-from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_measured, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, read_columns, write_columns
+from hrsi.hrsi_engine.io.safety import content_marks
 
 LAYER = "block.gpkg|layername=image_points"
 

@@ -13,7 +13,7 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.budgets import LEAST_SCALES, MOST_COEFFICIENT, RPC_RANGES
+from hrsi.hrsi_engine.io.opening.budgets import LEAST_SCALES, MOST_COEFFICIENT, RPC_RANGES
 from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, geom, read_rpc, rpb, rpc_txt, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
 

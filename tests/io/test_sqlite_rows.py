@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.io import sqlite_pages
-from hrsi.hrsi_engine.io.layer_words import Picked, Stacked, Words, is_any, shared_word
-from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.geopackage import sqlite_pages
+from hrsi.hrsi_engine.io.geopackage.layer_words import Picked, Stacked, Words, is_any, shared_word
+from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 
 pytest.importorskip("numba")
 COUNT = 120_000  # rows: several chunks

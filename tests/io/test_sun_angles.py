@@ -12,8 +12,8 @@ import simulated_blocks as blocks
 from osgeo import gdal
 
 from hrsi.hrsi_engine.ground.sun import sun_at_time
+from hrsi.hrsi_engine.io.rasters.images.sun_angles import read_sun
 from hrsi.hrsi_engine.io.rpc_files.find import read_rpc_or_none
-from hrsi.hrsi_engine.io.sun_angles import read_sun
 
 #: What vendors print of the sun over two images, and when and where these were taken: rpc_WV2.xml (IMD part) and
 #: JAX_068_001_RGB.json of the real data. Vendors round to 0.1 degree; refraction and the latitude meant are 0.2.

@@ -10,7 +10,8 @@ import pytest
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.io.rasters import GdalRaster
+from hrsi.hrsi_engine.io.rasters.images.images import GdalRaster
+from hrsi.hrsi_engine.laboratory.simulation import SimulatedBlock
 from hrsi.hrsi_engine.measurement.interest_points import (
     DETECTORS,
     STRONG_QUALITY,
@@ -24,7 +25,6 @@ from hrsi.hrsi_engine.measurement.interest_points import (
     windows,
 )
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
-from hrsi.hrsi_engine.simulation import SimulatedBlock
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
 

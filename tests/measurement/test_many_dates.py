@@ -10,8 +10,7 @@ import pytest
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.block import ArrayRaster, Block, Image, ImagePoints, Role, assemble
-from hrsi.hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
     PointCounts,
@@ -22,6 +21,7 @@ from hrsi.hrsi_engine.simulation import (
     renderer,
     simulate_block,
 )
+from hrsi.hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
 
 DATES, SIDE, CLOUD, WRONG = 12, 360, 4, 8
 HELD_PX = 0.5  # what a stack of images may be off by; 0.1 is usual

@@ -13,7 +13,8 @@ from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.block.shared_accuracy import parts_of_area
-from hrsi.hrsi_engine.io.reference_images import open_reference
+from hrsi.hrsi_engine.io.rasters.images.reference_images import open_reference
+from hrsi.hrsi_engine.laboratory.simulation import OrientationError
 from hrsi.hrsi_engine.measurement.reference.checks import (
     MeasuredGcps,
     ReferenceAccuracy,
@@ -28,7 +29,6 @@ from hrsi.hrsi_engine.measurement.reference.parts import without_wrong_parts
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import image_patch, predicted_patch
 from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
 from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import orientation_field, peak_of, scores
-from hrsi.hrsi_engine.simulation import OrientationError
 from hrsi.hrsi_engine.surface.dem import cell_size_m
 
 OPTIONS = ReferenceOptions(points=60)

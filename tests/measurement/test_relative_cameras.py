@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
-from hrsi.hrsi_engine.measurement.block_matching import search
-from hrsi.hrsi_engine.measurement.block_matching.coarse import CoarseJob
-from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
-from hrsi.hrsi_engine.measurement.block_matching.overlaps import GroundRange
-from hrsi.hrsi_engine.measurement.block_matching.relative_cameras import RelativeCameras, relative_cameras
-from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
-from hrsi.hrsi_engine.simulation import (
+from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
     PointCounts,
@@ -26,6 +19,13 @@ from hrsi.hrsi_engine.simulation import (
     renderer,
     simulate_block,
 )
+from hrsi.hrsi_engine.measurement.block_matching import search
+from hrsi.hrsi_engine.measurement.block_matching.coarse import CoarseJob
+from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
+from hrsi.hrsi_engine.measurement.block_matching.overlaps import GroundRange
+from hrsi.hrsi_engine.measurement.block_matching.relative_cameras import RelativeCameras, relative_cameras
+from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
 
 VIEWS, SIDE, LAST = 6, 1000, 5
 PREDICTED_PX = 1.0  # what a search of 2 px around a place forgives easily

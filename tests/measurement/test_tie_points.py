@@ -11,7 +11,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.foundation.scheduling import open_scheduler
+from hrsi.hrsi_engine.foundation.workers.scheduling import open_scheduler
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches, without_outliers
 from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points

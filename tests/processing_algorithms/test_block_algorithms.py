@@ -15,7 +15,7 @@ from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.adjustment import WEIGHTS
 from hrsi.hrsi_engine.adjustment.options import GROUPING_NAMES, MODEL_NAMES, WEIGHT_NAMES
-from hrsi.hrsi_engine.adjustment.variance_components import GROUPINGS
+from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
 from hrsi.hrsi_engine.refinement.options import DIRECT_MODEL_NAMES

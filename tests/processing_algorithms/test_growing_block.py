@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.block_records import read_record
+from hrsi.hrsi_engine.io.catalogue.block_records import read_record
 from hrsi.hrsi_engine.io.point_files import read_measured
 from hrsi.processing_algorithms import run
 

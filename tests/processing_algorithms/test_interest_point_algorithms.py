@@ -12,10 +12,10 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.laboratory.registration import FORMS
+from hrsi.hrsi_engine.laboratory.registration_options import REGISTRATION_MODELS
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
-from hrsi.hrsi_engine.measurement.registration import FORMS
-from hrsi.hrsi_engine.measurement.registration_options import REGISTRATION_MODELS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations.interest_points import ALGORITHM
 from hrsi.tests.measurement.test_targets import CENTRE, disc, image

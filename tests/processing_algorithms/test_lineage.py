@@ -22,8 +22,8 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.foundation.version import VERSION
-from hrsi.hrsi_engine.io import lineage
-from hrsi.hrsi_engine.io.lineage import file_entry, without_secrets
+from hrsi.hrsi_engine.io.catalogue import lineage
+from hrsi.hrsi_engine.io.catalogue.lineage import file_entry, without_secrets
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import numbers_of
 from hrsi.hrsi_engine.results.lineage import state_accuracy

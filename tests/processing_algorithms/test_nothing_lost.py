@@ -17,7 +17,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.io.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
 from hrsi.processing_algorithms import run
 
 

@@ -19,11 +19,11 @@ WITH_PACKAGE = {
     },
     "numba": {
         "adjustment.blunders.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
-        "foundation.compiled_code", "io.point_files.compiled_csv", "io.compiled_pages",
+        "foundation.compiled_code", "io.point_files.compiled_csv", "io.geopackage.compiled_pages",
         "measurement.block_matching.compiled_bands", "measurement.window_matching.lsm_kernels",
         "refinement.compiled_cameras",
     },
-    "distributed": {"foundation.cluster", "foundation.scheduling"},
+    "distributed": {"foundation.workers.cluster", "foundation.workers.scheduling"},
     "rasterio": {"camera.rpc"},
     "pyarrow": {"io.laser_files.parquet"},
 }  # fmt: skip

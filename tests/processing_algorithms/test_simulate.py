@@ -12,9 +12,9 @@ from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.laser_files import read_laser
-from hrsi.hrsi_engine.io.rasters import open_image
-from hrsi.hrsi_engine.simulation import SENSORS
-from hrsi.hrsi_engine.simulation.options import SENSOR_NAMES
+from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS
+from hrsi.hrsi_engine.laboratory.simulation.options import SENSOR_NAMES
 from hrsi.processing_algorithms import run
 
 SMALL: dict[str, Any] = dict(size=300, gcps=4, checks=6, ties=30)

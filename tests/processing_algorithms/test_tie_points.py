@@ -22,10 +22,17 @@ from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.point_files import ogr_layer, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE
-from hrsi.hrsi_engine.io.simulated_block import write_image
-from hrsi.hrsi_engine.simulation import SENSORS, Noise, PointCounts, SceneSpec, along_track_views, simulate_block
-from hrsi.hrsi_engine.simulation.render import render_window
-from hrsi.hrsi_engine.simulation.surface import locate_on_surface
+from hrsi.hrsi_engine.laboratory.simulated_files import write_image
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    along_track_views,
+    simulate_block,
+)
+from hrsi.hrsi_engine.laboratory.simulation.render import render_window
+from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
@@ -133,7 +140,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
 #: Every part is small, and takes its time after it: so the run is killed in the middle.
 SLOW_RUN = """
 import sys, time
-from hrsi.hrsi_engine.io.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 from hrsi.hrsi_engine.measurement.block_matching import plan, search
 from hrsi.processing_algorithms import run
 search.CELLS_PER_PART, plan.FULL_WINDOW_PX = 1, 200

@@ -14,8 +14,8 @@ from bad_inputs import digests, faults_of_error, run_words
 from every_algorithm import make_scene, sound_options, words_of
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.folder_lock import LOCK, only_writer
-from hrsi.hrsi_engine.io.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.folder_lock import LOCK, only_writer
+from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
 from hrsi.processing_algorithms import REGISTRY
 
 
@@ -61,7 +61,7 @@ def test_two_command_lines_at_once(scene: Path, tmp_path: Path) -> None:
 
 HOLDER = """
 import sys, time
-from hrsi.hrsi_engine.io.folder_lock import only_writer
+from hrsi.hrsi_engine.io.safety.folder_lock import only_writer
 with only_writer(sys.argv[1]):
     print("held", flush=True)
     time.sleep(60)

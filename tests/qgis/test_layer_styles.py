@@ -18,8 +18,8 @@ from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 from shapely.geometry import Polygon
 
-from hrsi.hrsi_engine.io.layer_styles import alias_of
-from hrsi.hrsi_engine.io.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.geopackage.layer_styles import alias_of
+from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 
 SIZE, DPI = 400, 127.0  # 127 dpi: 5 pixels a millimetre
 GROUND_PX, IMAGE_PX = 40, 20  # 8 mm and 4 mm

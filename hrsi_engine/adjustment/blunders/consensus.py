@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.compiled_code import is_wanted
-from ...foundation.threads import thread_count
+from ...foundation.workers.threads import thread_count
 from ..equations import NormalEquations, State
 from ..observations import Observations
 

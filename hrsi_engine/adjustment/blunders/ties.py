@@ -24,8 +24,8 @@ from scipy import special
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
-from ..precision import deletion_tests
 from ..result import Decision
+from ..statistics.precision import deletion_tests
 from .consensus import pairs_of
 from .limits import critical_value, error_probability, shared_sigmas
 

@@ -30,7 +30,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ...foundation.dense_matrices import (
+from ...foundation.errors import SolveError
+from ...foundation.large_arrays import zeros
+from ...foundation.workers.threads import are_one_thread_calls, thread_count
+from .dense_matrices import (
     add_product,
     inner_square,
     inverse_cholesky,
@@ -40,9 +43,6 @@ from ...foundation.dense_matrices import (
     symmetric_times,
     times_triangle,
 )
-from ...foundation.errors import SolveError
-from ...foundation.large_arrays import zeros
-from ...foundation.threads import are_one_thread_calls, thread_count
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
 WORTH_THREADS = 8  # fronts

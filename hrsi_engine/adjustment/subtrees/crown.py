@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.dense_matrices import add_product, own_square, subtract_square, symmetric_times, times_triangle
-from ...foundation.threads import one_thread_calls
+from ...foundation.workers.threads import one_thread_calls
 from ..equations.camera_system import unit_scales
+from ..equations.dense_matrices import add_product, own_square, subtract_square, symmetric_times, times_triangle
 from ..equations.nested_dissection import MatrixPart, factor_of, parts_at, runs_of
 
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ...foundation.cluster import OnWorker
 from ...foundation.levenberg_marquardt import Descent, Step, descend
 from ...foundation.progress import Progress, advance
+from ...foundation.workers.cluster import OnWorker
 from ..equations import PointPriors
 from ..result import Iteration
 from ..weights import WEIGHTS, least_squares

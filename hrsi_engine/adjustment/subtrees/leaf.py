@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...foundation.threads import one_thread_calls
+from ...foundation.workers.threads import one_thread_calls
 from ...ground.geodesy import moved_ground
 from ...refinement.model import RefinementModel
 from ..equations import NormalEquations, Normals, Pattern, PointPriors, State, find_pattern

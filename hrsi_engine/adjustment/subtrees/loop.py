@@ -14,9 +14,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...foundation.certificates import CONFIGURED, Certificates
-from ...foundation.cluster import connected
 from ...foundation.progress import Progress
+from ...foundation.workers.certificates import CONFIGURED, Certificates
+from ...foundation.workers.cluster import connected
 from ...refinement.model import RefinementModel
 from ..equations import Cofactors, Normals, Pattern, PointPriors, State
 from ..gauss_newton import ROBUST_TOLERANCE, GaussNewton, Solution, Weighting
@@ -63,7 +63,7 @@ class Elsewhere:
 def open_workers(
     address: str, certificates: Certificates = CONFIGURED, deposit: Deposit | None = None
 ) -> Iterator[Elsewhere]:
-    """Give the workers of a Dask scheduler; see `foundation.cluster.connected`.
+    """Give the workers of a Dask scheduler; see `foundation.workers.cluster.connected`.
 
     Parameters
     ----------

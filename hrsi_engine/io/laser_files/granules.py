@@ -17,8 +17,8 @@ from osgeo import gdal
 
 from ...block.laser import LaserPoints
 from ...foundation.errors import InputError
-from ..budgets import MOST_LASER_POINTS
-from ..datasets import gdal_messages, quiet
+from ..opening.budgets import MOST_LASER_POINTS
+from ..opening.datasets import gdal_messages, quiet
 
 HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 NO_VALUE = 1e30  # the products fill with 3.4e38 or -9999

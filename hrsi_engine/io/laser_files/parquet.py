@@ -10,7 +10,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
-from ..budgets import MOST_LASER_POINTS
+from ..opening.budgets import MOST_LASER_POINTS
 from ..point_files.columns import NUMBER_FIELDS, match_fields
 from ..point_files.table import PointTable
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...block.laser import LaserPoints
 from ...foundation.errors import InputError
-from ..budgets import HIGHEST_M, LOWEST_M
+from ..opening.budgets import HIGHEST_M, LOWEST_M
 from ..point_files.find import point_reader_of, split_spec
 from ..point_files.positions import Reference, ground_positions, has_positions
 from ..point_files.table import PointTable

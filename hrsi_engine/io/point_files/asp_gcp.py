@@ -13,7 +13,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...ground.geodesy import east_north_up
-from ..budgets import require_size
+from ..opening.budgets import require_size
 from .table import PointReader, PointTable
 
 _POINT_FIELDS, _IMAGE_FIELDS = 7, 5

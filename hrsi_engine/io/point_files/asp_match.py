@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import require_size
+from ..opening.budgets import require_size
 from .table import PointReader, PointTable
 
 _COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")

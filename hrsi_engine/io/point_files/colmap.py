@@ -14,8 +14,8 @@ import sqlite3
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import require_size
-from ..sound_databases import require_sound, sound_database
+from ..opening.budgets import require_size
+from ..opening.sound_databases import require_sound, sound_database
 from .matched_keypoints import KeypointMatches, table_of_matches
 from .table import PointReader, PointTable
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import require_texts
+from ..opening.budgets import require_texts
 
 #: Text fields and what else they may be called.
 TEXT_FIELDS: dict[str, tuple[str, ...]] = {

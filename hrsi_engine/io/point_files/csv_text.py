@@ -18,7 +18,7 @@ from typing import BinaryIO, TextIO
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import LONGEST_LINE, MOST_BYTES, file_bytes, require_size, require_texts
+from ..opening.budgets import LONGEST_LINE, MOST_BYTES, file_bytes, require_size, require_texts
 from ..rpc_files.content import read_head
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
 from .plain_csv import is_worth_it, read_plain

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
-from ..datasets import check_advice
+from ..opening.datasets import check_advice
 from . import asp_gcp, asp_match, colmap, csv_text, hloc, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
 from .in_memory import PointsInMemory

@@ -19,8 +19,8 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..budgets import require_size
-from ..datasets import gdal_messages
+from ..opening.budgets import require_size
+from ..opening.datasets import gdal_messages
 from .matched_keypoints import KeypointMatches, table_of_matches
 from .table import PointReader, PointTable
 

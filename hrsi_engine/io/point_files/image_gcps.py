@@ -10,8 +10,8 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..datasets import open_dataset
-from ..rasters import image_id
+from ..opening.datasets import open_dataset
+from ..rasters.images import image_id
 from .table import PointReader, PointTable
 
 

@@ -18,8 +18,8 @@ from ...block.names import RepeatedNames, unique_ids
 from ...block.points import UNSET, GroundPoints, ImagePoints, Role, lie_apart
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import any_of_rows
-from ..budgets import MOST_SAMPLES_PX, require_heights
-from ..rasters import image_id
+from ..opening.budgets import MOST_SAMPLES_PX, require_heights
+from ..rasters.images import image_id
 from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy
 from .table import PointTable

@@ -16,9 +16,9 @@ import numpy as np
 
 from ...block.names import RepeatedNames, unique_ids
 from ...block.points import ImagePoints
-from ..array_files import DAMAGED, read_arrays, write_arrays
-from ..budgets import MOST_SAMPLES_PX
-from ..content_marks import files_mark
+from ..opening.array_files import DAMAGED, read_arrays, write_arrays
+from ..opening.budgets import MOST_SAMPLES_PX
+from ..safety.content_marks import files_mark
 from .interpret import PointTables, matching_names
 
 COLUMNS_FILE = "tie_points.npz"

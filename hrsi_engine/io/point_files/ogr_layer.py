@@ -9,9 +9,9 @@ import numpy as np
 from osgeo import gdal, ogr
 
 from ...foundation.errors import InputError
-from ..budgets import require_texts, require_unfolded
-from ..datasets import gdal_messages
-from ..sound_databases import is_database, require_sound, widths
+from ..opening.budgets import require_texts, require_unfolded
+from ..opening.datasets import gdal_messages
+from ..opening.sound_databases import is_database, require_sound, widths
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, TEXT_FIELDS, match_fields, numbers, strip_texts
 from .ogr_arrow import BY_COLUMNS, arrow_columns
 from .table import PointReader, PointTable

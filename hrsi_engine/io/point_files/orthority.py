@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..json_files import read_json
+from ..opening.json_files import read_json
 from .table import PointReader, PointTable
 
 

@@ -15,7 +15,7 @@ from osgeo import osr
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import finite_rows
 from ...ground.geodesy import has_vertical_datum, to_wgs84, wrap_degrees
-from ..geoid_grids import read_geoid_heights
+from ..rasters.geoid_grids import read_geoid_heights
 from .table import PointTable
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.

@@ -13,8 +13,8 @@ from itertools import islice
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..budgets import require_size
-from ..rasters import image_id
+from ..opening.budgets import require_size
+from ..rasters.images import image_id
 from .columns import numbers
 from .table import PointReader, PointTable
 

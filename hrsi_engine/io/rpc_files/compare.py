@@ -7,7 +7,7 @@ import numpy as np
 from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import OutputError
-from ..datasets import metadata_of
+from ..opening.datasets import metadata_of
 from .fields import ERRORS, POLYNOMIALS, SCALARS, numbers_of, rpc_from_gdal
 from .find import open_raster, read_rpc_file
 

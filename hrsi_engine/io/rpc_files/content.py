@@ -12,9 +12,9 @@ from xml.parsers import expat
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..budgets import MOST_BYTES
-from ..datasets import check_advice, quietly
-from ..virtual_files import read_virtual
+from ..opening.budgets import MOST_BYTES
+from ..opening.datasets import check_advice, quietly
+from ..opening.virtual_files import read_virtual
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
 

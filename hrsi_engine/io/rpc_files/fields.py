@@ -16,7 +16,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..budgets import LEAST_SCALES, MOST_COEFFICIENT, MOST_DENOMINATOR, RPC_RANGES
+from ..opening.budgets import LEAST_SCALES, MOST_COEFFICIENT, MOST_DENOMINATOR, RPC_RANGES
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (

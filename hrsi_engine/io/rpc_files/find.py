@@ -19,9 +19,9 @@ from osgeo import gdal
 from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..budgets import require_raster
-from ..datasets import check_advice, metadata_of, open_dataset
-from ..item_images import item_of
+from ..opening.budgets import require_raster
+from ..opening.datasets import check_advice, metadata_of, open_dataset
+from ..opening.item_images import item_of
 from . import crop, dimap, enmap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings
 from .fields import STAC_NAMES, numbers_of, rpc_from_gdal, rpc_from_json

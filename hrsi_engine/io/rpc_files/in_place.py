@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.progress import Progress, silent
-from ..replacing import copy_bytes, replacing
-from ..transactions import Transaction
+from ..safety.replacing import copy_bytes, replacing
+from ..safety.transactions import Transaction
 from . import tiff_tag
 from .compare import require_same
 from .content import siblings

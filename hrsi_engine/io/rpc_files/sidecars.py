@@ -10,8 +10,8 @@ import os
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
-from ..replacing import copy_bytes
-from ..transactions import Transaction
+from ..safety.replacing import copy_bytes
+from ..safety.transactions import Transaction
 from . import geom, isd, rpb, rpc_txt, rpcm_json
 from .compare import same_numbers
 from .content import read_head, siblings

@@ -12,9 +12,9 @@ from osgeo import gdal
 from ...camera.rpc import RPC
 from ...foundation.errors import Cancelled, InputError, OutputError
 from ...foundation.progress import Progress, silent
-from ..datasets import gdal_messages, metadata_of, open_dataset
-from ..replacing import copy_bytes, replacing
-from ..transactions import Transaction
+from ..opening.datasets import gdal_messages, metadata_of, open_dataset
+from ..safety.replacing import copy_bytes, replacing
+from ..safety.transactions import Transaction
 from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .compare import require_same
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal

@@ -4,5 +4,5 @@
 those worth matching, `overview` and `coarse` what the RPCs are off and how high the ground is, `plan` the windows,
 `star` does the work of one window, `joining` makes tracks, `links` judges which hold. `relative_cameras` puts all
 together to find what single pairs miss, for which `completion` looks in small blocks. Work goes through
-`hrsi_engine.foundation.scheduling` as independent parts, each of which needs nothing but what it carries.
+`hrsi_engine.foundation.workers.scheduling` as independent parts, each of which needs nothing but what it carries.
 """

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
-from ...foundation.scheduling import PartResult
+from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import epipolar_miss, transfer
 from ..tile_matching.features import descriptors_of_negative

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.block import Image
-from ...foundation.scheduling import PartResult
+from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.options import TileMatchOptions
 from ..tile_matching.pair_matching import transfer_points
 from .local_geometry import local_geometry

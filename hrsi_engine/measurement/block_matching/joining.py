@@ -34,7 +34,7 @@ from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
-from ...foundation.scheduling import PartResult
+from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import MIN_STRETCH, EpipolarMiss, epipolar_miss
 from ..tile_matching.rpc_consistency import PARALLAX_JUMP_PX
 from ..tracks import spread_over_image

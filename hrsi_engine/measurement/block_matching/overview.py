@@ -9,7 +9,7 @@ import numpy as np
 
 from ...block.block import Image
 from ...foundation.progress import Progress, stage
-from ...foundation.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
+from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
 from ..tile_matching.features import sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.imaging_geometry import rays_up
-from ...foundation.scheduling import PartResult
+from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface
 from ..tile_matching.epipolar import epipolar_miss
 from .bands import banded_matches

@@ -12,8 +12,8 @@ import numpy as np
 from ...block.block import Image
 from ...foundation.errors import InputError, list_ids
 from ...foundation.progress import Progress, stage
-from ...foundation.scheduling import Keeper, PartResult, Scheduler, WorkPart, digest, run_parts
 from ...foundation.version import VERSION
+from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, digest, run_parts
 from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, FULL_PER_CELL, SAMPLED_PER_CELL, TieOptions
 from ..tile_matching.options import TileMatchOptions

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...foundation.scheduling import PartResult
+from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.pair_matching import (
     ImageTile,
     TileMatches,

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
-from ...foundation.streams import open_calls
-from ...foundation.threads import thread_count
+from ...foundation.workers.streams import open_calls
+from ...foundation.workers.threads import thread_count
 from .blobs import Blobs, find_blobs
 from .corners import Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
 from .corners import corner_halo_px as corner_halo_px

@@ -21,8 +21,8 @@ import numpy as np
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.progress import Progress, advance, silent
-from ...foundation.streams import open_calls
-from ...foundation.threads import thread_count
+from ...foundation.workers.streams import open_calls
+from ...foundation.workers.threads import thread_count
 from ...surface.dem import HeightSurface
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.orientation_correlation import orientation_field, peak_of, scores

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import special
 
-from ...adjustment.laser_heights import MISFIT
+from ...adjustment.held.laser_heights import MISFIT
 from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows

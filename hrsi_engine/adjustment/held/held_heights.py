@@ -1,0 +1,207 @@
+"""Heights of the ground as observations of the tie points' heights: a DEM's, those of laser points; robustly, together.
+
+The height that holds a point is the one at its present position. Trees, buildings, clouds and holes make some of these
+heights wrong by many standard deviations, which hardly shows in weak geometry: the point simply follows. So each height
+is judged against the one that the rays alone give. With the cofactor q of the adjusted height, in which all heights
+that hold the point have the weight w, that of the rays alone is q / (1 - q w), and with t for the mean of these heights
+
+    height by rays = adjusted - (t - adjusted) q w / (1 - q w)        variance q / (1 - q w)
+
+An observation (of a *source*) is a height for one point, or for the mean of several that stand around it, each with
+its share. Its difference from the rays' height has the variance sigma² + q (q of the mean): in weak geometry most of
+that is the rays', so a doubtful height gets a variance that makes up for it. How well observations fit and how far they
+count, alone, in groups and over all sources, is judged by `shared_errors`. Where a DEM is there to hold single points
+whose rays hardly tell a height, it keeps its weight there: the cameras have little from these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ...block.shared_accuracy import DEM, parts_of_area
+from ...surface.dem import HeightSurface, surface_heights
+from ..equations import FREE_POINT_SIGMA_M, PointPriors
+from ..result import HeightAgreement
+from .shared_errors import ErrorSource, Judged, Memory, compare, sigma_factor
+
+LEAST_BY_RAYS = 1e-4  # share of a height that comes from rays; below, nothing judges what holds it
+
+
+class HeightRows(NamedTuple):
+    """Observed heights at the points as they lie: one row for each point that an observation speaks of.
+
+    point, of : (r,) index of the point and of the observation; share : (r,) of the observation's mean, their sum 1
+    height : (r,) ellipsoidal, at the point
+    sigma_m, group : (o,) of the observations, and their group
+    """
+
+    point: np.ndarray
+    of: np.ndarray
+    share: np.ndarray
+    height: np.ndarray
+    sigma_m: np.ndarray
+    group: np.ndarray
+
+
+class HeightSource(ErrorSource, Protocol):
+    """Where heights come from."""
+
+    def rows(self, ground: np.ndarray) -> HeightRows:
+        """Return the heights for points at ``ground (m, 3)``."""
+
+
+@dataclass(frozen=True, eq=False)
+class DemHeights:
+    """The heights of a DEM: which points ``(k,)`` it may hold, and with what standard deviation."""
+
+    dem: HeightSurface
+    points: np.ndarray
+    sigma_m: float
+    tile: np.ndarray
+    groups: tuple[str, ...]
+    name: str = "DEM"
+    holds_points: bool = True
+    wrong_together: bool = True
+
+    @classmethod
+    def of(cls, dem: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float) -> DemHeights:
+        """Return the heights of a DEM for ``points (k,)`` of ``ground (m, 3)``, in parts of the area."""
+        part, names = parts_of_area(ground[points])
+        return cls(dem, points, sigma_m, part, names)
+
+    @property
+    def common_m(self) -> float:
+        return DEM.by_part * self.sigma_m
+
+    @property
+    def overall_m(self) -> float:
+        return DEM.by_all * self.sigma_m
+
+    def rows(self, ground: np.ndarray) -> HeightRows:
+        """Return the heights of the DEM where the points lie."""
+        height = surface_heights(self.dem, ground[self.points, :2])
+        known = np.flatnonzero(np.isfinite(height))
+        count = len(known)
+        return HeightRows(
+            self.points[known], np.arange(count), np.ones(count), height[known], np.full(count, self.sigma_m),
+            self.tile[known],
+        )  # fmt: skip
+
+
+class HeightByRpcs(NamedTuple):
+    """Where the RPCs as given put points: their indices and heights ``(k,)``, and the standard deviation of all."""
+
+    points: np.ndarray
+    height: np.ndarray
+    sigma_m: float
+
+    def above(self, ground: np.ndarray) -> tuple[float, float]:
+        """Return by how much, in the median, that is above ``ground (m, 3)``, and the standard deviation."""
+        return float(np.median(self.height - ground[self.points, 2])), self.sigma_m
+
+
+@dataclass(frozen=True, eq=False)
+class HeldHeights:
+    """All sources of heights that hold points of a block.
+
+    free : (m,) which points may be held: those whose height no survey gives
+    estimate : whether the sources' sigmas are estimated
+    by_rpcs : what the RPCs say of the block's height, where sources contradict one another; None: nothing
+    """
+
+    sources: tuple[HeightSource, ...]
+    free: np.ndarray
+    estimate: bool = True
+    by_rpcs: HeightByRpcs | None = None
+    memory: Memory = field(default_factory=Memory)
+
+    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+        """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
+
+        ``cofactors (m, 3, 3)`` are those of the positions, for the cameras as they are, under the ``priors``.
+        """
+        count = len(ground)
+        information, moment = np.zeros(count), np.zeros(count)
+        seen, held = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        for one in self.judge(priors, ground, cofactors):
+            rows = one.rows
+            weight = rows.share * one.weights[rows.of]
+            information += np.bincount(rows.point, weight, count)
+            moment += np.bincount(rows.point, weight * (rows.height - ground[rows.point, 2]), count)
+            held[rows.point[one.factor[rows.of] > 0.0]] = True
+            seen[rows.point] = True
+        target, weights, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
+        free = 1.0 / FREE_POINT_SIGMA_M**2
+        gone = priors.observed[:, 2] & self.free & ~seen
+        weights[gone, 2], observed[gone, 2] = free, False
+        # The weak priors that only keep equations regular follow the block: from afar they would pull, and cost nothing
+        regular = ~observed & (weights == free)
+        target[regular] = ground[regular]
+        target[seen, 2] = ground[seen, 2] + moment[seen] / np.maximum(information[seen], free)
+        weights[seen, 2] = np.maximum(information[seen], free)
+        observed[seen, 2] = held[seen]
+        return replace(priors, target=target, weight=weights, observed=observed)
+
+    def judge(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[Judged[HeightRows]]:
+        """Return what the sources say at positions ``(m, 3)``, and how well each observation fits; as `apply`."""
+        judged: list[Judged[HeightRows]] = []
+        for source in self.sources:
+            rows = source.rows(ground)
+            q, w = cofactors[rows.point, 2, 2], priors.weight[rows.point, 2]
+            by_rays = np.maximum(1.0 - q * w, LEAST_BY_RAYS)
+            held_by = priors.target[rows.point, 2] - ground[rows.point, 2]
+            miss = rows.height - ground[rows.point, 2] + held_by * (1.0 / by_rays - 1.0)
+            count = len(rows.sigma_m)
+            one = Judged(
+                source, rows, np.bincount(rows.of, rows.share * miss, count),
+                np.bincount(rows.of, rows.share**2 * q / by_rays, count),
+            )  # fmt: skip
+            if self.estimate:
+                one.sigma_factor = sigma_factor(one)
+            one.fit(np.ones(count, dtype=bool))
+            judged.append(one)
+        compare(judged, self.memory, None if self.by_rpcs is None else self.by_rpcs.above(ground))
+        for one in judged:
+            one.share_out()
+        return judged
+
+    def agreement(
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray
+    ) -> tuple[tuple[HeightAgreement, ...], list[Judged[HeightRows]]]:
+        """Return how each source agrees with the adjusted points, and what was thought of its observations.
+
+        ``precise (m, 3, 3)`` are the cofactors of the positions with those of the cameras.
+        """
+        judged = self.judge(priors, ground, cofactors)
+        total = sum(one.weight for one in judged)
+        of_cameras = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0)
+        return tuple(
+            _agreement(one, ground, total, cofactors[:, 2, 2], of_cameras) for one in judged if len(one.miss_m)
+        ), judged
+
+
+def _agreement(
+    one: Judged[HeightRows], ground: np.ndarray, total: float, of_points: np.ndarray, of_cameras: np.ndarray
+) -> HeightAgreement:
+    """Return how a source agrees; variances ``(m,)`` of the points by themselves, and by cameras that they share."""
+    rows, used = one.rows, one.factor > 0.0
+    count = len(one.miss_m)
+    at = np.bincount(rows.of, rows.share * (ground[rows.point, 2] - rows.height), count)
+    within, out = at[used], at[~used]
+    cofactor = np.bincount(rows.of, rows.share**2 * of_points[rows.point] + rows.share * of_cameras[rows.point], count)
+    return HeightAgreement(
+        source=one.source.name,
+        observations=count,
+        left_out=int((~used).sum()),
+        determines=float(np.sum(np.minimum(one.weights * cofactor, 1.0))),
+        rmse_m=float(np.sqrt(np.mean(within**2))) if within.size else float("nan"),
+        left_out_median_m=float(np.median(out)) if out.size else float("nan"),
+        sigma_m=float(one.sigma_factor * np.median(rows.sigma_m)),
+        sigma_factor=one.sigma_factor,
+        share=one.weight / total if total > 0.0 else float("nan"),
+        alone_m=one.offset_m,
+        groups=tuple(one.groups),
+    )

@@ -1,0 +1,158 @@
+"""Places of a reference orthoimage as observations of points' positions in plan.
+
+A place is a point of the block, measured on one image or more, whose height its rays or a DEM tell. With the cofactors
+Q of the adjusted point, the weights W of its observed plan and the place p of the reference
+
+    plan by rays = x - Q' W (p - x)        with Q' = (Q^-1 - W)^-1, of which the plan is the variance
+
+so the reference differs from the rays by ``(I + Q' W) (p - x)``. East and north are judged each by themselves, as
+heights are (`shared_errors`); a place is as good as the worse of the two, and a part of the reference that lies off in
+one of them is left out in both. Unlike surveyed GCPs, the places do not outweigh the RPCs' own accuracy by their
+number: most of a reference's error is the same in all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...block.reference_places import ReferencePlaces
+from ...block.shared_accuracy import ORTHOIMAGE, parts_of_area
+from ...ground.geodesy import metres_per_degree, wrap_degrees
+from ..equations import FREE_POINT_SIGMA_M, PointPriors
+from ..result import PlanAgreement, PlanGroup
+from .held_heights import LEAST_BY_RAYS
+from .shared_errors import Judged, Memory, compare, sigma_factor
+
+EAST_NORTH = (0, 1)  # east and north among a point's coordinates
+
+
+class PlaceRows(NamedTuple):
+    """Standard deviations and groups of the places."""
+
+    sigma_m: np.ndarray
+    group: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPlan:
+    """A reference that holds points in plan.
+
+    places : the places; points : (k,) indices of the adjusted points that they are
+    estimate : whether the sigma is estimated
+    """
+
+    places: ReferencePlaces
+    points: np.ndarray
+    estimate: bool = True
+    wrong_together: bool = True
+    holds_points: bool = False
+    memory: tuple[Memory, Memory] = field(default_factory=lambda: (Memory(), Memory()))
+    groups: tuple[str, ...] = field(init=False)
+    _part: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        part, names = parts_of_area(self.places.ground)
+        object.__setattr__(self, "_part", part)
+        object.__setattr__(self, "groups", names)
+
+    @property
+    def name(self) -> str:
+        return self.places.name
+
+    @property
+    def common_m(self) -> float:
+        return ORTHOIMAGE.by_part * self.places.sigma_m
+
+    @property
+    def overall_m(self) -> float:
+        return ORTHOIMAGE.by_all * self.places.sigma_m
+
+    def begin(self, priors: PointPriors) -> None:
+        """Enter the places into the priors of the start, before anything judges them."""
+        count = len(self.points)
+        weight = 1.0 / ((ORTHOIMAGE.own * self.places.sigma_m) ** 2 + count * self.overall_m**2)
+        for axis in EAST_NORTH:
+            priors.target[self.points, axis] = self.places.ground[:, axis]
+            priors.weight[self.points, axis] = weight
+            priors.observed[self.points, axis] = True
+
+    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+        """Return the priors with the places, weighted by how well they fit; as `HeldHeights.apply`."""
+        target, weight, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
+        for axis, one in zip(EAST_NORTH, self.judge(priors, ground, cofactors), strict=True):
+            weight[self.points, axis] = np.maximum(one.weights, 1.0 / FREE_POINT_SIGMA_M**2)
+            observed[self.points, axis] = used = one.factor > 0.0
+            target[self.points, axis] = np.where(used, self.places.ground[:, axis], ground[self.points, axis])
+        return replace(priors, target=target, weight=weight, observed=observed)
+
+    def judge(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[Judged[PlaceRows]]:
+        """Return what the places say, east and north, and how well each fits."""
+        weight = np.zeros((len(self.points), 3, 3))
+        weight[:, EAST_NORTH, EAST_NORTH] = np.where(priors.observed[self.points], priors.weight[self.points], 0.0)[
+            :, EAST_NORTH
+        ]
+        # one ray without a height leaves nothing along it: a little of the place's own weight keeps that regular
+        by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - LEAST_BY_RAYS) * weight)
+        away = np.zeros((len(self.points), 3))
+        away[:, EAST_NORTH] = self._away_m(ground)
+        miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)
+        rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE.own * self.places.sigma_m), self._part)
+        judged = [Judged(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
+        if self.estimate:
+            both = float(np.sqrt(np.mean([sigma_factor(one) ** 2 for one in judged])))
+            for one in judged:
+                one.sigma_factor = both
+        for one, memory in zip(judged, self.memory, strict=True):
+            one.fit(np.ones(len(self.points), dtype=bool))
+            compare([one], memory)
+        factor = np.minimum(*(one.factor for one in judged))
+        for one in judged:
+            one.factor = factor
+            one.share_out()
+        return judged
+
+    def agreement(
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray, rpcs_m: float
+    ) -> PlanAgreement:
+        """Return how the places agree with the adjusted points; ``rpcs_m`` is how well RPCs alone place the block.
+
+        ``precise (m, 3, 3)`` are the cofactors of the positions with those of the cameras.
+        """
+        judged = self.judge(priors, ground, cofactors)
+        east, north = judged
+        used = east.factor > 0.0
+        left = self._away_m(ground)[used]
+        own = precise[self.points]
+        determines = sum(
+            float(np.sum(np.minimum(one.weights * own[:, axis, axis], 1.0)))
+            for axis, one in zip(EAST_NORTH, judged, strict=True)
+        )
+        weight = 0.5 * (east.weight + north.weight)
+        own_m = ORTHOIMAGE.own * self.places.sigma_m * east.sigma_factor  # what places scatter by; the rest is shared
+        return PlanAgreement(
+            source=self.name,
+            observations=len(self.points),
+            left_out=int((~used).sum()),
+            determines=determines,
+            rmse_m=float(np.sqrt(np.mean(left**2))) if left.size else float("nan"),
+            sigma_m=float(np.linalg.norm([self.overall_m, self.common_m, own_m])),
+            sigma_factor=east.sigma_factor,
+            share=weight / (weight + rpcs_m**-2) if rpcs_m > 0.0 else 0.0,
+            alone_m=(east.offset_m, north.offset_m),
+            groups=tuple(
+                PlanGroup(
+                    one.name, one.observations, one.offset_m, other.offset_m, max(one.sigma_m, other.sigma_m),
+                    one.wrong or other.wrong, one.left_out or other.left_out,
+                )
+                for one, other in zip(east.groups, north.groups, strict=True)
+            ),
+        )  # fmt: skip
+
+    def _away_m(self, ground: np.ndarray) -> np.ndarray:
+        """Return place - point, metres east and north ``(k, 2)``."""
+        away = self.places.ground[:, :2] - ground[self.points, :2]
+        away[:, 0] = wrap_degrees(away[:, 0])
+        return np.asarray(away * metres_per_degree(ground[self.points])[:, :2])

@@ -1,0 +1,198 @@
+"""Laser points as heights of the tie points around them.
+
+A laser point tells the mean height of the ground in its footprint, and no tie point lies just there. The ties within
+some metres give the ground's shape: their heights z, at d from the laser point, are a plane with blunders (roofs,
+treetops)::
+
+    z_i = a + s d_i + e_i        s ~ N(0, slope sigma²)        e_i ~ N(0, scatter² + (roughness |d_i|)²)
+
+solved for the level a and the slope s by iterated reweighting. The laser height h then says of each of these ties that
+it lies at ``h + s d_i``, and of their mean, with the shares ``1 / var e_i``, that it has the height of the laser. Its
+variance is the laser's own (as its file states it, and what no file states) and that of the ground between: the slope's
+uncertainty times the mean distance, what the laser's place is uncertain by times the slope, and the ground's roughness.
+
+Planes are found again when the block has moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...block.laser import DEFAULT_SIGMA_M, LaserPoints
+from ...foundation.large_arrays import finite_rows
+from ...ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
+from ..result import LaserOutcome
+from .held_heights import HeightRows
+from .shared_errors import Judged
+
+NAME = "laser"
+TIES_OF_A_LASER_POINT = 12  # ties of a laser point
+SLOPE_SIGMA = 0.2  # of the ground where no tie tells
+GROUND_ROUGHNESS = 0.02  # height over distance from the plane
+LEAST_ROUGH_M = 0.1
+PLACE_SIGMA_M = 4.0  # of a laser point: 3.5 m for ICESat-2 (Luthcke et al. 2021)
+TRACK_SIGMA_M, OVERALL_SIGMA_M = 0.1, 0.05  # of what a track shares: orbit and pointing; and of all: tides, datum
+UNEVEN_M = 2.0  # scatter of the ties about their plane beyond which the ground has no height there
+MOVED_M = 1.0  # of the block, after which the planes are found again
+PLANE_ROUNDS, CUT = 5, 2.5
+NO_TIES_NEAR, UNEVEN = "no tie points near it", "tie points near it are at different heights"
+MISFIT = "does not fit the block"
+
+
+class Planes(NamedTuple):
+    """The ground around places: slope (n, 2), its covariance (n, 2, 2), shares of the points (n, k), scatter (n,)."""
+
+    slope: np.ndarray
+    covariance: np.ndarray
+    share: np.ndarray
+    scatter_m: np.ndarray
+
+
+def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Planes:
+    """Return the planes through points ``away_m (n, k, 2)`` from places, ``height_m (n, k)`` high, those ``near``.
+
+    Points off the plane by more than `CUT` times their scatter lose their weight.
+    """
+    distance = np.linalg.norm(away_m, axis=2)
+    rough = (GROUND_ROUGHNESS * distance) ** 2
+    level = np.nanmedian(np.where(near, height_m, np.nan), axis=1)
+    scatter = np.full(len(level), LEAST_ROUGH_M)
+    weight = np.where(near, 1.0, 0.0)
+    design = np.concatenate([np.ones((*away_m.shape[:2], 1)), np.where(near[..., None], away_m, 0.0)], axis=2)
+    height = np.where(near, height_m - level[:, None], 0.0)
+    prior = np.diag([1e-9, SLOPE_SIGMA**-2, SLOPE_SIGMA**-2])
+    for _ in range(PLANE_ROUNDS):
+        w = weight / (scatter[:, None] ** 2 + rough)
+        normal = np.einsum("nki,nk,nkj->nij", design, w, design) + prior
+        solution = np.linalg.solve(normal, np.einsum("nki,nk,nk->ni", design, w, height)[..., None])[..., 0]
+        left = np.abs(height - np.einsum("nki,ni->nk", design, solution))
+        middle = np.nanmedian(np.where(near, left, np.nan), axis=1)
+        enough = near.sum(axis=1) > 3
+        scatter = np.where(enough, np.maximum(1.4826 * middle, LEAST_ROUGH_M), LEAST_ROUGH_M)
+        t = left / np.sqrt(scatter[:, None] ** 2 + rough)
+        weight = np.where(near, (CUT / np.maximum(t, CUT)) ** 3, 0.0)
+    covariance = np.linalg.inv(normal)[:, 1:, 1:]
+    share = weight / (scatter[:, None] ** 2 + rough)
+    return Planes(solution[:, 1:], covariance, share / share.sum(axis=1, keepdims=True), scatter)
+
+
+@dataclass(eq=False)
+class LaserHeights:
+    """The heights of laser points, for the tie points around them.
+
+    laser : the points; usable : (n,) indices of those that nothing speaks against
+    ties : (k,) indices of the points of the adjustment that they may hold
+    reach_m : how far from a laser point; sigma_m : of every laser height, beside what its file states
+    """
+
+    laser: LaserPoints
+    usable: np.ndarray
+    ties: np.ndarray
+    reach_m: float
+    sigma_m: float
+    name: str = NAME
+    holds_points: bool = False
+    wrong_together: bool = False
+    common_m: float = TRACK_SIGMA_M
+    overall_m: float = OVERALL_SIGMA_M
+    chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points that have ties, in the order of `rows`
+    uneven: np.ndarray = field(init=False)  #: (…,) indices of those whose ties have no common height
+    _planned: _Plan | None = None
+
+    def __post_init__(self) -> None:
+        names, track = np.unique(self.laser.track, return_inverse=True)
+        self.groups = tuple(f"track {name}" if name else "track without a name" for name in names.tolist())
+        self._track = track
+
+    def rows(self, ground: np.ndarray) -> HeightRows:
+        """Return the laser heights where the points lie."""
+        plan = self._planned
+        if plan is None or plan.moved_m(ground) > MOVED_M:
+            plan = self._planned = self._plan(ground)
+            self.chosen, self.uneven = plan.laser, plan.uneven
+        away = ground[plan.point, :2] - self.laser.ground[plan.laser[plan.of], :2]
+        away[:, 0] = wrap_degrees(away[:, 0])
+        metres = away * metres_per_degree(ground[plan.point])[:, :2]
+        height = self.laser.ground[plan.laser[plan.of], 2] + np.einsum("rc,rc->r", plan.slope[plan.of], metres)
+        return HeightRows(plan.point, plan.of, plan.share, height, plan.sigma_m, self._track[plan.laser])
+
+    def outcome(self, judged: Judged[HeightRows], ground: np.ndarray) -> LaserOutcome:
+        """Return what became of each laser point, as its observation was ``judged`` for points at ``ground (m, 3)``."""
+        count, rows = len(self.laser), judged.rows
+        reason = self.laser.doubt.astype("U64")
+        reason[self.usable] = NO_TIES_NEAR
+        reason[self.uneven] = UNEVEN
+        reason[self.chosen] = np.where(judged.factor > 0.0, "", MISFIT)
+        for group in judged.groups:
+            if group.left_out:
+                reason[self.chosen[rows.group == self.groups.index(group.name)]] = f"its track {MISFIT}"
+        ties, residual, sigma = np.zeros(count, dtype=np.int64), np.full(count, np.nan), np.full(count, np.nan)
+        ties[self.chosen] = np.bincount(rows.of, minlength=len(self.chosen))
+        off = rows.share * (rows.height - ground[rows.point, 2])
+        residual[self.chosen] = np.bincount(rows.of, off, len(self.chosen))
+        sigma[self.chosen] = judged.sigma_factor * rows.sigma_m
+        return LaserOutcome(self.laser, reason, ties, residual, sigma)
+
+    def _plan(self, ground: np.ndarray) -> _Plan:
+        """Return which ties each laser point speaks of, and the ground between."""
+        laser = self.laser.ground[self.usable]
+        placed = self.ties[finite_rows(ground[self.ties])]
+        if not len(laser) or not len(placed):
+            return _Plan.nothing(ground)
+        frame = LocalFrame(*ground[placed[0]])
+        ties, places = ground[placed], laser
+        flat, at = frame.from_ground(ties)[:, :2], frame.from_ground(places)[:, :2]
+        distance, near = cKDTree(flat).query(
+            at, k=min(TIES_OF_A_LASER_POINT, len(placed)), distance_upper_bound=self.reach_m
+        )
+        distance, near = distance.reshape(len(at), -1), near.reshape(len(at), -1)
+        kept = np.flatnonzero(np.isfinite(distance).any(axis=1))
+        if not len(kept):
+            return _Plan.nothing(ground)
+        there = np.isfinite(distance[kept])
+        index = np.where(there, near[kept], 0)
+        away = np.where(there[..., None], flat[index] - at[kept][:, None], 0.0)
+        planes = fit_planes(away, ties[index, 2], there)
+        even = planes.scatter_m <= UNEVEN_M
+        own = np.nan_to_num(self.laser.sigma_m[self.usable[kept]], nan=DEFAULT_SIGMA_M)
+        mean_away = np.einsum("nk,nkc->nc", planes.share, away)
+        between = np.einsum("nc,ncd,nd->n", mean_away, planes.covariance, mean_away)
+        rough = np.einsum("nk,nk->n", planes.share**2, (GROUND_ROUGHNESS * np.linalg.norm(away, axis=2)) ** 2)
+        place = (PLACE_SIGMA_M * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
+        sigma = np.sqrt(own**2 + self.sigma_m**2 + between + rough + place)
+        of, column = np.nonzero((there & (planes.share > 0.0))[even])
+        return _Plan(
+            self.usable[kept[even]], self.usable[kept[~even]], placed[index[even][of, column]], of,
+            planes.share[even][of, column], planes.slope[even], sigma[even], ground[placed].mean(axis=0), placed,
+        )  # fmt: skip
+
+
+class _Plan(NamedTuple):
+    """Which ties the laser points speak of: point, of, share (r,); laser, slope, sigma_m (o, …), and where all lay."""
+
+    laser: np.ndarray
+    uneven: np.ndarray
+    point: np.ndarray
+    of: np.ndarray
+    share: np.ndarray
+    slope: np.ndarray
+    sigma_m: np.ndarray
+    middle: np.ndarray
+    placed: np.ndarray
+
+    @classmethod
+    def nothing(cls, ground: np.ndarray) -> _Plan:
+        """Return a plan without observations."""
+        none = np.zeros(0, dtype=np.int64)
+        return cls(none, none, none, none, np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.full(3, np.nan), none)
+
+    def moved_m(self, ground: np.ndarray) -> float:
+        """Return by how much the ties have moved in plan since; without ties, infinitely far."""
+        if not len(self.placed):
+            return np.inf
+        away = (ground[self.placed, :2].mean(axis=0) - self.middle[:2]) * metres_per_degree(ground[:1])[0, :2]
+        return float(np.hypot(*away))

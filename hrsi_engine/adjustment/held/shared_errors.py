@@ -1,0 +1,308 @@
+"""Observations that share errors: how well each fits, how much all of them count, which groups contradict the others.
+
+An observation is judged against what the rays alone say (`miss`, with the variance of the rays). Its difference has the
+variance sigma² + that of the rays. Its weight, the inverse of that variance, stays as it is up to `FITTING` standard
+deviations and falls to nothing at `WRONG`. Differences are counted from the middle of their source: a block without
+control may lie off as a whole, which must not silence a DEM.
+
+Observations come in *groups* that share errors: the points of one laser track, the cells of one part of a DEM or of an
+orthoimage; and a source has an error of its own. With the standard deviation c of what a group shares and the weight W
+of the group, the group is worth W / (1 + c² W); so its weights are divided by 1 + c² W, and those of a source likewise:
+thousands of heights of a DEM count as few. Whole groups are tested against one another, over all sources: what they say
+of the block's place is robustly joined (`agree_on`), and a group that lies off by more than `GROUP_WRONG` of its
+standard deviations is named and left out. Where that moves the block so that the group fits again, and with it the
+block moves back, the adjustment would never end: a group that has come back `MOST_RETURNS` times stays out.
+
+The sigma of a source is a variance component: the factor by which its differences, within groups, are larger or smaller
+than their standard deviations let expect, as far as these are not those of the rays.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from ...foundation.robust_scale import robust_sigma
+from ..result import SourceGroup
+
+LOST = 1e-3  # weight factor below which an observation counts as left out
+FITTING, WRONG = 2.5, 4.0
+CUT_AT, CUTS = 2.5, 20
+GROUP_WRONG = 3.5  # standard deviations beyond which a group disagrees with the others
+DECIDED_BY = 4.0  # by how much (chi²) one opinion on the block's place must be better than another one
+MOST_RETURNS = 3  # of a group that is left out
+LEAST_OF_GROUP = 3  # observations, below which a group is judged by its members alone
+BELIEVED = 20.0  # observations that the sigma as given counts for in its variance component
+SIGMA_FACTORS, HALVINGS = (0.5, 5.0), 12  # of a sigma, and steps to find one
+
+
+class ErrorSource(Protocol):
+    """What shares errors."""
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+
+    @property
+    def groups(self) -> Sequence[str]:
+        """Names of its groups."""
+
+    @property
+    def holds_points(self) -> bool:
+        """Whether it is there to hold single points too, not the block alone."""
+
+    @property
+    def wrong_together(self) -> bool:
+        """Whether one fault may spoil all of it."""
+
+    @property
+    def common_m(self) -> float:
+        """Standard deviation of what a group shares."""
+
+    @property
+    def overall_m(self) -> float:
+        """Standard deviation of what all of the source shares."""
+
+
+class Grouped(Protocol):
+    """Observations of a source: their standard deviations and groups ``(o,)``."""
+
+    @property
+    def sigma_m(self) -> np.ndarray:
+        """Standard deviations ``(o,)``."""
+
+    @property
+    def group(self) -> np.ndarray:
+        """Number of each one's group ``(o,)``."""
+
+
+ObservedRows = TypeVar("ObservedRows", bound=Grouped)
+
+
+@dataclass(eq=False)
+class Judged(Generic[ObservedRows]):
+    """What is thought of a source's observations.
+
+    rows : the observations as they were judged
+    miss_m, of_rays : (o,) observed - what the rays alone say, and the variance of the latter
+    sigma_factor : the variance component
+    factor : (o,) of the weight by how well an observation fits, 0 where it is left out
+    left : (o,) share of the weight that is left where errors are shared
+    groups : what the groups say; offset_m : what all say of the block's place together; weight : 1/m², of that
+    """
+
+    source: ErrorSource
+    rows: ObservedRows
+    miss_m: np.ndarray
+    of_rays: np.ndarray
+    sigma_factor: float = 1.0
+    factor: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    left: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    groups: list[SourceGroup] = field(default_factory=list)
+    offset_m: float = float("nan")
+    weight: float = 0.0
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Variances ``(o,)`` that the differences should have."""
+        return np.asarray((self.sigma_factor * self.rows.sigma_m) ** 2 + self.of_rays)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights ``(o,)`` of the observations in the adjustment: 0 where they are left out."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / (self.variance / (self.factor * self.left) - self.of_rays))
+
+    def fit(self, trusted: np.ndarray) -> None:
+        """Find how well each observation fits the ``trusted (o,)`` ones; the others are left out."""
+        self.factor = np.zeros(len(self.miss_m))
+        if trusted.any():
+            sigma = np.sqrt(self.variance[trusted])
+            middle, scale = _core(self.miss_m[trusted], sigma)
+            self.factor[trusted] = falling(np.abs(self.miss_m[trusted] - middle) / (scale * sigma))
+
+    def share_out(self) -> None:
+        """Find what is left of the weights where groups, and all of the source, share errors."""
+        source, group, count = self.source, self.rows.group, len(self.source.groups)
+        weight = self.factor / self.variance
+        of_group = np.bincount(group, weight, count)
+        left = 1.0 / (1.0 + source.common_m**2 * of_group)
+        total = float((of_group * left).sum())
+        self.left = left[group] / (1.0 + source.overall_m**2 * total)
+        if source.holds_points:
+            self.left = self.left ** (1.0 - self.of_rays / self.variance)
+        weight = weight * self.left
+        self.weight = float(weight.sum())
+        if self.weight > 0.0:
+            self.offset_m = float(weight @ self.miss_m / self.weight)
+
+
+def falling(t: np.ndarray) -> np.ndarray:
+    """Return the weight of what is ``t`` standard deviations off: 1 up to `FITTING`, 0 from `WRONG` (Hampel 1974)."""
+    factor = np.clip((WRONG - t) / (WRONG - FITTING), 0.0, 1.0)
+    return np.where(factor > LOST, factor, 0.0)
+
+
+def _core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
+    """Return the median of the bulk of the differences and by how much their sigmas are too small (1 or more).
+
+    Differences far from the median are cut off again and again: a quarter of treetops must not widen the scale.
+    """
+    middle, scale = float(np.median(apart)), np.inf
+    core = np.ones(len(apart), dtype=bool)
+    for _ in range(CUTS):
+        t = (apart - middle) / sigma
+        scale = max(float(robust_sigma(t[core])), 1.0)
+        inside = np.abs(t) <= CUT_AT * scale
+        middle = float(np.median(apart[inside]))
+        if np.array_equal(inside, core):
+            break
+        core = inside
+    return middle, scale
+
+
+def sigma_factor(one: Judged[Any]) -> float:
+    """Return the factor of a source's sigmas that makes the differences within its groups as large as they should be.
+
+    Observations count as far as their own sigma, not that of the rays, makes their variance.
+    """
+    rows = one.rows
+    apart, own = np.full(len(one.miss_m), np.nan), rows.sigma_m**2
+    for group in range(len(one.source.groups)):
+        here = rows.group == group
+        if here.sum() >= LEAST_OF_GROUP:
+            apart[here] = one.miss_m[here] - np.median(one.miss_m[here])
+    known = np.isfinite(apart)
+    if not known.any():
+        return 1.0
+    telling = float(np.sum((own / (own + one.of_rays))[known] ** 2))
+    low, high = SIGMA_FACTORS
+    for _ in range(HALVINGS):
+        middle = float(np.sqrt(low * high))
+        wide = robust_sigma(apart[known] / np.sqrt(middle**2 * own[known] + one.of_rays[known])) < 1.0
+        low, high = (low, middle) if wide else (middle, high)
+    return float(np.sqrt((BELIEVED + telling * low * high) / (BELIEVED + telling)))
+
+
+def _opinions(one: Judged[Any], source: int) -> list[Opinion]:
+    """Return what the groups of a source say of the block's place."""
+    found = []
+    for group in range(len(one.source.groups)):
+        here = one.rows.group == group
+        if here.sum() < LEAST_OF_GROUP:
+            continue
+        miss, variance = one.miss_m[here], one.variance[here]
+        middle, scale = _core(miss, np.sqrt(variance))
+        core = np.abs(miss - middle) <= CUT_AT * scale * np.sqrt(variance)
+        own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # of a median
+        found.append(Opinion(source, group, middle, own + one.source.common_m**2, int(here.sum())))
+    return found
+
+
+@dataclass(eq=False)
+class Memory:
+    """Groups (source, group) that were left out last, and how often each came back, in the passes of an adjustment."""
+
+    left_out: set[tuple[str, int]] = field(default_factory=set)
+    returns: Counter[tuple[str, int]] = field(default_factory=Counter)
+
+    def leaves_out(self, group: tuple[str, int], decided: bool) -> bool:
+        """Return whether a group is left out that is ``decided`` to be wrong, or not; take it down."""
+        self.returns[group] += group in self.left_out and not decided
+        left_out = decided or self.returns[group] >= MOST_RETURNS
+        (self.left_out.add if left_out else self.left_out.discard)(group)
+        return left_out
+
+
+def compare(judged: Sequence[Judged[Any]], memory: Memory, beside: tuple[float, float] | None = None) -> None:
+    """Test the groups of all sources against one another; leave out those that lie off.
+
+    ``memory`` is that of the passes before; ``beside`` is what else says where the block lies, and holds nothing:
+    offset and standard deviation.
+    """
+    opinions = [opinion for number, one in enumerate(judged) for opinion in _opinions(one, number)]
+    sources = [SharedError(one.source.overall_m, one.source.wrong_together) for one in judged]
+    said = len(opinions)
+    if beside is not None and opinions:
+        opinions.append(Opinion(len(judged), 0, beside[0], beside[1] ** 2, 0))
+        sources.append(SharedError(beside[1], wrong_together=True))
+    off, decided, middle = agree_on(opinions, sources)
+    opinions = opinions[:said]
+    left_out = [
+        memory.leaves_out((judged[opinion.source].source.name, opinion.group), sure)
+        for opinion, sure in zip(opinions, decided[:said].tolist(), strict=True)
+    ]
+    for opinion, wrong, sure in zip(opinions, off[:said].tolist(), left_out, strict=True):
+        one = judged[opinion.source]
+        one.groups.append(SourceGroup(
+            one.source.groups[opinion.group], opinion.observations, opinion.offset_m - middle,
+            float(np.hypot(np.sqrt(opinion.variance), one.source.overall_m)), wrong or sure, sure,
+        ))  # fmt: skip
+    for number, one in enumerate(judged):
+        wrong_groups = [opinion.group for opinion, sure in zip(opinions, left_out, strict=True)
+                        if sure and opinion.source == number]  # fmt: skip
+        if wrong_groups:
+            one.fit(~np.isin(one.rows.group, wrong_groups))
+
+
+class Opinion(NamedTuple):
+    """What a group says of the block's place: its offset and variance; from how many observations of which source."""
+
+    source: int
+    group: int
+    offset_m: float
+    variance: float
+    observations: int
+
+
+class SharedError(NamedTuple):
+    """What all of a source may be off by: standard deviation, and whether one fault may spoil all of it at once."""
+
+    sigma_m: float
+    wrong_together: bool
+
+
+def agree_on(opinions: Sequence[Opinion], sources: Sequence[SharedError]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return which opinions are wrong, of which of them that is decided, and what the others say.
+
+    With the block's height, or its place along an axis, m, a shared error b of each source (standard deviation s), and
+    opinions o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the opinions, each cut
+    at `GROUP_WRONG`², are made as small as possible over all m that an opinion has. A DEM that stands on trees is one
+    fault, however many its parts; of laser tracks each has to be wrong by itself. It is not decided where an opinion is
+    right at a place that is nearly as good: one of two tracks that differ, say.
+    """
+    offset = np.array([one.offset_m for one in opinions])
+    if len(offset) < 2:
+        return np.zeros(len(offset), dtype=bool), np.zeros(len(offset), dtype=bool), float(offset.sum())
+    variance = np.array([one.variance for one in opinions])
+    of = np.array([one.source for one in opinions])
+    tried = [_joined_at(float(m), offset, variance, of, sources) for m in offset]
+    costs = np.array([cost for cost, _ in tried])
+    best = int(np.argmin(costs + 1e-9 * variance))
+    wrong = tried[best][1]
+    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + DECIDED_BY])
+    weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
+    return wrong, decided, float(weight @ offset / weight.sum())
+
+
+def _joined_at(
+    m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[SharedError]
+) -> tuple[float, np.ndarray]:
+    """Return the sum of squares with the block's place m, and which opinions are wrong then."""
+    limit, total = GROUP_WRONG**2, 0.0
+    wrong = np.zeros(len(offset), dtype=bool)
+    for number in np.unique(of):
+        here, source = np.flatnonzero(of == number), sources[number]
+        shared = np.append(0.0, offset[here] - m)
+        own = (shared / source.sigma_m) ** 2
+        penalty = np.minimum(own, limit) if source.wrong_together else own
+        squares = (offset[here] - m - shared[:, None]) ** 2 / variance[here]
+        cost = penalty + np.minimum(squares, limit).sum(axis=1)
+        chosen = int(np.argmin(cost))
+        total += float(cost[chosen])
+        wrong[here] = (squares[chosen] > limit) | (own[chosen] > limit)
+    return total, wrong

@@ -1,0 +1,260 @@
+"""Variance components: the sigmas of groups of observations, from their residuals (Helmert 1907; Förstner 1979).
+
+For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g tells
+how wrong its sigma was. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the block
+does not control (r_g small) keeps its sigma. Surveys with correlated coordinates are a group of their own, whose
+covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are places of a
+reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it. And no
+matching is better than `LEAST_MATCHED_PX`, however well points without noise fit one another: what a model does not
+follow, some hundredths of a pixel, would count as blunders.
+
+Image points may be told apart by what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one
+sensor where the user says so, or else where their pixels are equally large on the ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block.block import Block, Image
+from ...block.laser import LASER_KIND
+from ...block.pointing import middle_gsds_m
+from ...block.reference_places import REFERENCE_KIND
+from ..gauss_newton import Solution
+from ..observations import Observations
+from ..result import VarianceComponent
+from .precision import Precision
+
+LEAST_GROUP_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
+LEAST_MATCHED_PX = 0.02  # the best that least-squares matching reaches in images (Förstner 1982, Grün 1985)
+OF_SURVEYOR = 6.0  # observations that the factor of all surveys counts for in each of their groups
+UNINFORMED = 1e-5  # share of a survey in its own adjusted coordinate below which it says nothing of its sigma
+SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
+SURVEYS = len(SURVEY_GROUPS)
+NAMED_GROUPS = 8
+SAME_GSD = 1.25  # ratio of pixel sizes of one sensor, seen more or less obliquely
+
+
+def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
+    """Return the sensor of each image ``(images,)`` and the sensors' names; one nameless one where all are alike.
+
+    ``groups`` of ids that the user named come first; the rest are joined where their pixel sizes follow each other
+    within `SAME_GSD`.
+    """
+    number = np.full(len(images), -1)
+    place = {image.id: index for index, image in enumerate(images)}
+    for group, ids in enumerate(groups):
+        number[[place[name] for name in ids]] = group
+    names = ["+".join(ids) for ids in groups]
+    rest = np.flatnonzero(number < 0)
+    size = middle_gsds_m([images[index] for index in rest.tolist()])
+    order = np.argsort(size)
+    another = np.r_[True, size[order][1:] > SAME_GSD * size[order][:-1]][: len(rest)]
+    number[rest[order]] = len(groups) - 1 + np.cumsum(another)
+    names += [
+        f"{np.median(size[order][part]):.2g} m" for part in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]
+    ]
+    return number, names if len(names) > 1 else [""]
+
+
+def _by_kind(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    kind = block.measurements.kind[rows]
+    if not len(kind) or (kind == kind[0]).all():  # sorting millions of equal texts takes longer than the adjustment
+        return np.zeros(len(kind), dtype=np.int64), kind[:1].tolist() or [""]
+    kinds, number = np.unique(kind, return_inverse=True)
+    return number, kinds.tolist()
+
+
+def _by_sensor(block: Block, rows: np.ndarray, groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    number, names = sensors(block.images, groups)
+    return number[block.measurements.image[rows]], names
+
+
+def _by_image(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    return block.measurements.image[rows].astype(np.int64), [image.id for image in block.images]
+
+
+Grouping = Callable[[Block, np.ndarray, Sequence[Sequence[str]]], tuple[np.ndarray, list[str]]]
+#: What tells image points apart: functions from block, rows and the user's sensors to group numbers and names.
+GROUPINGS: dict[str, tuple[Grouping, ...]] = {
+    "kind-sensor": (_by_kind, _by_sensor),
+    "kind": (_by_kind,),
+    "sensor": (_by_sensor,),
+    "image": (_by_image,),
+    "kind-image": (_by_kind, _by_image),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' come after them.
+
+    cautious : names of groups whose sigmas matching made larger than what images tell of each other: it knows how well
+        a place is found in a reference, or at least under a laser point, which is the same on all images
+    """
+
+    of_image_point: np.ndarray
+    names: tuple[str, ...]
+    cautious: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(
+        cls,
+        block: Block,
+        observations: Observations,
+        grouping: str = "kind",
+        sensor_groups: Sequence[Sequence[str]] = (),
+    ) -> Groups:
+        """Return the groups: image points as an entry of `GROUPINGS`, GCPs' horizontal coordinates, GCPs' heights."""
+        number, names = np.zeros(observations.count, dtype=np.int64), [""]
+        for split in GROUPINGS[grouping]:
+            another, more = split(block, observations.rows, sensor_groups)
+            number = number * len(more) + another
+            names = [", ".join(filter(None, (name, extra))) for name in names for extra in more]
+        titles = [f"image points: {name}" if name else "image points" for name in names]
+        kind = block.measurements.kind[observations.rows]
+        others = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
+        count = np.bincount(number, others, minlength=len(titles))
+        cautious = frozenset(title for title, rest in zip(titles, count.tolist(), strict=True) if not rest)
+        return cls(number, (*titles, *SURVEY_GROUPS), cautious)
+
+    def given(self, observations: Observations) -> np.ndarray:
+        """Return the median of each group's sigmas as they are given, NaN for one that does not occur."""
+        given = np.full(len(self.names), np.nan)
+        order = np.lexsort((observations.sigma_px, self.of_image_point))
+        count = np.bincount(self.of_image_point, minlength=len(given) - SURVEYS)
+        middle = np.cumsum(count) - count + count // 2
+        given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
+        surveyed = observations.survey_weight > 0.0
+        for group in range(SURVEYS):
+            chosen = observations.survey_weight[surveyed & (survey_groups(observations) == group)]
+            given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
+        return given
+
+
+def components(groups: Groups, observations: Observations, solution: Solution, precise: Precision) -> np.ndarray:
+    """Return squares and redundancy of each group, ``(groups, 3)``: weighted squares, redundancy, observations."""
+    weighting, weight = solution.weighting, solution.weight
+    used = (weight > 0.0) & weighting.contributes[observations.point]
+    result = np.zeros((len(groups.names), 3))
+    squares = weight * np.einsum("nc,nc->n", solution.normals.residual, solution.normals.residual)
+    freedom = weight * np.trace(precise.residuals, axis1=1, axis2=2)
+    for column, values in enumerate((squares, freedom, np.full(len(weight), 2.0))):
+        sums = np.bincount(groups.of_image_point[used], values[used], minlength=len(groups.names) - SURVEYS)
+        result[:-SURVEYS, column] = sums
+    points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
+    priors = weighting.points
+    counted, observed = priors.matrices(points, observed=True), observations.survey_weight[points] > 0.0
+    miss = priors.miss_m(solution.state.ground[points], points)
+    squares = np.where(observed, miss * np.einsum("kij,kj->ki", counted, miss), 0.0)
+    decided = np.einsum("kij,kji->ki", counted, precise.points[points])
+    informed = observed & (decided > UNINFORMED)
+    squares, share = np.where(informed, squares, 0.0), np.where(informed, 1.0 - decided, 0.0)
+    of_group = survey_groups(observations)[points]
+    for group in range(SURVEYS):
+        here = of_group == group
+        result[group - SURVEYS] = squares[here].sum(), share[here].sum(), observed[here].sum()
+    return result
+
+
+def survey_groups(observations: Observations) -> np.ndarray:
+    """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``; `SURVEYS`: to none."""
+    groups = np.where(observations.correlated[:, None], 2, [0, 0, 1])
+    return groups if observations.alike is None else np.where(observations.alike[:, None], SURVEYS, groups)
+
+
+@dataclass(eq=False)
+class Sigmas:
+    """The factors found so far, one a group, not below ``least``; those of groups that are not ``free`` stay.
+
+    The surveys' groups are of one surveyor, whose factor counts for `OF_SURVEYOR` observations of each: the heights of
+    few GCPs, say, the block hardly controls.
+    """
+
+    factor: np.ndarray
+    free: np.ndarray
+    least: np.ndarray
+
+    @classmethod
+    def of(cls, groups: Groups, observations: Observations) -> Sigmas:
+        """Return the sigmas as given, none of them free."""
+        given, count = groups.given(observations), len(groups.names)
+        least = np.zeros(count)
+        least[:-SURVEYS] = np.minimum(LEAST_MATCHED_PX / given[:-SURVEYS], 1.0)
+        return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least))
+
+    def update(self, sums: np.ndarray) -> float:
+        """Correct the factors; return the largest relative change."""
+        squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # of the sigmas as given
+        usable = (freedom >= LEAST_GROUP_FREEDOM) & (squares > 0.0) & self.free
+        wanted = np.where(usable, squares / np.maximum(freedom, LEAST_GROUP_FREEDOM), self.factor**2)
+        survey = slice(-SURVEYS, None)
+        if self.free[survey].all() and freedom[survey].sum() >= LEAST_GROUP_FREEDOM:
+            surveyor = squares[survey].sum() / freedom[survey].sum()
+            wanted[survey] = (OF_SURVEYOR * surveyor + squares[survey]) / (OF_SURVEYOR + freedom[survey])
+        ratio = np.clip(np.maximum(np.sqrt(wanted), self.least) / self.factor, 0.2, 5.0)
+        self.factor = self.factor * ratio
+        return float(np.abs(ratio - 1.0).max())
+
+    def predictive_survey_factors(self, sums: np.ndarray) -> np.ndarray:
+        """Return the surveys' factors with the uncertainty of those that were estimated, for the sigmas of new points.
+
+        A sigma from r redundant observations is known to 1 / sqrt(2 r) of itself; the error of a new point over it has
+        Student's distribution, whose variance is r / (r - 2). Without that, 90 % of the errors would be said to lie
+        where 86 % do (r = 14).
+        """
+        factor, freedom = self.factor[-SURVEYS:], sums[-SURVEYS:, 1]
+        freedom = np.minimum(freedom + OF_SURVEYOR, freedom.sum())
+        estimated = self.free[-SURVEYS:] & (freedom >= LEAST_GROUP_FREEDOM)
+        r = np.maximum(freedom, LEAST_GROUP_FREEDOM)
+        return np.asarray(factor * np.where(estimated, np.sqrt(r / (r - 2.0)), 1.0))
+
+    @property
+    def of_surveys(self) -> np.ndarray:
+        """Factors of `SURVEY_GROUPS` and, as the last, of surveys that keep their sigma."""
+        return np.append(self.factor[-SURVEYS:], 1.0)
+
+    def image_weight(self, groups: Groups, given: np.ndarray) -> np.ndarray:
+        """Return the weights of the image points for their ``given`` ones."""
+        return given / self.factor[groups.of_image_point] ** 2
+
+    def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
+        """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""
+        return given / self.of_surveys[survey_groups(observations)] ** 2
+
+
+def summary(
+    groups: Groups, observations: Observations, sigmas: Sigmas, sums: np.ndarray
+) -> tuple[VarianceComponent, ...]:
+    """Return the groups that occur, with their sigmas as given and as estimated."""
+    given = groups.given(observations)
+    return tuple(
+        VarianceComponent(
+            name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
+            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= LEAST_GROUP_FREEDOM and sigmas.free[k]),
+        )
+        for k, name in enumerate(groups.names)
+        if sums[k, 2] > 0
+    )  # fmt: skip
+
+
+def wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
+    """Say which sigmas were given wrong by half or more, the worst first and not more than `NAMED_GROUPS`.
+
+    Of ``cautious`` groups it is no news that their sigmas are too large.
+    """
+    wrong = [
+        part for part in found
+        if part.estimated and (part.factor >= 1.5 or (part.factor <= 0.67 and part.group not in cautious))
+    ]  # fmt: skip
+    wrong.sort(key=lambda part: -abs(np.log(part.factor)))
+    said = [
+        f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
+        f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
+        for part in wrong[:NAMED_GROUPS]
+    ]
+    more = len(wrong) - len(said)
+    return [*said, f"the sigmas of {more} more groups were given wrong: see variance_components"] if more else said

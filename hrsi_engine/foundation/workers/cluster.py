@@ -1,0 +1,155 @@
+"""Workers of a Dask scheduler: reaching it, and telling of what goes wrong there in one line."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import threading
+from asyncio import CancelledError as AsyncCancelledError
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError, SolveError
+from .certificates import Certificates
+
+CONNECT_S = 10  # that a scheduler has time to answer
+GIVE_UP_S = 30  # after which its client is left alone
+CLOSE_S = 2  # that it has to take leave
+
+
+@contextmanager
+def connected(address: str, certificates: Certificates) -> Iterator[Any]:
+    """Give a client of the Dask scheduler at an address; what nobody waits for any more is cancelled in the end.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    certificates : Certificates
+        For an address that begins with ``tls://`` or ``wss://``.
+
+    Yields
+    ------
+    distributed.Client
+        The client.
+
+    Raises
+    ------
+    InputError
+        The package for workers is missing, or nobody answers at the address.
+    SolveError
+        The scheduler was lost, or its workers died again and again.
+    """
+    try:
+        from distributed import KilledWorker
+    except ImportError:
+        raise InputError(
+            "a `scheduler` needs the Python package distributed: install it here and on the workers "
+            "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
+        ) from None
+    client = _connect(address, certificates)
+    with _quiet_loggers():
+        try:
+            yield client
+        except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
+            if client.status == "running" and not isinstance(error, KilledWorker):
+                raise
+            reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
+            raise SolveError(
+                f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes "
+                "on with the rest, with this scheduler, another one or none"
+            ) from None
+        finally:
+            client.close(timeout=CLOSE_S)
+
+
+@contextmanager
+def _quiet_loggers() -> Iterator[None]:
+    """Keep Dask from telling with tracebacks of its own what becomes one line here."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@dataclass(frozen=True, eq=False)
+class OnWorker:
+    """A call whose errors name the worker that it ran on."""
+
+    call: Callable[..., Any]
+
+    def __call__(self, *given: Any) -> Any:
+        try:
+            return self.call(*given)
+        except InputError as error:
+            from distributed import get_worker
+
+            worker = get_worker()
+            raise InputError(
+                f"{error} (on the Dask worker {worker.name} at {worker.address}, host {socket.gethostname()}: workers "
+                "need the same files under the same paths, and the same versions of HRSI and GDAL)"
+            ) from None
+
+
+def _within(seconds: float, call: Callable[[], Any]) -> Any:
+    """Return what a call returns; raise TimeoutError where it takes longer, and leave it behind.
+
+    A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by Dask's
+    client without end, whatever its own timeout.
+    """
+    found: list[Any] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(call())
+        except BaseException as error:  # raised below, in the thread that waits
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if errors:
+        raise errors[0]
+    if not found:
+        raise TimeoutError(f"no answer in {seconds:g} s")
+    return found[0]
+
+
+def _connect(address: str, certificates: Certificates) -> Any:
+    """Return a client of the scheduler at an address; raise `InputError` where it cannot be reached."""
+    from distributed import Client, Security
+
+    for argument, file in (("scheduler_ca", certificates.authority), ("scheduler_certificate", certificates.own),
+                           ("scheduler_key", certificates.key)):  # fmt: skip
+        if file is not None and not os.path.isfile(file):
+            raise InputError(f"`{argument}` {file}: no such file: name a file in PEM format")
+    encrypted = address.startswith(("tls://", "wss://"))
+    advice = "start one with 'dask scheduler', or leave the option out"
+    try:
+        security = None
+        if encrypted:
+            advice = (
+                "check `scheduler_ca`, `scheduler_certificate` and `scheduler_key`, or distributed.comm.tls in Dask's "
+                "configuration"
+            )
+            given = {
+                "tls_ca_file": certificates.authority,
+                "tls_client_cert": certificates.own,
+                "tls_client_key": certificates.key or certificates.own,
+            }
+            known = {name: file for name, file in given.items() if file is not None}
+            security = Security(require_encryption=True, **known)
+        return _within(GIVE_UP_S, lambda: Client(address, timeout=CONNECT_S, set_as_default=False, security=security))
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"`scheduler` {address}: no Dask scheduler answers there ({reason}): {advice}") from None

@@ -1,0 +1,293 @@
+"""Independent parts of a computation, run by threads of this machine, or by workers of a Dask scheduler.
+
+A part is a function and one object with all that it needs (plus the results of other parts), so that the same parts
+run anywhere: they travel as they are. What a part returns is a dict of arrays, which can be kept on disk: a part
+whose result is kept is not run again. Results do not depend on who ran which part when.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
+from dataclasses import dataclass, fields, is_dataclass
+from heapq import heappop, heappush
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..progress import Progress, advance, silent
+from .certificates import CONFIGURED, Certificates
+from .cluster import OnWorker, connected
+from .threads import one_thread_calls, one_thread_filters, thread_count
+
+PartResult = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class WorkPart:
+    """One part of the work: ``function(job, *results of needs)``.
+
+    Parameters
+    ----------
+    key : str
+        Unique among the parts, and the same again for the same work: results are kept under it.
+    function : callable
+        Does the work; it may run in another process.
+    job : object
+        What it is given; all that it needs.
+    needs : tuple of str
+        Keys of the parts whose results it is given.
+    keep : bool
+        Whether the result is worth a file; intermediate results are not.
+    label : str
+        What progress says of it.
+    """
+
+    key: str
+    function: Callable[..., PartResult]
+    job: Any
+    needs: tuple[str, ...] = ()
+    keep: bool = True
+    label: str = ""
+
+
+class Keeper(Protocol):
+    """Keeps results of finished parts between runs; `hrsi_engine.io` has one that writes files."""
+
+    def load(self, key: str) -> PartResult | None:
+        """Return what was kept under a key; None where there is nothing, or nothing whole."""
+
+    def save(self, key: str, result: PartResult) -> None:
+        """Keep a result."""
+
+
+Graph = dict[str, tuple]
+Done = Callable[[str, PartResult], None]
+Scheduler = Callable[[Graph, Sequence[str], Done], None]
+
+
+def run_parts(
+    parts: Sequence[WorkPart],
+    wanted: Sequence[str],
+    scheduler: Scheduler,
+    keeper: Keeper | None = None,
+    progress: Progress = silent,
+) -> dict[str, PartResult]:
+    """Run parts and return the results of the wanted ones; kept ones are read, the others run with what they need.
+
+    Parts that were finished before a cancellation are kept.
+
+    Parameters
+    ----------
+    parts : sequence of WorkPart
+        All parts.
+    wanted : sequence of str
+        Keys of the results to return.
+    scheduler : Scheduler
+        What runs them, see `open_scheduler`.
+    keeper : Keeper, optional
+        Where finished results are kept and found again.
+    progress : Progress
+        Callback; False cancels.
+
+    Returns
+    -------
+    dict
+        The results, by key.
+
+    Raises
+    ------
+    Cancelled
+        When ``progress`` asks to stop.
+    """
+    by_key = {part.key: part for part in parts}
+    results: dict[str, PartResult] = {}
+    for key in dict.fromkeys(wanted):
+        kept = keeper.load(key) if keeper is not None and by_key[key].keep else None
+        if kept is not None:
+            results[key] = kept
+    missing = [key for key in dict.fromkeys(wanted) if key not in results]
+    before = len(results)
+
+    def done(key: str, result: PartResult) -> None:
+        if keeper is not None and by_key[key].keep:
+            keeper.save(key, result)
+        results[key] = result
+        tell(key)
+
+    def tell(key: str) -> None:
+        every = before + len(missing)
+        label = by_key[key].label
+        advance(progress, len(results) / every, f"{label} ({len(results)} of {every} parts done)" if label else "")
+
+    if missing:
+        tell(missing[0])
+        scheduler(_graph(by_key, missing), missing, done)
+    return {key: results[key] for key in wanted}
+
+
+def _graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
+    """Return the tasks of the wanted parts and of all that they need, as Dask takes them."""
+    graph: Graph = {}
+    waiting = list(wanted)
+    while waiting:
+        key = waiting.pop()
+        if key not in graph:
+            part = parts[key]
+            graph[key] = (_Call(part.function, part.job), *part.needs)
+            waiting += part.needs
+    return graph
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """A function with its job: Dask sees one callable, and looks for no tasks inside the job."""
+
+    function: Callable[..., PartResult]
+    job: Any
+
+    def __call__(self, *needed: PartResult) -> PartResult:
+        return self.function(self.job, *needed)
+
+
+# ---- who runs them ---------------------------------------------------------------------------------------------------
+
+
+def open_scheduler(address: str | None = None, threads: int = 0, certificates: Certificates = CONFIGURED) -> Scheduler:
+    """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
+
+    Parameters
+    ----------
+    address : str, optional
+        Of a Dask scheduler; by default threads of this process.
+    threads : int
+        Their number; 0 takes as many as there are cores.
+    certificates : Certificates
+        For an address that begins with ``tls://`` or ``wss://``.
+
+    Returns
+    -------
+    Scheduler
+        What `run_parts` takes.
+
+    Raises
+    ------
+    InputError
+        The package for workers is missing, or nobody answers at the address.
+    """
+    if address:
+        return _run_distributed(address, certificates)
+    return _threads(thread_count(threads))
+
+
+def _threads(count: int) -> Scheduler:
+    """Return a scheduler of threads; a run that is given up waits for the parts in work only.
+
+    Parts start in the order in which a depth-first walk from the wanted ones meets them, so that few results wait for
+    others; those that nothing needs any more are let go.
+    """
+
+    def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+        order = _in_order(graph, wanted)
+        place = {key: number for number, key in enumerate(order)}
+        users: dict[str, list[str]] = {key: [] for key in order}
+        for key in order:
+            for need in set(graph[key][1:]):
+                users[need].append(key)
+        missing = {key: len(set(graph[key][1:])) for key in order}
+        ready = [place[key] for key in order if not missing[key]]  # a heap, for it is in order
+        asked, results = set(wanted), dict[str, PartResult]()
+        working: dict[Future[PartResult], str] = {}
+        with ExitStack() as ending:
+            ending.enter_context(one_thread_calls())
+            ending.enter_context(one_thread_filters())
+            pool = ThreadPoolExecutor(count)
+            ending.callback(pool.shutdown, wait=True, cancel_futures=True)
+            while ready or working:
+                while ready and len(working) < count:
+                    key = order[heappop(ready)]
+                    call, *needs = graph[key]
+                    working[pool.submit(call, *(results[need] for need in needs))] = key
+                for future in wait(working, return_when=FIRST_COMPLETED).done:
+                    key = working.pop(future)
+                    result = future.result()
+                    if key in asked:
+                        done(key, result)
+                    if users[key]:
+                        results[key] = result
+                    for user in users[key]:
+                        missing[user] -= 1
+                        if not missing[user]:
+                            heappush(ready, place[user])
+                    for need in set(graph[key][1:]):
+                        users[need].remove(key)
+                        if not users[need]:
+                            del results[need]
+
+    return run
+
+
+def _in_order(graph: Graph, wanted: Sequence[str]) -> list[str]:
+    """Return the tasks of the wanted ones, each after those it needs."""
+    order: dict[str, None] = {}
+    waiting = list(reversed(wanted))
+    while waiting:
+        key = waiting.pop()
+        missing = [need for need in graph[key][1:] if need not in order]
+        if key in order:
+            continue
+        if missing:
+            waiting += [key, *reversed(missing)]
+        else:
+            order[key] = None
+    return list(order)
+
+
+def _run_distributed(address: str, certificates: Certificates) -> Scheduler:
+    def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+        with connected(address, certificates) as client:
+            from distributed import as_completed
+
+            at_workers = {key: (OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
+            futures = client.get(at_workers, list(wanted), sync=False)
+            for future in as_completed(futures, loop=client.loop):
+                done(str(future.key), future.result())
+                future.release()
+
+    return run
+
+
+# ---- keys ----------------------------------------------------------------------------------------------------------
+
+
+def digest(*values: Any) -> str:
+    """Return a short text that is the same again for equal values, in any process, and differs for others.
+
+    For numbers, text, arrays, dataclasses of such, and tuples, lists and dicts of them.
+    """
+    state = hashlib.sha256()
+    _feed(state, values)
+    return state.hexdigest()[:24]
+
+
+def _feed(state: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        state.update(f"array{value.shape}{value.dtype.str}".encode())
+        state.update(np.ascontiguousarray(value).tobytes())
+    elif is_dataclass(value) and not isinstance(value, type):
+        state.update(type(value).__name__.encode())
+        for field in fields(value):
+            _feed(state, field.name)
+            _feed(state, getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        _feed(state, list(value.items()))
+    elif isinstance(value, (tuple, list)):
+        state.update(f"sequence{len(value)}".encode())
+        for item in value:
+            _feed(state, item)
+    elif value is None or isinstance(value, (str, bytes, bool, int, float, np.generic)):
+        state.update(f"{type(value).__name__}:{value!r};".encode())
+    else:
+        raise TypeError(f"{type(value).__name__} has no digest")

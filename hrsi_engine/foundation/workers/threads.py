@@ -1,0 +1,73 @@
+"""The number of threads that work may use, and those of the libraries below while parts of it run side by side."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from threading import Lock
+
+from ..pixel_filters import opencv_is_wanted
+
+
+def thread_count(asked: int) -> int:
+    """Return the number of threads; 0 stands for all cores."""
+    return asked or os.cpu_count() or 1
+
+
+class _OneThreadCalls:
+    """How many runs want a library to use the thread that calls it alone; the last one gives its threads back.
+
+    ``limit`` limits the library until the stack that it gets is closed, and tells whether there is anything to limit.
+    """
+
+    def __init__(self, limit: Callable[[ExitStack], bool]) -> None:
+        self._limit, self._lock, self._runs, self._limits = limit, Lock(), 0, ExitStack()
+        self.held = False
+
+    @contextmanager
+    def wanted(self) -> Iterator[None]:
+        with self._lock:
+            if not self._runs:
+                self.held = self._limit(self._limits)
+            self._runs += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._runs -= 1
+                if not self._runs:
+                    self.held = False
+                    self._limits.close()
+
+
+def _limit_blas(limits: ExitStack) -> bool:
+    if find_spec("threadpoolctl") is None:
+        return False
+    limits.enter_context(import_module("threadpoolctl").threadpool_limits(1, user_api="blas"))
+    return True
+
+
+def _limit_opencv(limits: ExitStack) -> bool:
+    if not opencv_is_wanted():
+        return False
+    opencv = import_module("cv2")
+    limits.callback(opencv.setNumThreads, opencv.getNumThreads())
+    opencv.setNumThreads(1)
+    return True
+
+
+#: Context in which calls of BLAS make no threads of their own, where threadpoolctl is there. The number is that of the
+#: process, and several runs may share one, as tasks of QGIS do. Products of small matrices from two threads at once
+#: otherwise spend a tenth of the processor's time on waiting for one another, and more on more cores.
+_calls = _OneThreadCalls(_limit_blas)
+one_thread_calls = _calls.wanted
+#: The same of OpenCV's filters and features, whose threads yield the processor to one another without end.
+one_thread_filters = _OneThreadCalls(_limit_opencv).wanted
+
+
+def are_one_thread_calls() -> bool:
+    """Return whether calls of BLAS make no threads of their own at present, because of `one_thread_calls`."""
+    return _calls.held

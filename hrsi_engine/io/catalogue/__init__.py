@@ -1,0 +1,1 @@
+"""What a file says about its origin: lineage, STAC items, deliveries, block records, versions."""

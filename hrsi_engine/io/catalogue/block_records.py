@@ -1,0 +1,84 @@
+"""The record of an adjusted block, as `results.block_record` makes it, read from a result folder.
+
+``block.json`` is for people and programs; what is known of the cameras together, a sparse matrix, lies beside it in
+``block_cameras.npz``, which `numpy.load` reads.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
+from ..opening.array_files import DAMAGED, read_arrays
+from ..opening.json_files import read_json
+
+RECORD_FILE, CAMERAS_FILE = "block.json", "block_cameras.npz"
+#: Where a block's points are, in its folder.
+POINT_LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points", "image_points")}
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedImage:
+    """An image of an adjusted block.
+
+    item : what names the STAC item that it comes from
+    values, covariance : (p,) and (p, p) of its parameters; None where it was not computed
+    """
+
+    id: str
+    path: str
+    item: str | None
+    rpc: RPC
+    values: np.ndarray
+    covariance: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class BlockRecord:
+    """What was recorded of a block: its model, its images, and where its points are, as read from a folder."""
+
+    folder: str
+    model: str
+    images: tuple[RecordedImage, ...]
+
+    def layer(self, name: str) -> str:
+        """Return the file and layer of `POINT_LAYERS`."""
+        return os.path.join(self.folder, POINT_LAYERS[name])
+
+
+def read_record(folder: str) -> BlockRecord:
+    """Return the record in a result folder; raise `InputError` where there is none, or it is none."""
+    path = os.path.join(folder, RECORD_FILE)
+    if not os.path.exists(path):
+        raise InputError(f"{folder}: holds no {RECORD_FILE}: name the output directory of an earlier adjustment")
+    try:
+        found = read_json(path, "report")
+        images = tuple(
+            RecordedImage(
+                str(image["id"]), str(image["path"]), image.get("item"), RPC(**image["rpc"]),
+                np.array(image["values"], dtype=np.float64),
+                None if image["covariance"] is None else np.array(image["covariance"], dtype=np.float64),
+            )
+            for image in found["images"]
+        )  # fmt: skip
+        return BlockRecord(folder, str(found["model"]), images)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: is no record of a block ({error!r}): adjust that block again") from None
+
+
+def read_cameras(folder: str) -> dict[str, np.ndarray]:
+    """Return what is known of a block's cameras together; raise `InputError` where that is not there, or damaged."""
+    path = os.path.join(folder, CAMERAS_FILE)
+    if not os.path.exists(path):
+        raise InputError(
+            f"{folder}: holds no {CAMERAS_FILE}, so nothing is known of its cameras together: adjust that block again, "
+            "or let `earlier_cameras` be free"
+        )
+    try:
+        return read_arrays(path)
+    except DAMAGED as error:
+        raise InputError(f"{path}: is damaged ({error}): adjust that block again") from None

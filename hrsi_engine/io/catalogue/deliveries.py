@@ -1,0 +1,138 @@
+"""What a person names: images as files, patterns, lists, STAC items, deliveries; points as folders of results."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Callable, Iterator, Sequence
+
+from osgeo import gdal
+
+from ...foundation.errors import InputError
+from ..opening.budgets import require_size
+from ..opening.datasets import open_dataset
+from ..rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
+from .stac_items import images_of_items
+
+LIST = "@"  #: begins the name of a text file with an image a line
+#: GDAL's way into an archive, by the ending of its name.
+ARCHIVES = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
+RESULT_LAYERS = "block.gpkg"  #: in the folder of a result
+IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
+
+
+def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
+    """Return the images that names stand for: patterns, folders, archives, lists and items give way to what they hold.
+
+    Raises `InputError` for one that holds no image with an RPC.
+    """
+    found: list[str] = []
+    for name in names:
+        folder = _folder_of(name)
+        if name.startswith(LIST) and not os.path.exists(name):
+            found += named_images(_listed(name.removeprefix(LIST)), log)
+        elif folder is not None:
+            images = _delivered(name, folder)
+            log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
+            found += images
+        elif _is_pattern(name):
+            found += _matching(name)
+        elif (of_items := images_of_items(name, log)) is not None:
+            found += of_items
+        else:
+            found.append(name)
+    return tuple(found)
+
+
+def named_points(name: str) -> str:
+    """Return the file of points that a name stands for: of a result's folder its layers."""
+    layers = os.path.join(name, RESULT_LAYERS)
+    return layers if os.path.isdir(name) and os.path.isfile(layers) else name
+
+
+def _is_pattern(name: str) -> bool:
+    """Tell whether a name is a pattern (``*.tif``) that no shell has replaced by the files that it fits."""
+    return glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name)
+
+
+def _matching(pattern: str) -> list[str]:
+    """Return the files that a pattern fits, in order; `InputError` where there are none."""
+    files = sorted(file for file in glob.glob(pattern, recursive=True) if os.path.isfile(file))
+    if not files:
+        raise InputError(f"{pattern}: no file fits this pattern: check the folder and the ending")
+    return files
+
+
+def _folder_of(name: str) -> str | None:
+    """Return a folder, or an archive as GDAL's folder; None for another file."""
+    if os.path.isdir(name):
+        return name
+    way = next((way for ending, way in ARCHIVES.items() if name.lower().endswith(ending)), None)
+    return f"{way}{os.path.abspath(name)}" if way is not None and os.path.isfile(name) else None
+
+
+def _listed(path: str) -> list[str]:
+    """Return the lines of a list; names that are not absolute count from the list's own folder."""
+    require_size(path, "names")
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            lines = [line.strip() for line in file]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a list of images ({error}): name a text file") from None
+    names = [line for line in lines if line and not line.startswith("#")]
+    if not names:
+        raise InputError(f"{path}: names no image: write one a line")
+    placed = [name if "/vsi" in name else os.path.join(os.path.dirname(path), name) for name in names]
+    for name, place in zip(names, placed, strict=True):
+        if name.startswith(LIST) and not os.path.exists(place):
+            raise InputError(f"{path}: names the list {name}: a list names images, folders and archives")
+    return placed
+
+
+def _delivered(name: str, folder: str) -> list[str]:
+    """Return the images of a delivery; RPC files alone only where it has no pixels.
+
+    A product file that GDAL opens stands for the tiles that it puts together, one without pixels for the RPC file that
+    it names.
+    """
+    files = [os.path.join(folder, file) for file in sorted(gdal.ReadDirRecursive(folder) or []) if file[-1] != "/"]
+    files = [file for file in files if not os.path.basename(file).startswith(".")]
+    faults: list[str] = []
+    products = [file for file in files if file.lower().endswith((".xml", ".dim")) and product_reader_of(file)]
+    tiled = {part: file for file in products for part in _parts(file)}
+    rasters = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.abspath(file) not in tiled]
+    images = [*_with_rpc([file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
+    if not images:
+        names = [os.path.basename(file).lower() for file in products]
+        named = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
+        alone = [
+            file for file in files if os.path.basename(file).lower() not in named and not file.endswith(".aux.xml")
+        ]
+        images = [*_with_rpc([file for file in alone if _is_rpc_file(file)], faults)]
+    if not images:
+        reason = f" ({faults[0]})" if faults else ""
+        raise InputError(f"{name}: holds no image with an RPC{reason}: name the images, or another folder")
+    return sorted(images)
+
+
+def _parts(product: str) -> list[str]:
+    """Return the files that GDAL reads a product's pixels from."""
+    dataset, _message = open_dataset(product)
+    return [] if dataset is None else [os.path.abspath(part) for part in dataset.GetFileList() or []]
+
+
+def _is_rpc_file(file: str) -> bool:
+    try:
+        return rpc_reader_of(file) is not None
+    except InputError:
+        return False
+
+
+def _with_rpc(files: Sequence[str], faults: list[str]) -> Iterator[str]:
+    """Yield the files with an RPC; note what is wrong with the others."""
+    for file in files:
+        try:
+            if read_rpc_or_none(file) is not None:
+                yield file
+        except InputError as error:
+            faults.append(str(error))

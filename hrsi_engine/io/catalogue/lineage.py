@@ -1,0 +1,181 @@
+"""What a result was made from, by what and when: the entries of a report that let a run be followed and repeated.
+
+An input is known by the SHA-256 of its content. Of a file beyond `WHOLE_BYTES`, and of all that come when `ALL_BYTES`
+have been read, only its beginning, its end and blocks spread over it are hashed (`content_marks` says which): that sees
+another image under the same name, and not every changed pixel.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from osgeo import gdal, osr
+
+from ...foundation.dates import run_date
+from ...foundation.version import VERSION
+from ..opening.datasets import metadata_of, open_dataset, quiet, virtual_status
+from ..safety.content_marks import WHOLE_BYTES, places_of, read_places
+from .versions import versions
+
+ALL_BYTES = 2**30
+MOST_LISTED = 10_000  # files of a folder among the inputs
+#: Endings of texts that GDAL knows nothing of: to find that out it asks all its drivers, for a millisecond a file.
+_TEXTS = ("_rpc.txt", ".csv")
+#: Vector formats whose CRS is known from opening them, which reads no rows.
+_LAYERED = ("GPKG", "ESRI Shapefile", "FlatGeobuf")
+HIDDEN = "***"  #: what stands for a password
+_SECRET = re.compile(r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]+(?=@)", re.IGNORECASE)
+
+
+def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
+    """Return the entries of a report that tell of the run.
+
+    Parameters
+    ----------
+    command : str
+        The run as a command line.
+    named : mapping of str to iterable of str, optional
+        Files and folders that each option names for reading. Without it the entries tell of no inputs.
+
+    Returns
+    -------
+    dict
+        ``version``, ``date``, ``command``, ``directory`` (relative paths count from there), ``inputs``, ``versions``,
+        ``platform``.
+    """
+    return {
+        "version": VERSION,
+        "date": run_date(),
+        "command": command,
+        "directory": os.getcwd(),
+        "inputs": None if named is None else input_entries(named),
+        "versions": versions(),
+        "platform": platform.platform(),
+    }
+
+
+def rpc_history(path: str) -> str:
+    """Return where an image's RPC comes from, as its metadata tells: which run refined it, else ``as delivered``."""
+    dataset, _ = open_dataset(path)
+    told = {} if dataset is None else metadata_of(dataset)
+    if "HRSI_MODEL" not in told:
+        return "as delivered"
+    return f"refined by HRSI {told.get('HRSI_VERSION')} on {told.get('HRSI_DATE')}, model {told['HRSI_MODEL']}"
+
+
+def without_secrets(text: str) -> str:
+    """Return a text without the passwords of connections to data bases and servers."""
+    return _SECRET.sub(lambda found: f"{found[1] or found[2]}{HIDDEN}", text)
+
+
+def without_secrets_in(value: Any) -> Any:
+    """Return dicts and lists of texts without the passwords in them."""
+    if isinstance(value, Mapping):
+        return {key: without_secrets_in(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [without_secrets_in(item) for item in value]
+    return without_secrets(value) if isinstance(value, str) else value
+
+
+def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
+    """Return an entry for each file that options name, with the files that GDAL counts to it.
+
+    Parameters
+    ----------
+    named : mapping of str to iterable of str
+        Paths by the key of the option that names them; what is no file (``auto``) is passed over.
+
+    Returns
+    -------
+    list of dict
+        ``option``, ``path``, ``size``, ``modified``, ``sha256`` or ``sampled_sha256`` (the other is None), ``crs``.
+    """
+    entries: list[dict[str, Any]] = []
+    seen: set[str] = set()
+    read = 0
+    for option, paths in named.items():
+        for path, crs in _files(paths):
+            if (real := os.path.realpath(path)) in seen:
+                continue
+            seen.add(real)
+            entry = {"option": option, **file_entry(path, whole=read < ALL_BYTES), "crs": crs}
+            read += entry["size"] or 0
+            entries.append(entry)
+    return entries
+
+
+def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
+    """Return path, size, time of change and SHA-256 of a file; of its samples where it is large, or not ``whole``."""
+    if path.startswith("/vsi"):
+        status = virtual_status(path)
+        size, time = (None, None) if status is None else (status.size, status.mtime)
+        return {"path": path, "size": size, "modified": _iso(time), "sha256": None, "sampled_sha256": None}
+    status = os.stat(path)
+    whole = whole and status.st_size <= WHOLE_BYTES
+    with open(path, "rb", buffering=0) as file:
+        state = hashlib.sha256()
+        for block in read_places(file, [(0, status.st_size)] if whole else places_of(status.st_size)):
+            state.update(block)
+    digest = state.hexdigest()
+    return {
+        "path": path, "size": status.st_size, "modified": _iso(status.st_mtime),
+        "sha256": digest if whole else None, "sampled_sha256": None if whole else digest,
+    }  # fmt: skip
+
+
+def _iso(time: float | None) -> str | None:
+    return None if not time else datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
+    """Yield the files behind paths with the CRS that they state: of a folder those in it, of a dataset its side files.
+
+    What cannot be read is passed over: to say what is wrong with it is up to what reads it.
+    """
+    for path in paths:
+        if os.path.isdir(path):
+            names = sorted(os.path.join(path, name) for name in os.listdir(path))[:MOST_LISTED]
+            yield from ((name, None) for name in names if _is_readable(name))
+        elif path.startswith("/vsi"):
+            if virtual_status(path) is not None:
+                yield path, None
+        elif _is_readable(path):
+            crs, side_files = _opened(path)
+            yield path, crs
+            yield from ((name, None) for name in side_files if _is_readable(name) and name != path)
+
+
+def _is_readable(path: str) -> bool:
+    return os.path.isfile(path) and os.access(path, os.R_OK)
+
+
+def _opened(path: str) -> tuple[str | None, list[str]]:
+    """Return the CRS of a dataset and the files that belong to it."""
+    if path.lower().endswith(_TEXTS):
+        return None, []
+    dataset, _ = open_dataset(path)
+    if dataset is not None:
+        with quiet():
+            return _name(dataset.GetSpatialRef()), sorted(dataset.GetFileList() or [])
+    with quiet():
+        try:
+            dataset = gdal.OpenEx(path, gdal.OF_VECTOR, allowed_drivers=list(_LAYERED))
+        except (RuntimeError, SystemError, UnicodeDecodeError):
+            dataset = None
+        if dataset is None or not dataset.GetLayerCount():
+            return None, []
+        return _name(dataset.GetLayer(0).GetSpatialRef()), sorted(dataset.GetFileList() or [])
+
+
+def _name(crs: osr.SpatialReference | None) -> str | None:
+    """Return a CRS as ``EPSG:code``, else by its name."""
+    if crs is None:
+        return None
+    authority, code = crs.GetAuthorityName(None), crs.GetAuthorityCode(None)
+    return f"{authority}:{code}" if authority and code else str(crs.GetName() or "") or None

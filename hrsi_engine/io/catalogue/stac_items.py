@@ -1,0 +1,272 @@
+"""Items of a SpatioTemporal Asset Catalog (STAC) as images: their pixels, their RPC, and what they tell of the sun.
+
+An item is a GeoJSON feature with named *assets*, files of which each has an address, a media type and roles. Its image
+is the asset with the role ``data``; of several, the one that is named. STAC has no extension for RPCs. What counts as
+an item's RPC is, in this order,
+
+1. fields ``rpc:line_off`` … ``rpc:samp_den_coeff`` of the image's asset, else of the item: GDAL's names of the RPC
+   domain in small letters, numbers and lists of twenty numbers, positions from the centre of the first pixel;
+2. an asset that is an RPC file: the one named like the image's with ``_rpc`` behind (as Planet names them), else one
+   with ``rpc`` in its name, its roles or its address, else one with the role ``metadata``;
+3. what is in or beside the image, as for any image.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+from urllib.parse import unquote, urljoin, urlsplit
+
+from ...foundation.errors import InputError, list_ids
+from ..opening.budgets import MOST_BYTES
+from ..opening.item_images import ItemImage, StacItem
+from ..rpc_files.content import read_bytes
+from ..rpc_files.fields import STAC_NAMES
+
+ENDINGS = (".json", ".geojson")
+ITEM, COLLECTION_OF_ITEMS = "Feature", "FeatureCollection"
+_FOLDERS_OF_ITEMS = ("Collection", "Catalog")
+#: `STACIT:"items.json":asset=pan`, as GDAL's driver of that name has it.
+_NAMED_ASSET = re.compile(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)')
+_SCHEMES = {"s3": "/vsis3/", "gs": "/vsigs/", "az": "/vsiaz/", "oss": "/vsioss/"}
+_IMAGE_TYPES = ("image/tiff", "image/vnd.stac.geotiff", "image/jp2", "application/vnd.nitf", "image/nitf",
+                "application/vnd.gdal.vrt")  # fmt: skip
+_IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".vrt")
+_NO_IMAGES = {"thumbnail", "overview", "metadata", "mask", "data-mask", "cloud", "snow-ice", "water-mask"}
+_RPC_ENDINGS = (".txt", ".rpb", ".xml", ".geom", ".json", ".rpc")
+
+
+def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | None:
+    """Return the images of the items that a name stands for; None for a name of anything else.
+
+    Parameters
+    ----------
+    name : str
+        A file with an item, an item collection or a page of an API; ``STACIT:"FILE":asset=NAME`` where its items have
+        several images.
+    log : callable
+        Is told where a page is one of several.
+
+    Returns
+    -------
+    list of ItemImage or None
+        One an item, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        An item has no image, or several and none is named; or the file is a folder of items.
+    """
+    given = _NAMED_ASSET.fullmatch(name)
+    file, wanted = (given["file"], given["asset"]) if given else (name, None)
+    if not urlsplit(file).path.lower().endswith(ENDINGS) or not (file.startswith("/vsi") or os.path.isfile(file)):
+        if given:
+            raise InputError(f"{name}: there is no file {file} with items: name one (.json)")
+        return None
+    try:
+        document = json.loads(read_bytes(file, MOST_BYTES["items"]))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file}: is no JSON that can be read ({error}): get the file again") from None
+    kind = document.get("type") if isinstance(document, dict) else None
+    if kind in _FOLDERS_OF_ITEMS and "stac_version" in document:
+        raise InputError(
+            f"{file}: is a {kind} that refers to items elsewhere: name its items, or save the answer to a search "
+            "(an item collection)"
+        )
+    features = document.get("features") if kind == COLLECTION_OF_ITEMS else [document] if kind == ITEM else None
+    if not isinstance(features, list):
+        if given:
+            raise InputError(f"{file}: holds no STAC items: name an item or an item collection")
+        return None
+    if not features:
+        raise InputError(f"{file}: is an item collection without items: search again")
+    if any(link.get("rel") == "next" for link in _dicts(document.get("links"))):
+        log(f"{file}: is one page of several: only its {len(features)} items are taken; save the others too")
+    return [_image_of(file, number, feature, kind == ITEM, wanted) for number, feature in enumerate(features, start=1)]
+
+
+def recorded_images(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
+    """Return the images that an earlier run recorded, with what their items told of them then.
+
+    Parameters
+    ----------
+    entries : iterable of tuple
+        Id, path, and what named the item (`StacItem.named`); None for an image of no item.
+
+    Returns
+    -------
+    list of str
+        Paths, in the same order.
+
+    Raises
+    ------
+    InputError
+        An item is not in its file any more.
+    """
+    items: dict[str, dict[str, ItemImage]] = {}
+    images: list[str] = []
+    for name, path, named in entries:
+        if named is not None and named not in items:
+            items[named] = {image.item.id: image for image in images_of_items(named, lambda _text: None) or ()}
+        found = path if named is None else items[named].get(name)
+        if found is None:
+            raise InputError(f"{named}: has no item {name!r} any more, which an earlier run used: put it back")
+        images.append(found)
+    return images
+
+
+def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | None) -> ItemImage:
+    """Return the image of an item; ``alone`` in its file, whose place its relative addresses count from."""
+    if not isinstance(feature, dict) or not isinstance(feature.get("assets"), dict):
+        raise InputError(f"{file}: feature {number} has no assets, it is no STAC item: name an item collection")
+    name = feature.get("id")
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{file}: item {number} has no id: mend the file")
+    where = f"{file}, item {name!r}"
+    if {"/", "\\", "\0"} & set(name) or name in (".", ".."):
+        raise InputError(f"{where}: results are named by the id, which is no name of a file: mend the id")
+    assets = {key: asset for key, asset in feature["assets"].items() if isinstance(asset, dict)}
+    base = file if alone else next(
+        (link["href"] for link in _dicts(feature.get("links"))
+         if link.get("rel") == "self" and "://" in str(link.get("href"))), file,
+    )  # fmt: skip
+    properties = feature.get("properties")
+    properties = properties if isinstance(properties, dict) else {}
+
+    def path_of(key: str) -> str:
+        href = assets[key].get("href")
+        if not isinstance(href, str) or not href:
+            raise InputError(f"{where}, asset {key!r}: has no href: mend the file")
+        return href_path(href, base)
+
+    place = file if file.startswith("/vsi") else os.path.abspath(file)
+    image = _image_asset(where, assets, wanted)
+    rpc_files = tuple(path_of(key) for key in _rpc_assets(assets, image))
+    if image is None:
+        if not rpc_files:
+            raise InputError(f"{where}: has no asset that is an image (assets: {list_ids(assets)}): name another item")
+        return ItemImage(rpc_files[0], StacItem(name, file, place, properties))
+    fields = {key: properties[key] for key in STAC_NAMES.values() if key in properties}
+    fields |= {key: assets[image][key] for key in STAC_NAMES.values() if key in assets[image]}
+    named = f'STACIT:"{place}":asset={image}'
+    return ItemImage(path_of(image), StacItem(name, file, named, properties, fields, rpc_files))
+
+
+def _image_asset(where: str, assets: Mapping[str, Mapping[str, Any]], wanted: str | None) -> str | None:
+    """Return the name of the asset that is the image; None where there is no image."""
+    if wanted is not None:
+        if wanted not in assets:
+            raise InputError(f"{where}: has no asset {wanted!r} (assets: {list_ids(assets)}): name one of these")
+        return wanted
+    images = [key for key, asset in assets.items() if _is_image(asset)]
+    data = [key for key in images if "data" in _roles(assets[key])]
+    found = data or images
+    if len(found) > 1:
+        raise InputError(
+            f'{where}: has several images ({list_ids(found)}): name one, as STACIT:"FILE":asset={found[0]}'
+        )
+    return found[0] if found else None
+
+
+def _is_image(asset: Mapping[str, Any]) -> bool:
+    media, href = str(asset.get("type") or "").partition(";")[0].strip().lower(), str(asset.get("href") or "")
+    if _roles(asset) & _NO_IMAGES or _speaks_of_rpc(asset):
+        return False
+    return media in _IMAGE_TYPES or (not media and urlsplit(href).path.lower().endswith(_IMAGE_ENDINGS))
+
+
+def _rpc_assets(assets: Mapping[str, Mapping[str, Any]], image: str | None) -> list[str]:
+    """Return the names of the assets that may be the image's RPC file, the likeliest first."""
+    ranks: dict[str, int] = {}
+    for key, asset in assets.items():
+        if key == image or not urlsplit(str(asset.get("href") or "")).path.lower().endswith(_RPC_ENDINGS):
+            continue
+        if key == f"{image}_rpc":
+            ranks[key] = 0
+        elif "rpc" in key.lower() or _speaks_of_rpc(asset):
+            ranks[key] = 1
+        elif "metadata" in _roles(asset):
+            ranks[key] = 2
+    return sorted(ranks, key=lambda key: ranks[key])
+
+
+def _speaks_of_rpc(asset: Mapping[str, Any]) -> bool:
+    name = os.path.basename(urlsplit(str(asset.get("href") or "")).path).lower()
+    return "rpc" in _roles(asset) or name.endswith(".rpb") or re.search(r"(?<![a-z])rpc(?![a-z])", name) is not None
+
+
+def _roles(asset: Mapping[str, Any]) -> set[str]:
+    roles = asset.get("roles")
+    return {str(role).lower() for role in roles} if isinstance(roles, list) else set()
+
+
+def _dicts(value: Any) -> Iterator[dict[str, Any]]:
+    yield from (one for one in value if isinstance(one, dict)) if isinstance(value, list) else ()
+
+
+def href_path(href: str, base: str) -> str:
+    """Return the path by which GDAL opens an address.
+
+    Parameters
+    ----------
+    href : str
+        ``https://…``, ``s3://…``, ``gs://…``, ``az://…``, ``file:///…``, a path, one of GDAL's virtual paths; or what
+        counts from ``base``.
+    base : str
+        Address or path of the file that it stands in.
+
+    Returns
+    -------
+    str
+        The path.
+    """
+    if href.startswith("/vsi"):
+        return href
+    scheme = urlsplit(href).scheme.lower()
+    if not scheme or len(scheme) == 1:  # a drive's letter
+        if os.path.isabs(href):
+            return href
+        base = base.removeprefix("/vsicurl/")
+        if "://" not in base:
+            return os.path.normpath(os.path.join(os.path.dirname(base), href))
+        relative = urlsplit(base)  # urljoin knows no s3
+        joined = urlsplit(urljoin(f"https://{relative.netloc}{relative.path}", href))
+        return href_path(f"{relative.scheme}://{joined.netloc}{joined.path}", "")
+    if scheme in ("http", "https"):
+        return f"/vsicurl/{href}"
+    if scheme == "file":
+        return unquote(urlsplit(href).path)
+    if scheme in _SCHEMES:
+        return _SCHEMES[scheme] + href.partition("://")[2]
+    raise InputError(f"{href}: addresses that begin with {scheme}: cannot be read: get the file, and name that")
+
+
+def href_of(path: str, folder: str) -> str:
+    """Return the address of a file for an item in a folder: relative where both are in one place, else whole.
+
+    Parameters
+    ----------
+    path : str
+        Of the file, as GDAL has it.
+    folder : str
+        Of the item.
+
+    Returns
+    -------
+    str
+        The address, which `href_path` turns back into the path.
+    """
+    if path.startswith("/vsicurl/"):
+        return path.removeprefix("/vsicurl/")
+    place = folder.rstrip("/") + "/"
+    if path.startswith(place):
+        return f"./{path.removeprefix(place)}"
+    for scheme, way in _SCHEMES.items():
+        if path.startswith(way):
+            return f"{scheme}://{path.removeprefix(way)}"
+    if path.startswith("/vsi") or folder.startswith("/vsi"):
+        return path if path.startswith("/vsi") else os.path.abspath(path)
+    return os.path.relpath(path, folder).replace(os.sep, "/")

@@ -1,0 +1,1 @@
+"""GeoPackage layers: tables, spatial index, styles and field descriptions."""

@@ -1,0 +1,433 @@
+"""Vector layers out: one GeoPackage with several layers and the styles that QGIS draws them with.
+
+OGR makes the tables, so that every reader understands the file. The rows go in beside it (`sqlite_rows`): OGR's Python
+interface needs a call for each value and adds each row to the spatial index by itself, which takes a minute for a
+million residuals; here it is a second. The file is made under a temporary name and renamed at the end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sqlite3
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from osgeo import gdal, ogr, osr
+from shapely.affinity import translate
+from shapely.geometry import Polygon
+
+from ...foundation.dates import run_date
+from ...foundation.errors import OutputError
+from ...foundation.large_arrays import finite_rows
+from ...foundation.progress import Progress, advance, silent
+from ...ground.geodesy import WGS84, WGS84_3D, are_continuous, continuous_longitudes, metres_per_degree
+from ..opening.datasets import config_option, gdal_messages, quiet
+from ..opening.sql import sql_text
+from ..safety.replacing import replacing
+from .layer_styles import Style, default_style
+from .layer_texts import FIELD_TEXTS, LAYER_TEXTS
+from .layer_words import Column
+from .rtree import empty_rtree, fill_rtree, pack_rtree
+from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
+
+_GEOMETRY_TYPES = {
+    "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
+}  # fmt: skip
+GEOMETRY_COLUMN = "geom"
+LONGEST_PATH = 400  # bytes: hidden names and journals are longer, by what tells who writes
+_CHUNK_ROWS = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A vector layer as columns.
+
+    Parameters
+    ----------
+    name : str
+        Of the layer.
+    geometry : str
+        ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry).
+    crs : int
+        EPSG code.
+    coordinates : (n, 2) or (n, 3) ndarray, Picked or Stacked, or sequence of shapely.geometry.Polygon
+        Points or polygons. NaN, an empty polygon: no geometry.
+    fields : mapping of str to (n,) ndarray, Words or Stacked
+        Columns by name: text, integers, floats (NaN is written as NULL) or bools.
+    """
+
+    name: str
+    geometry: str
+    crs: int
+    coordinates: Any
+    fields: Mapping[str, Column] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
+
+    @cached_property
+    def boxes(self) -> np.ndarray:
+        """West, south, east, north of each polygon, ``(n, 4)``; NaN where it is empty."""
+        empty = (np.nan,) * 4
+        extremes = [empty if polygon.is_empty else polygon.bounds for polygon in self.coordinates]
+        return np.array(extremes, dtype=np.float64).reshape(-1, 4)
+
+    @property
+    def width_m(self) -> float:
+        """The longer side of the box around all geometries, metres on the ground; 0 without any."""
+        low, high = _corners(self)
+        there = _are_placed(low, high)
+        if not there.any():
+            return 0.0
+        west, south, east, north = _extent(*((low, high) if there.all() else (low[there], high[there])))
+        sides = np.array([east - west, north - south])
+        if self.crs in (WGS84, WGS84_3D):
+            sides = sides * metres_per_degree(np.array([[(west + east) / 2.0, (south + north) / 2.0, 0.0]]))[0, :2]
+        return float(sides.max())
+
+
+def default_styles(layers: Sequence[Layer]) -> dict[str, Style]:
+    """Return the styles of the layers that HRSI has one for, by name."""
+    styles = {layer.name: default_style(layer.name, layer.fields, layer.width_m) for layer in layers}
+    return {name: style for name, style in styles.items() if style is not None}
+
+
+def write_geopackage(
+    path: str,
+    layers: Sequence[Layer],
+    styles: Mapping[str, Style] | None = None,
+    progress: Progress = silent,
+    lineage: Mapping[str, str] | None = None,
+) -> None:
+    """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    layers : sequence of Layer
+        What it is to hold.
+    styles : mapping of str to Style, optional
+        By layer name; by default those of `layer_styles`.
+    progress : Progress
+        Callback; False cancels.
+    lineage : mapping of str to str, optional
+        What each layer tells of its making (in the table gpkg_metadata), by name.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
+    """
+    _require_consistent(path, layers)
+    layers = in_one_place(layers)
+    total = max(1, sum(map(len, layers)))
+    if styles is None:
+        styles = default_styles(layers)
+    length = len(os.fsencode(os.path.abspath(path)))
+    if length > LONGEST_PATH:
+        raise OutputError(
+            f"{path}: a path of {length} bytes is too long for SQLite, which opens 512: choose a shorter `output_dir`"
+        )
+    with replacing(path) as temporary, quiet():  # GDAL and SQLite have more to say of a full disk
+        with config_option("OGR_CURRENT_DATE", run_date()):
+            _create_tables(path, temporary, layers, bool(styles), lineage or {})
+        try:
+            with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:
+                for pragma in WITHOUT_SAFETY:
+                    database.execute(pragma)
+                done = 0
+                for layer in layers:
+                    rows = rows_of_new_file(temporary, database, len(layer), _columns(layer))
+                    with contextlib.closing(rows):
+                        for _ in insert_rows(database, layer, rows):
+                            done += _CHUNK_ROWS
+                            advance(progress, min(1.0, done / total), f"writing layer {layer.name}")
+                insert_styles(database, layers, styles)
+                describe_fields(database, layers)
+        except sqlite3.Error as error:
+            raise OutputError(f"{path}: cannot be written ({error}): check free space and permissions") from None
+        remove_old_journal(path)
+    advance(progress, 1.0, f"wrote {os.path.basename(path)}")
+
+
+def _require_consistent(path: str, layers: Sequence[Layer]) -> None:
+    for layer in layers:
+        lengths = {name: len(column) for name, column in layer.fields.items()} | {"id of rows": len(layer)}
+        if layer.geometry != "None":
+            lengths["coordinates"] = len(layer.coordinates)
+        if len(set(lengths.values())) > 1:
+            raise OutputError(f"{path}, layer {layer.name}: columns differ in length: {lengths}")
+
+
+def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
+    """Return layers whose longitudes do not jump at 180 degrees, so that what lies across it has its own extent."""
+    places = {
+        number: _corners(layer)[0][:, 0]
+        for number, layer in enumerate(layers)
+        if layer.crs in (WGS84, WGS84_3D) and layer.geometry != "None"
+    }
+    ends = [(np.fmin.reduce(part), np.fmax.reduce(part)) for part in places.values() if len(part)]
+    if not ends or are_continuous(np.concatenate(ends)):  # nothing of the length of the layers is made
+        return list(layers)
+    west = np.concatenate(list(places.values()))
+    turns = np.round((continuous_longitudes(west) - west) / 360.0)
+    moved, parts = list(layers), np.split(turns, np.cumsum([len(part) for part in places.values()])[:-1])
+    for number, part in zip(places, parts, strict=True):
+        if np.any(np.abs(part) > 0.0):
+            moved[number] = replace(layers[number], coordinates=_turned(layers[number].coordinates, part))
+    return moved
+
+
+def _turned(coordinates: Any, turns: np.ndarray) -> np.ndarray | list[Polygon]:
+    """Return points or polygons moved by whole turns of longitude, NaN for those without a position."""
+    if not isinstance(coordinates, Sequence):
+        place = np.asarray(coordinates)
+        return np.column_stack([place[:, 0] + 360.0 * turns, place[:, 1:]])
+    return [
+        translate(polygon, 360.0 * count) if count else polygon
+        for polygon, count in zip(coordinates, np.nan_to_num(turns).tolist(), strict=True)
+    ]
+
+
+def _create_tables(
+    path: str, temporary: str, layers: Sequence[Layer], with_styles: bool, lineage: Mapping[str, str]
+) -> None:
+    """Have OGR make an empty GeoPackage with all layers."""
+    dataset = None
+    with gdal_messages() as messages:
+        dataset = ogr.GetDriverByName("GPKG").CreateDataSource(temporary, options=["VERSION=1.2"])
+        if dataset is not None:
+            for layer in layers:
+                create_layer(dataset, layer, lineage)
+            if with_styles:
+                create_style_table(dataset)
+    if dataset is None or messages:
+        dataset = None  # closed here, where GDAL's complaints are not heard
+        raise OutputError(
+            f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'}): check the folder"
+        )
+    del dataset
+
+
+def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str] | None = None) -> None:
+    """Have OGR make an empty layer; its ``lineage`` stands in gpkg_metadata, its description in gpkg_contents."""
+    reference = osr.SpatialReference()
+    reference.ImportFromEPSG(layer.crs)
+    reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
+    options = ["SPATIAL_INDEX=YES", f"GEOMETRY_NAME={GEOMETRY_COLUMN}", "FID=fid"]
+    options += [f"DESCRIPTION={LAYER_TEXTS[layer.name]}"] if layer.name in LAYER_TEXTS else []
+    has_geometry = layer.geometry != "None"
+    table = dataset.CreateLayer(
+        layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
+    )
+    for name, column in layer.fields.items():
+        kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
+        definition = ogr.FieldDefn(name, kinds.get(column.dtype.kind, ogr.OFTString))
+        if column.dtype.kind == "b":
+            definition.SetSubType(ogr.OFSTBoolean)
+        table.CreateField(definition)
+    if lineage:
+        description = {"DESCRIPTION": LAYER_TEXTS[layer.name]} if layer.name in LAYER_TEXTS else {}
+        table.SetMetadata({**lineage, **description})
+
+
+def insert_rows(
+    database: sqlite3.Connection, layer: Layer, rows: Inserter, empty_first: bool = False
+) -> Iterator[None]:
+    """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows.
+
+    Parameters
+    ----------
+    database : of the file
+    layer : whose table is there
+    rows : what they are inserted through
+    empty_first : whether the table has rows, which are to go
+    """
+    names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
+    rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
+    there = _are_placed(low, high)
+    numbers = np.flatnonzero(there).astype(np.int32) + np.int32(1)
+    if not there.all():
+        low, high = (low[there], low[there]) if low is high else (low[there], high[there])
+    with _without_triggers(database, layer.name):
+        if empty_first:
+            database.execute(sql_text("DELETE FROM {table}", table=layer.name))
+            empty_rtree(database, rtree)
+        rows.begin()
+        with ThreadPoolExecutor(1) as beside:  # the index is sorted while the rows are written
+            tree = beside.submit(pack_rtree, numbers, low, high)
+            for start in range(0, len(layer), _CHUNK_ROWS):
+                part = slice(start, min(start + _CHUNK_ROWS, len(layer)))
+                rows.insert(layer.name, names, [np.arange(part.start + 1, part.stop + 1), *_columns(layer, part)])
+                yield
+        fill_rtree(rows, rtree, tree.result())
+        rows.commit()
+    database.execute("UPDATE gpkg_ogr_contents SET feature_count = ? WHERE table_name = ?", (len(layer), layer.name))
+    if len(numbers):
+        west, south, east, north = _extent(low, high)
+        database.execute(
+            "UPDATE gpkg_contents SET min_x = ?, max_x = ?, min_y = ?, max_y = ? WHERE table_name = ?",
+            (west, east, south, north, layer.name),
+        )
+
+
+def _columns(layer: Layer, rows: slice = slice(0)) -> list[Column]:
+    """Return the columns of some rows of a layer, geometries first."""
+    columns: list[Column] = [column[rows] for column in layer.fields.values()]
+    return columns if layer.geometry == "None" else [_geometries(layer, rows), *columns]
+
+
+@contextlib.contextmanager
+def _without_triggers(database: sqlite3.Connection, table: str) -> Iterator[None]:
+    """Take away OGR's triggers that count and index each row, and put them back."""
+    triggers = database.execute(
+        "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND tbl_name = ?", (table,)
+    ).fetchall()
+    for name, _ in triggers:
+        database.execute(sql_text("DROP TRIGGER {trigger}", trigger=name))
+    yield
+    for _, sql in triggers:
+        database.execute(sql)
+
+
+def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and largest x, y of each geometry, ``(n, 2)`` each; NaN where there is none."""
+    if layer.geometry == "None":
+        return np.empty((0, 2)), np.empty((0, 2))
+    if layer.geometry != "Polygon":
+        xy = np.empty((len(layer.coordinates), 2))
+        for begin in range(0, len(xy), _CHUNK_ROWS):  # coordinates that are put together here have no other copy
+            part = slice(begin, begin + _CHUNK_ROWS)
+            xy[part] = np.asarray(layer.coordinates[part])[:, :2]
+        return xy, xy
+    return layer.boxes[:, :2], layer.boxes[:, 2:]
+
+
+def _are_placed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return which geometries have finite corners, ``(n,)``."""
+    return finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
+
+
+def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
+    """Return west, south, east, north of boxes with corners ``(n, 2)``."""
+    return (*(float(column.min()) for column in low.T), *(float(column.max()) for column in high.T))
+
+
+def _geometries(layer: Layer, rows: slice) -> np.ndarray:
+    """Return geometries as bytes (dtype ``V``); as objects where some have none, or where they are polygons."""
+    if layer.geometry == "Polygon":
+        boxed = zip(layer.coordinates[rows], layer.boxes[rows].tolist(), strict=True)
+        return _objects([_polygon_blob(polygon, box, layer.crs) for polygon, box in boxed])
+    # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
+    # Source: OGC 12-128r18, clause 2.1.3.
+    xyz = np.asarray(layer.coordinates[rows], dtype=np.float64)
+    has_z = layer.geometry == "PointZ"
+    axes = 3 if has_z else 2
+    layout = [("magic", "S2"), ("version", "u1"), ("flags", "u1"), ("srs", "<i4"), ("order", "u1"), ("type", "<u4")]
+    blobs = np.zeros(len(xyz), dtype=[*layout, ("coordinates", "<f8", (axes,))])
+    blobs["magic"], blobs["flags"], blobs["srs"], blobs["order"] = b"GP", 1, layer.crs, 1
+    blobs["type"] = 1001 if has_z else 1
+    blobs["coordinates"] = xyz[:, :axes]
+    content = blobs.view(f"V{blobs.itemsize}")
+    here = _are_placed(xyz[:, :2], xyz[:, :2])
+    if here.all():
+        return content
+    values = _objects(content.tolist())
+    values[~here] = None
+    return values
+
+
+def _objects(values: Sequence[object]) -> np.ndarray:
+    array = np.empty(len(values), dtype=object)
+    array[:] = values
+    return array
+
+
+def _polygon_blob(polygon: Polygon, box: Sequence[float], crs: int) -> bytes | None:
+    """Return the GeoPackage geometry of a polygon: a header with its envelope, then WKB."""
+    if polygon.is_empty:
+        return None
+    west, south, east, north = box
+    return struct.pack("<2sBBi4d", b"GP", 0, 3, crs, west, east, south, north) + bytes(polygon.wkb)
+
+
+#: Tables of the extension gpkg_schema, which describes columns, and the one that lists extensions, which a file without
+#: an R-tree has not. Source: OGC 12-128r18, annexes C.6 and F.9.
+_SCHEMA_TABLES = (
+    "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL,"
+    " definition TEXT NOT NULL, scope TEXT NOT NULL,"
+    " CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))",
+    "CREATE TABLE IF NOT EXISTS gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT,"
+    " title TEXT, description TEXT, mime_type TEXT, constraint_name TEXT,"
+    " CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), CONSTRAINT gdc_tn UNIQUE (table_name, name))",
+    "CREATE TABLE IF NOT EXISTS gpkg_data_column_constraints (constraint_name TEXT NOT NULL, constraint_type TEXT NOT"
+    " NULL, value TEXT, min NUMERIC, min_is_inclusive BOOLEAN, max NUMERIC, max_is_inclusive BOOLEAN, description TEXT,"
+    " CONSTRAINT gdcc_ntv UNIQUE (constraint_name, constraint_type, value))",
+)
+_SCHEMA_EXTENSION = "http://www.geopackage.org/spec121/#extension_schema"
+
+
+def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> None:
+    """Say of each field what it holds (`layer_texts`), in the table that the standard has for that."""
+    rows = [(layer.name, name, FIELD_TEXTS[name]) for layer in layers for name in layer.fields if name in FIELD_TEXTS]
+    if not rows:
+        return
+    for statement in _SCHEMA_TABLES:
+        database.execute(statement)
+    extension = [(table, None, "gpkg_schema", _SCHEMA_EXTENSION, "read-write")
+                 for table in ("gpkg_data_columns", "gpkg_data_column_constraints")]  # fmt: skip
+    database.executemany("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", extension)
+    database.executemany("INSERT INTO gpkg_data_columns (table_name, column_name, description) VALUES (?, ?, ?)", rows)
+
+
+def create_style_table(dataset: gdal.Dataset) -> None:
+    """Make the table in which QGIS looks for the styles of a file's layers, as QGIS itself makes it."""
+    table = dataset.CreateLayer("layer_styles", None, ogr.wkbNone, ["FID=id"])
+    for name, width in (
+        ("f_table_catalog", 256), ("f_table_schema", 256), ("f_table_name", 256), ("f_geometry_column", 256),
+        ("styleName", 30), ("styleQML", 0), ("styleSLD", 0),
+    ):  # fmt: skip
+        definition = ogr.FieldDefn(name, ogr.OFTString)
+        definition.SetWidth(width)
+        table.CreateField(definition)
+    default = ogr.FieldDefn("useAsDefault", ogr.OFTInteger)
+    default.SetSubType(ogr.OFSTBoolean)
+    table.CreateField(default)
+    for name in ("description", "owner", "ui"):
+        table.CreateField(ogr.FieldDefn(name, ogr.OFTString))
+    table.CreateField(ogr.FieldDefn("update_time", ogr.OFTDateTime))
+
+
+def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
+    written = [layer.name for layer in layers if layer.name in styles]
+    for name in written:
+        database.execute(
+            "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName,"
+            " styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"
+            " VALUES ('', '', ?, ?, ?, ?, '', 1, ?, '', '', ?)",
+            (name, GEOMETRY_COLUMN, name, styles[name].qml, styles[name].description, run_date()),
+        )
+    if styles:
+        database.execute(
+            "UPDATE gpkg_ogr_contents SET feature_count = (SELECT count(*) FROM layer_styles)"
+            " WHERE table_name = 'layer_styles'"
+        )
+
+
+def remove_old_journal(path: str) -> None:
+    """Remove the write-ahead log of the file that is replaced: SQLite would play it into the new one.
+
+    QGIS leaves one beside every GeoPackage that it has open.
+    """
+    for suffix in ("-wal", "-shm"):
+        with contextlib.suppress(FileNotFoundError):
+            os.remove(path + suffix)

@@ -1,0 +1,1 @@
+"""Reports: HTML pages from templates, JSON, and pictures."""

@@ -1,0 +1,156 @@
+"""Reports as files: text, and pages for people, one HTML file each that loads nothing and runs HRSI's scripts only."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from ...foundation.errors import OutputError
+from ...foundation.json_values import json_ready
+from ..safety.replacing import replacing
+
+TEMPLATES = os.path.join(os.path.dirname(__file__), "templates")
+#: Rows of a page's tables: a block of thousands of images has all its figures in report.json.
+LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
+MOST_DECIMALS = 5  # of a number; smaller ones get a power of ten
+
+
+def write_page(
+    path: str, template: str, report: Mapping[str, Any], script_data: Mapping[str, Any] | None = None, **drawings: Any
+) -> None:
+    """Write a report with a template of ``templates/`` in one step; ``drawings`` are SVG texts or data made from them.
+
+    ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
+    """
+    scripts = [_script(name) for name in ("page.js", *(["block_map.js"] if script_data else []))]
+    page = _environment().get_template(template)
+    write_text(
+        path,
+        page.render(
+            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=_policy(scripts),
+            **LIMITS, **drawings,
+        ),
+    )  # fmt: skip
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """Return the page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes."""
+    hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
+    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
+
+
+@cache
+def _script(name: str) -> str:
+    with open(os.path.join(TEMPLATES, name), encoding="utf-8") as file:
+        return file.read()
+
+
+def write_text(path: str, text: str) -> None:
+    """Write a text file in one step; raise `OutputError` where it cannot be written."""
+    try:
+        with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except UnicodeEncodeError as error:
+        raise OutputError(f"{path}: cannot be written as UTF-8 ({error}): rename the file or point") from None
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.ChainableUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["figure"] = figure
+    environment.filters["coded"] = mark_code
+    environment.filters["by_sigma"] = digits_by_sigma
+    environment.filters["duration"] = duration
+    return environment
+
+
+def mark_code(text: str) -> Markup:
+    """Return a message as HTML; the arguments that it names in backticks are code.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+
+    Returns
+    -------
+    Markup
+        The message, escaped.
+    """
+    parts = re.split(r"`([^`]+)`", text)  # what is in backticks comes second, fourth, …
+    code = Markup("<code>{}</code>")
+    return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
+
+
+def figure(value: Any, digits: int = 3, unit: str = "") -> str:
+    """Return a number with fixed digits; a dash where there is none.
+
+    Where four digits or more are asked for, one above 0 that would read as 0 is written as below the last digit.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return "–" if value is None or isinstance(value, jinja2.Undefined) else str(value)
+    if isinstance(value, int) or abs(value) >= 1e15:
+        text = f"{value:,.0f}"
+    else:
+        text = f"{value:,.{digits}f}"
+        if float(text.replace(",", "")) == 0.0:
+            small = digits >= 4 and value > 0.0
+            text = f"<\N{NARROW NO-BREAK SPACE}{10.0**-digits:.{digits}f}" if small else f"{0.0:.{digits}f}"
+    text = text.replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
+    return f"{text}\N{NO-BREAK SPACE}{unit}" if unit else text
+
+
+def digits_by_sigma(value: Any, sigma: Any) -> str:
+    """Return an estimate with as many digits as its standard deviation has a say in: two of the sigma's.
+
+    Parameters
+    ----------
+    value, sigma : float or None
+        The estimate and its standard deviation.
+
+    Returns
+    -------
+    str
+        Tiny ones with a power of ten.
+    """
+    if not isinstance(value, (int, float)):
+        return figure(value)
+    if not isinstance(sigma, (int, float)) or not 0.0 < sigma < math.inf:
+        return figure(value)
+    decimals = 1 - math.floor(math.log10(sigma))
+    if decimals <= MOST_DECIMALS:
+        return figure(float(value), max(decimals, 0))
+    power = math.floor(math.log10(max(abs(value), sigma)))
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{figure(value / 10.0**power, max(decimals + power, 0))}·10{raised}"
+
+
+def duration(seconds: Any) -> str:
+    """Return a time in seconds, or minutes and seconds.
+
+    Parameters
+    ----------
+    seconds : float
+        The time.
+
+    Returns
+    -------
+    str
+        With its unit.
+    """
+    if not isinstance(seconds, (int, float)) or seconds < 60.0:
+        return figure(seconds, 1, "s")
+    return f"{int(seconds // 60.0)} min {int(seconds % 60.0)} s"

@@ -1,0 +1,56 @@
+"""Small pictures of images, as texts that a page holds in itself."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+from osgeo import gdal
+
+from ...drawing.target_chips import stretch_grey, stretched_png
+from ..opening.datasets import gdal_messages
+
+JPEG_QUALITY = 70
+LEFT_OUT_GREY = 236  # of pixels without a value: near the page's white
+
+
+def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
+    """Return grey values as a ``data:`` URI: JPEG, and PNG where this GDAL has no JPEG.
+
+    Parameters
+    ----------
+    grey : (lines, samples) ndarray
+        Of any type.
+    valid : (lines, samples) ndarray of bool
+        Which of them count.
+
+    Returns
+    -------
+    str
+        The URI.
+    """
+    content = _jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(LEFT_OUT_GREY)))
+    if content is None:
+        return f"data:image/png;base64,{stretched_png(grey, valid)}"
+    return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _jpeg(grey: np.ndarray) -> bytes | None:
+    driver = gdal.GetDriverByName("JPEG")
+    if driver is None:
+        return None
+    name = "/vsimem/hrsi/picture.jpg"
+    lines, samples = grey.shape
+    with gdal_messages():
+        memory = gdal.GetDriverByName("MEM").Create("", samples, lines, 1, gdal.GDT_Byte)
+        memory.GetRasterBand(1).WriteArray(grey)
+        made = driver.CreateCopy(name, memory, options=[f"QUALITY={JPEG_QUALITY}"])
+        del made
+        status = gdal.VSIStatL(name)
+        file = gdal.VSIFOpenL(name, "rb") if status is not None else None
+        content = None if file is None else bytes(gdal.VSIFReadL(1, status.size, file))
+        if file is not None:
+            gdal.VSIFCloseL(file)
+        gdal.Unlink(name)
+        gdal.Unlink(f"{name}.aux.xml")
+    return content

@@ -1,0 +1,81 @@
+"""The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...drawing.block_figures import ReportFigures, drawn
+from ...drawing.residual_plots import bars_svg
+from ...foundation.json_values import json_lines
+from .code_pages import explained_codes
+from .page import write_page, write_text
+
+__all__ = ["ReportFigures", "write_report_html", "write_report_json"]
+MOST_BARS = 12  # images
+
+
+def write_report_json(path: str, report: Mapping[str, Any]) -> None:
+    """Write a report as JSON in one step, a line an image; NumPy values become plain ones, NaN and infinity null.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    report : mapping
+        The report.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    write_text(path, json_lines(report) + "\n")
+
+
+def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigures | None = None) -> None:
+    """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    report : mapping
+        The report.
+    figures : ReportFigures, optional
+        The figures.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    reasons = (report.get("verdict") or {}).get("reasons", [])
+    explained = explained_codes(reason["code"] for reason in reasons)
+    drawings = drawn(figures or ReportFigures())
+    write_page(path, "report.html.j2", report, explained=explained, before_after=_before_after(report), **drawings)
+
+
+def _before_after(report: Mapping[str, Any]) -> str:
+    """Return bars of what the refinement did, of tie points and of the images that were farthest off; empty without."""
+    images = {
+        name: {
+            "before": _length(entry, "before_rmse_sample_px", "before_rmse_line_px"),
+            "after": _length(entry, "rmse_sample_px", "rmse_line_px"),
+        }
+        for name, entry in report.get("images", {}).items()
+    }
+    farthest = sorted(images, key=lambda name: -np.nan_to_num(images[name]["before"]))
+    ties = report.get("ties") or {}
+    bars = {"tie points": {"before": _length(ties, "before_rmse_px"), "after": _length(ties, "rmse_px")}}
+    bars |= {name: images[name] for name in farthest}
+    known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
+    return bars_svg(dict(list(known.items())[: MOST_BARS + 1]), "px") if known else ""
+
+
+def _length(entry: Mapping[str, Any], *axes: str) -> float:
+    """Return the length of the vector of some figures; NaN where one does not exist."""
+    return math.hypot(*(math.nan if entry.get(axis) is None else float(entry[axis]) for axis in axes))

@@ -1,0 +1,1 @@
+"""Rasters: images, DEMs, geoid grids, reference images and orthoimages."""

@@ -1,0 +1,115 @@
+"""Where the pixels of a georeferenced raster lie: longitude and latitude to column and row, and back."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pyproj
+from osgeo import gdal
+
+from ...foundation.errors import InputError
+from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
+from ..opening.budgets import CELL_M
+
+TURN_TOLERANCE = 1e-3  # of a column, by which a raster round the Earth may miss a whole turn
+
+
+class Georeference:
+    """A raster's geotransform and CRS; columns and rows count from the centre of the first pixel.
+
+    ``what`` names its kind in messages: DEM, orthoimage. Raises `InputError` where CRS or geotransform is missing.
+
+    A raster round the whole Earth has no first column where it is ``endless``: columns then count from the meridian
+    opposite to the first place that is asked for, so that nothing near that place is torn apart. Column ``k`` is
+    column ``(first + k) % turn`` of the file.
+    """
+
+    def __init__(self, dataset: gdal.Dataset, path: str, what: str, endless: bool = False) -> None:
+        self.crs = _crs_of(dataset, path)
+        geotransform = dataset.GetGeoTransform(can_return_null=True)
+        inverse = None if geotransform is None else gdal.InvGeoTransform(geotransform)
+        if geotransform is None or inverse is None:
+            raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the {what}")
+        self._geotransform, self._inverse = geotransform, inverse
+        self.horizontal = self.crs.sub_crs_list[0] if self.crs.sub_crs_list else self.crs
+        self._geographic = bool(self.horizontal.is_geographic)
+        try:
+            self._from_wgs84 = pyproj.Transformer.from_crs(4326, self.horizontal, always_xy=True)
+            self._to_wgs84 = pyproj.Transformer.from_crs(self.horizontal, 4326, always_xy=True)
+        except pyproj.exceptions.ProjError as error:
+            raise InputError(
+                f"{path}: PROJ knows no way from its CRS to WGS84 ({error}): assign one with gdal_edit.py"
+            ) from None
+        self.first = 0
+        self._require_place(path, np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))
+        (west, _), (middle, _), (east, _) = self._xy(
+            np.array([[0.0, 0.5], [0.5, 0.5], [1.0, 0.5]]) * [dataset.RasterXSize, dataset.RasterYSize]
+        )
+        self._middle_x, self._half_width = float(middle), min(180.0, 0.5 * abs(float(east - west)))
+        # Columns of a whole turn, 0 for a raster that has an end
+        columns = 360.0 / geotransform[1] if endless and self._geographic and geotransform[1] > 0.0 else 0.0
+        whole = abs(columns - round(columns)) < TURN_TOLERANCE and round(columns) <= dataset.RasterXSize
+        self.turn = round(columns) if whole else 0
+        self._placed = not self.turn
+        self._lock = threading.Lock()
+
+    def to_grid(self, lonlat: np.ndarray) -> np.ndarray:
+        """Return column, row, (0, 0) the centre of the first cell, of lon, lat points ``(n, 2)``."""
+        x, y = self._from_wgs84.transform(lonlat[:, 0], lonlat[:, 1])
+        x = np.asarray(x)
+        if not self._placed:
+            self._begin_opposite(x)
+        if self._geographic:
+            x = longitudes_near(x, self._middle_x, self._half_width)
+        x0, dx_column, dx_row, y0, dy_column, dy_row = self._inverse
+        return np.column_stack(
+            [x0 + dx_column * x + dx_row * y - 0.5 - self.first, y0 + dy_column * x + dy_row * y - 0.5]
+        )  # corner to centre
+
+    def _begin_opposite(self, lon_deg: np.ndarray) -> None:
+        """Have the columns begin opposite to the first of some longitudes."""
+        with self._lock:
+            known = lon_deg[np.isfinite(lon_deg)]
+            if self._placed or not len(known):
+                return
+            x0, dx_column = self._inverse[:2]
+            self.first = round(x0 + dx_column * float(known[0]) - 0.5 * self.turn)
+            self._middle_x = float((self.first + 0.5 * self.turn - x0) / dx_column)
+            self._half_width = 180.0
+            self._placed = True
+
+    def to_lonlat(self, grid: np.ndarray) -> np.ndarray:
+        """Return lon, lat ``(n, 2)`` of columns and rows ``(n, 2)``."""
+        xy = self._xy(grid + [self.first + 0.5, 0.5])
+        lon, lat = self._to_wgs84.transform(xy[:, 0], xy[:, 1])
+        return np.column_stack([wrap_degrees(np.asarray(lon)), lat])
+
+    def _require_place(self, path: str, middle: np.ndarray) -> None:
+        """Raise `InputError` for a middle that is nowhere on Earth, or cells of an impossible size."""
+        lonlat = self.to_lonlat(middle + [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        sides = np.linalg.norm(ground_difference_m(*(_at_height_0(lonlat[k]) for k in ([1, 2], [0, 0]))), axis=1)
+        if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 90.0:
+            raise InputError(f"{path}: its middle is nowhere on Earth: correct its geotransform and CRS")
+        if sides.min() < CELL_M[0] or sides.max() > CELL_M[1]:
+            raise InputError(f"{path}: its cells are {sides[0]:g} x {sides[1]:g} m: correct its geotransform and CRS")
+
+    def _xy(self, corner: np.ndarray) -> np.ndarray:
+        """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
+        x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
+        column, row = corner.T
+        return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
+
+
+def _at_height_0(lonlat: np.ndarray) -> np.ndarray:
+    return np.column_stack([lonlat, np.zeros(len(lonlat))])
+
+
+def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
+    wkt = dataset.GetProjection()
+    if not wkt:
+        raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
+    try:
+        return pyproj.CRS.from_wkt(wkt)
+    except (pyproj.exceptions.CRSError, UnicodeError) as error:
+        raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None

@@ -1,0 +1,293 @@
+"""Images on disk: opening one with its RPC, and reading windows of pixels from several threads and processes."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from osgeo import gdal
+
+from ...block.block import Image
+from ...foundation.errors import InputError
+from ...foundation.in_memory import InMemory
+from ..opening.datasets import gdal_messages, virtual_status
+from ..opening.item_images import item_of
+from ..rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
+from ..rpc_files.reading import FoundRpc
+from ..safety.content_marks import content_mark
+from .map_grid import map_grid_doubt
+
+RPC_SUFFIX = "_rpc"
+OPEN_PER_THREAD = 32  # a block of a thousand images must not hold a thousand files open
+STRIP_PIXELS = 4_000_000  # read at a time when an image is read at a lower resolution
+_LOCAL_LAYER = re.compile(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)")  # GDAL's way into an archive, and the archive
+_open_datasets = threading.local()
+
+
+class NamedRaster(Protocol):
+    """What a rasterio dataset has."""
+
+    name: str
+
+
+class EncodedRaster(Protocol):
+    """What an object of xarray has."""
+
+    encoding: dict[Any, Any]
+
+
+#: What stands for an image's file.
+ImageSource = str | os.PathLike[str] | NamedRaster | EncodedRaster
+
+
+class ImageInMemory(InMemory):
+    """An image that is open already, under its path, or its id where it comes from arrays."""
+
+    __slots__ = ("image",)
+    image: Image
+
+    def __new__(cls, image: Image) -> ImageInMemory:
+        """Name the image."""
+        made = super().__new__(cls, image.path or image.id)
+        made.image = image
+        return made
+
+
+def image_id(path: str) -> str:
+    """Return an image's id: that of its STAC item, else the file's stem without a trailing ``_RPC``."""
+    if isinstance(path, ImageInMemory):
+        return path.image.id
+    if (item := item_of(path)) is not None:
+        return item.id
+    stem = Path(path).stem
+    return stem[: -len(RPC_SUFFIX)] if stem.lower().endswith(RPC_SUFFIX) and len(stem) > len(RPC_SUFFIX) else stem
+
+
+def open_image(source: ImageSource) -> Image:
+    """Open an image with its RPC, or an RPC file alone (then without pixels).
+
+    Parameters
+    ----------
+    source : path, rasterio dataset, or xarray object
+        Anything that GDAL opens and that has an RPC, or an RPC file; or what stands for such a file: an open rasterio
+        dataset, a DataArray or Dataset of xarray or rioxarray. Of these the file is opened, whole and as it was saved:
+        changes in memory and selections do not count.
+
+    Returns
+    -------
+    Image
+        With its camera, its size and a way to its pixels.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is neither an image nor an RPC file, or has no RPC; or ``source`` stands for no file.
+    """
+    return open_image_and_source(path_of(source))[0]
+
+
+def path_of(source: ImageSource) -> str:
+    """Return the path of the file that a path, a rasterio dataset or an xarray object stands for.
+
+    Parameters
+    ----------
+    source : path, rasterio dataset, or xarray object
+        xarray keeps the path in ``encoding["source"]``, rasterio in ``name``.
+
+    Returns
+    -------
+    str
+        The path.
+
+    Raises
+    ------
+    InputError
+        It stands for no file, as an array that was computed does.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return os.fspath(source)
+    encoding = getattr(source, "encoding", None)
+    path = encoding.get("source") if isinstance(encoding, Mapping) else getattr(source, "name", None)
+    if not isinstance(path, str) or not path:
+        raise InputError(f"an image given as {type(source).__name__} stands for no file: save it and give its path")
+    return path
+
+
+def path_elsewhere(path: str) -> str:
+    """Return the path by which a process with another working directory finds a file; URLs and subdatasets stay."""
+    if os.path.exists(path):
+        return os.path.abspath(path)
+    layer = _LOCAL_LAYER.match(path)
+    if layer is None or layer[2].startswith("/"):
+        return path
+    return f"{layer[1]}{path_elsewhere(layer[2]) if layer[2].startswith('vsi') else os.path.abspath(layer[2])}"
+
+
+def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
+    """Open an image as `open_image` does; return also where its RPC came from, for the log."""
+    if isinstance(path, ImageInMemory):
+        return path.image, FoundRpc(path.image.rpc, "in memory", size=path.image.size)
+    path = os.fspath(path)
+    alone = read_rpc_file(path)
+    if alone is not None:
+        return Image(
+            image_id(path), alone.rpc, alone.size, path, stated_height_m=alone.height_m, sensor=alone.sensor
+        ), alone
+    raster = GdalRaster(path)
+    found = rpc_of_dataset(path, raster.dataset)
+    item = item_of(path)
+    sensor = found.sensor or ("" if item is None else item.platform)
+    image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
+    return image, found
+
+
+def pixel_doubt(image: Image) -> str:
+    """Return in words why an image's RPC may not be that of its pixels; nothing where nothing speaks against it."""
+    return (
+        map_grid_doubt(image.raster.path, image.raster.dataset, image.rpc)
+        if isinstance(image.raster, GdalRaster)
+        else ""
+    )
+
+
+def file_stamp(path: str) -> tuple[int, ...]:
+    """Return what tells one state of an open file from another (size, time of change); zeros where that is not known.
+
+    For what one process keeps open; what later runs take up again is told by `content_marks.content_mark`.
+    """
+    if path.startswith("/vsi"):
+        status = virtual_status(path)
+        return (0, 0) if status is None else (int(status.size), int(status.mtime))
+    try:
+        status = os.stat(path)
+    except OSError:  # a subdataset or connection string
+        return (0, 0)
+    return status.st_size, status.st_mtime_ns, status.st_ino
+
+
+@atexit.register
+def close_images() -> None:
+    """Close the images that the calling thread has open; they are opened again when they are read.
+
+    To be called at the end of a piece of work: files stay locked (Windows) while they are open, and datasets must not
+    outlive GDAL. Other threads close theirs when they end.
+    """
+    _open_datasets.__dict__.clear()
+
+
+class GdalRaster:
+    """Pixels of the first band of an image. Threads may read at the same time: each has its own GDAL handle.
+
+    It can be sent to another process (pickled), which opens the file itself: under its absolute path, as other
+    processes have folders of their own.
+
+    Of images with several bands the first one is read: it is the panchromatic or a visible band in every product
+    known, and a mean of bands would mix bands that do not lie exactly on each other.
+    """
+
+    def __init__(self, path: str, band: int = 1) -> None:
+        self.path, self._band = str(path), band
+        self.stamp = file_stamp(path)
+        self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
+        if not 1 <= band <= self.dataset.RasterCount:
+            raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "path": path_elsewhere(self.path)}
+
+    @property
+    def dataset(self) -> gdal.Dataset:
+        """The calling thread's GDAL dataset."""
+        # The calling thread's GDAL dataset of a file; the least used ones are closed
+        datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset] | None
+        datasets = getattr(_open_datasets, "by_path", None)
+        if datasets is None:
+            datasets = _open_datasets.by_path = OrderedDict()
+        dataset = datasets.pop((self.path, self.stamp), None) or open_raster(self.path)
+        datasets[self.path, self.stamp] = dataset
+        while len(datasets) > OPEN_PER_THREAD:
+            datasets.popitem(last=False)
+        return dataset
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a window's grey values ``(lines, samples)`` and its mask of valid pixels (bool).
+
+        The window may reach over the image's edge: there the mask is False and the grey value 0. Not valid are
+        also nodata, pixels that a mask or alpha band leaves out, and values that are not finite. Raises `InputError`
+        where the pixels cannot be read.
+        """
+        first_sample, first_line = max(sample, 0), max(line, 0)
+        width = min(sample + samples, self.size[0]) - first_sample
+        height = min(line + lines, self.size[1]) - first_line
+        if width <= 0 or height <= 0:
+            return np.zeros((lines, samples), dtype=np.float32), np.zeros((lines, samples), dtype=bool)
+        grey, valid = self._read_inside(first_sample, first_line, width, height)
+        if (width, height) == (samples, lines):
+            return grey, valid
+        place = np.s_[
+            first_line - line : first_line - line + height, first_sample - sample : first_sample - sample + width
+        ]
+        whole, mask = np.zeros((lines, samples), dtype=grey.dtype), np.zeros((lines, samples), dtype=bool)
+        whole[place], mask[place] = grey, valid
+        return whole, mask
+
+    def _read_inside(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        band = self.dataset.GetRasterBand(self._band)
+        grey = mask = None
+        with gdal_messages() as messages:
+            grey = band.ReadAsArray(sample, line, samples, lines)
+            if band.GetMaskFlags() != gdal.GMF_ALL_VALID:
+                mask = band.GetMaskBand().ReadAsArray(sample, line, samples, lines)
+        if grey is None or (mask is None and messages):
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(
+                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): get the file again"
+            )
+        valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
+        if np.issubdtype(grey.dtype, np.inexact):
+            valid &= np.isfinite(grey)
+        return grey, valid
+
+    def content_mark(self) -> str:
+        """Return what tells the content of the file and its side files from another: `content_marks.content_mark`."""
+        return content_mark(self.path)
+
+    def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the whole image as means of ``step`` x ``step`` pixels, float32 and mask, ``(lines, samples)``.
+
+        GDAL takes the image's overviews where it has them. Without, all pixels pass through, a strip at a time, and
+        leave GDAL's cache again: memory stays at the size of a strip. A mean is valid where all its pixels are.
+        """
+        samples, lines = self.size[0] // step, self.size[1] // step
+        grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)
+        strip = max(1, STRIP_PIXELS // (samples * step * step))
+        for first in range(0, lines, strip):
+            rows = slice(first, min(first + strip, lines))
+            grey[rows], valid[rows] = self._read_strip(rows, samples, step)
+        return grey, valid
+
+    def _read_strip(self, rows: slice, samples: int, step: int) -> tuple[np.ndarray, np.ndarray]:
+        dataset = self.dataset
+        band, count = dataset.GetRasterBand(self._band), rows.stop - rows.start
+        window = (0, rows.start * step, samples * step, count * step, samples, count)
+        grey = mask = None
+        masked = band.GetMaskFlags() != gdal.GMF_ALL_VALID
+        with gdal_messages() as messages:
+            grey = band.ReadAsArray(*window, buf_type=gdal.GDT_Float32, resample_alg=gdal.GRIORA_Average)
+            if masked:
+                mask = band.GetMaskBand().ReadAsArray(
+                    *window, buf_type=gdal.GDT_Float32, resample_alg=gdal.GRIORA_Average
+                )
+        dataset.FlushCache()
+        if grey is None or (masked and mask is None):
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(f"{self.path}: lines from {window[1]} on cannot be read ({reason}): get the file again")
+        valid = np.isfinite(grey) if mask is None else np.isfinite(grey) & (mask >= 254.5)
+        return np.where(valid, grey, np.float32(0.0)), valid

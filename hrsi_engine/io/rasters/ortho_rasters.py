@@ -1,0 +1,109 @@
+"""Finished orthoimages opened for comparison: their place on the map, and one brought onto the pixels of another."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+
+import numpy as np
+import pyproj
+from osgeo import gdal
+
+from ...foundation.errors import InputError
+from ...ground.geodesy import metres_per_degree
+from ..opening.datasets import gdal_messages
+from .images import GdalRaster
+
+ALIGNED_PX = 0.01  # pixels may lie so far beside those of another orthoimage and still count as the same
+SAME_RESOLUTION = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class OrthoRaster:
+    """The first band of an orthoimage, north up, with its CRS (WKT) and GDAL's geotransform."""
+
+    path: str
+    raster: GdalRaster
+    crs: str
+    geotransform: tuple[float, ...]
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east, north in the CRS's units."""
+        west, step_x, _, north, _, step_y = self.geotransform
+        columns, rows = self.raster.size
+        return west, north + rows * step_y, west + columns * step_x, north
+
+    def lonlat(self, pixels: np.ndarray) -> np.ndarray:
+        """Return lon, lat ``(n, 2)`` of column, row ``(n, 2)``; (0, 0) is the centre of the first pixel."""
+        west, step_x, _, north, _, step_y = self.geotransform
+        x, y = west + (pixels[:, 0] + 0.5) * step_x, north + (pixels[:, 1] + 0.5) * step_y
+        return np.column_stack(pyproj.Transformer.from_crs(self.crs, 4326, always_xy=True).transform(x, y))
+
+    def pixel_m(self) -> tuple[float, float]:
+        """Return width and height of a pixel in metres."""
+        crs = pyproj.CRS.from_wkt(self.crs)
+        size = np.abs([self.geotransform[1], self.geotransform[5]])
+        if not crs.is_geographic:
+            width, height = (size * crs.axis_info[0].unit_conversion_factor).tolist()
+            return width, height
+        middle = np.column_stack([self.lonlat(np.array([self.raster.size]) / 2.0), [0.0]])
+        width, height = (size * metres_per_degree(middle)[0, :2]).tolist()
+        return width, height
+
+
+def open_ortho(path: str) -> OrthoRaster:
+    """Open an orthoimage.
+
+    Parameters
+    ----------
+    path : str
+        Any raster that GDAL opens.
+
+    Returns
+    -------
+    OrthoRaster
+        Its grid and pixels.
+
+    Raises
+    ------
+    InputError
+        It is not georeferenced, or not north up.
+    """
+    raster = GdalRaster(path)
+    dataset = raster.dataset
+    wkt, geotransform = dataset.GetProjection(), dataset.GetGeoTransform(can_return_null=True)
+    if not wkt or geotransform is None:
+        raise InputError(f"{path}: is no orthoimage: it has no CRS or geotransform; use hrsi orthorectify first")
+    if geotransform[2] or geotransform[4] or geotransform[1] <= 0.0 or geotransform[5] >= 0.0:
+        raise InputError(f"{path}: is not north up: warp it first (gdalwarp)")
+    return OrthoRaster(path, raster, wkt, tuple(geotransform))
+
+
+def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None:
+    """Return column and row, in the first orthoimage, of the second one's first pixel; None where pixels differ."""
+    if not pyproj.CRS.from_wkt(first.crs).equals(pyproj.CRS.from_wkt(second.crs), ignore_axis_order=True):
+        return None
+    size = np.array([first.geotransform[1], first.geotransform[5]])
+    other = np.array([second.geotransform[1], second.geotransform[5]])
+    if np.abs(other / size - 1.0).max() > SAME_RESOLUTION:
+        return None
+    offset = np.array([second.geotransform[k] - first.geotransform[k] for k in (0, 3)]) / size
+    whole = np.rint(offset)
+    return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= ALIGNED_PX else None
+
+
+def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
+    """Return an orthoimage on the pixels of another, over that one's extent; warped when it is read, cubic."""
+    path = f"/vsimem/hrsi-{secrets.token_hex(8)}.vrt"
+    result = None
+    with gdal_messages() as messages:
+        result = gdal.Warp(
+            path, ortho.path, format="VRT", outputBounds=like.bounds, width=like.raster.size[0],
+            height=like.raster.size[1], dstSRS=like.crs, resampleAlg="cubic", errorThreshold=0.0, dstAlpha=True,
+        )  # fmt: skip
+    if result is None:
+        reason = messages[-1] if messages else "unknown reason"
+        raise InputError(f"{ortho.path}: cannot be brought onto the pixels of {like.path} ({reason})")
+    del result
+    return OrthoRaster(ortho.path, GdalRaster(path), like.crs, like.geotransform)

@@ -1,0 +1,265 @@
+"""Chunks of orthoimages through GDAL's warper, which gets the finished mapping instead of an RPC.
+
+The target of each chunk carries a geolocation array that holds image positions, at every pixel or at nodes between
+which GDAL interpolates bilinearly: the warper goes from target pixels to image pixels by a table. So all of its
+resampling kernels, data types and masks serve, and the cost of RPC and DEM at every pixel is gone. Only the window of
+the image that a chunk needs is read.
+"""
+
+from __future__ import annotations
+
+import math
+import secrets
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from osgeo import gdal, gdal_array
+
+from ...foundation.errors import InputError, OutputError
+from ..opening.datasets import config_option, gdal_messages
+from .images import GdalRaster
+
+#: Kernels of GDAL's warper: radius in image pixels.
+RESAMPLING = {
+    "near": 1, "bilinear": 1, "cubic": 2, "cubicspline": 2, "lanczos": 3, "average": 1, "rms": 1, "mode": 1, "max": 1,
+    "min": 1, "med": 1, "q1": 1, "q3": 1,
+}  # fmt: skip
+NOWHERE = -1e9  # image position of pixels whose terrain is not known
+SCRATCH = "CPL_TMPDIR", "/vsimem"
+SAME_SCALE = 1.05  # below, a pixel of the map counts as one of the image; GDAL does the same
+
+
+class Pixels(NamedTuple):
+    """Pixels of a chunk ``(bands, rows, columns)`` and, where the orthoimage has a mask, ``valid (rows, columns)``."""
+
+    values: np.ndarray
+    valid: np.ndarray | None
+
+
+class OrthoSource:
+    """A raw image that is warped chunk by chunk, by several threads at the same time."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._raster = GdalRaster(path)
+        self.size = self._raster.size
+        dataset = self._raster.dataset
+        bands = [dataset.GetRasterBand(number) for number in range(1, dataset.RasterCount + 1)]
+        self._alpha = [b.GetColorInterpretation() == gdal.GCI_AlphaBand for b in bands]
+        self.bands = [number for number, alpha in enumerate(self._alpha, 1) if not alpha]
+        if not self.bands:
+            raise InputError(f"{path}: has an alpha band only: name an image with grey values")
+        self.data_type = bands[self.bands[0] - 1].DataType
+        for number in self.bands:
+            self.data_type = gdal.DataTypeUnion(self.data_type, bands[number - 1].DataType)
+        self.nodata = [bands[number - 1].GetNoDataValue() for number in self.bands]
+        flags = bands[self.bands[0] - 1].GetMaskFlags()
+        self.masked = bool(flags & gdal.GMF_PER_DATASET)
+
+    @property
+    def dataset(self) -> gdal.Dataset:
+        """The calling thread's GDAL dataset."""
+        return self._raster.dataset
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether some pixels may not be valid."""
+        return self.masked or any(value is not None for value in self.nodata)
+
+    @property
+    def type_name(self) -> str:
+        """GDAL's name of the pixels' data type."""
+        return str(gdal.GetDataTypeName(self.data_type))
+
+    def holds(self, value: float) -> bool:
+        """Tell whether a pixel can have a value."""
+        dtype = gdal_array.GDALTypeCodeToNumericTypeCode(self.data_type)
+        if not self.is_integer:
+            return True
+        limits = np.iinfo(dtype)
+        return bool(limits.min <= value <= limits.max and value == int(value)) if np.isfinite(value) else False
+
+    @cached_property
+    def is_integer(self) -> bool:
+        return self.data_type not in (gdal.GDT_Float32, gdal.GDT_Float64, gdal.GDT_CFloat32, gdal.GDT_CFloat64)
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[list[np.ndarray], np.ndarray | None]:
+        """Return a window's bands and, for an image with a mask or an alpha band, that."""
+        values: list[np.ndarray | None] = []
+        mask = None
+        with gdal_messages() as messages:
+            for number in self.bands:
+                values.append(self.dataset.GetRasterBand(number).ReadAsArray(sample, line, samples, lines))
+            if self.masked:
+                mask = self.dataset.GetRasterBand(self.bands[0]).GetMaskBand().ReadAsArray(sample, line, samples, lines)
+        found = [band for band in values if band is not None]
+        if len(found) < len(self.bands) or (self.masked and mask is None):
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(
+                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): get the file again"
+            )
+        return found, mask
+
+
+@dataclass(frozen=True)
+class Warp:
+    """How chunks are warped.
+
+    resampling : a name of `RESAMPLING`; scale : pixels of the image per pixel of the map
+    nodata : value of pixels that the image does not show; None where the orthoimage has a mask
+    """
+
+    resampling: str
+    scale: float
+    nodata: float | None
+
+    @property
+    def reach_px(self) -> int:
+        """How far around a position the kernel reads the image."""
+        return math.ceil(RESAMPLING[self.resampling] * max(1.0, self.scale)) + 2
+
+
+def warp_chunk(
+    source: OrthoSource, positions: np.ndarray, step: int, columns: int, rows: int, warp: Warp
+) -> Pixels | None:
+    """Return the pixels of a chunk, None where the image shows nothing of it.
+
+    positions : (2, m, n) sample, line at every ``step``-th pixel, NaN where there is none (then ``step`` is 1)
+    """
+    window = _image_window(source.size, positions, warp.reach_px)
+    if window is None:
+        return None
+    whole = not source.has_gaps and _is_inside(source.size, positions)
+    # A window of the image as a dataset in memory, its mask as an alpha band
+    sample, line, samples, lines = window.tolist()
+    bands, mask = source.read(sample, line, samples, lines)
+    image = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
+    for number, values in enumerate(bands, 1):
+        image.GetRasterBand(number).WriteArray(values)
+    if mask is not None:
+        image.AddBand(source.data_type)
+        opaque = 1 if source.data_type != gdal.GDT_Byte else 255
+        image.GetRasterBand(len(bands) + 1).WriteArray((mask != 0) * opaque)
+        image.GetRasterBand(len(bands) + 1).SetColorInterpretation(gdal.GCI_AlphaBand)
+    target = _target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
+    table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
+    try:
+        with gdal_messages() as messages, config_option(*SCRATCH):
+            _write_table(table, positions, window[:2] - 0.5)
+            target.SetMetadata(_geolocation(table, step), "GEOLOCATION")
+            done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
+        if not done:
+            raise OutputError(f"{source.path}: GDAL cannot warp it ({messages[-1] if messages else 'unknown reason'})")
+        return _pixels(source, target, warp, whole)
+    finally:
+        gdal.Unlink(table)
+
+
+def _image_window(size: tuple[int, int], positions: np.ndarray, reach: int) -> np.ndarray | None:
+    """Return first sample and line, samples and lines of the part of the image that a chunk needs."""
+    flat = positions.reshape(2, -1)
+    low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
+    if np.isnan(low).any():
+        return None
+    low, high = np.clip(np.floor(low) - reach, 0, size), np.clip(np.ceil(high) + reach + 1, 0, size)
+    return np.r_[low, high - low].astype(int) if (high > low).all() else None
+
+
+def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
+    """Tell whether GDAL says by an alpha band which pixels of a chunk the image shows.
+
+    It does so for a mask, and where nothing else than the image's border leaves pixels out: GDAL's kernels are several
+    times as fast without nodata values.
+    """
+    return not whole and (warp.nodata is None or not source.has_gaps)
+
+
+def _target(source: OrthoSource, columns: int, rows: int, nodata: float, with_alpha: bool) -> gdal.Dataset:
+    """Return an empty chunk in memory."""
+    bands = len(source.bands) + with_alpha
+    dataset = gdal.GetDriverByName("MEM").Create("", columns, rows, bands, source.data_type)
+    if nodata:
+        for number in range(1, len(source.bands) + 1):
+            dataset.GetRasterBand(number).Fill(nodata)  # GDAL's INIT_DEST does not reach a dataset that is there
+    if with_alpha:
+        dataset.GetRasterBand(bands).SetColorInterpretation(gdal.GCI_AlphaBand)
+    return dataset
+
+
+def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
+    """Write image positions, counted from an origin, as a raster of two bands in memory."""
+    _, rows, columns = positions.shape
+    options = ["INTERLEAVE=BAND", f"BLOCKYSIZE={rows}"]
+    dataset = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 2, gdal.GDT_Float64, options)
+    for axis in range(2):
+        values = positions[axis] - origin[axis]
+        values[np.isnan(values)] = NOWHERE
+        dataset.GetRasterBand(axis + 1).WriteArray(values)
+    del dataset  # closed here, not at the return: whoever looks at frames, as Dask's profiler does, may keep this one
+
+
+def _geolocation(table: str, step: int) -> dict[str, str]:
+    """Return the metadata that place the table's nodes at the centres of every ``step``-th pixel."""
+    return {
+        "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
+        "PIXEL_OFFSET": "0.5", "LINE_OFFSET": "0.5", "PIXEL_STEP": str(step), "LINE_STEP": str(step),
+        "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
+    }  # fmt: skip
+
+
+def _is_inside(size: tuple[int, int], positions: np.ndarray) -> bool:
+    """Tell whether all positions lie in the image."""
+    low, high = positions.reshape(2, -1).min(axis=1), positions.reshape(2, -1).max(axis=1)
+    return bool((low >= 0.0).all() and (high <= np.array(size) - 1.0).all())
+
+
+def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarpAppOptions:
+    """Return GDAL's options.
+
+    The scale is that of the whole orthoimage: GDAL's own guess, from the extents of the windows, differs from chunk to
+    chunk. The table of the way back from image to map is not needed and made as small as can be. Chunks run in
+    parallel, so none needs threads inside, each of which would copy the tables.
+    """
+    scale = 1.0 / warp.scale if warp.scale > SAME_SCALE else 1.0
+    options = [
+        f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO",
+        "NUM_THREADS=1",
+    ]  # fmt: skip
+    if source.masked:
+        options.append(f"SRC_ALPHA_MAX={255 if source.data_type == gdal.GDT_Byte else 1}")
+    nodata = [value for value in source.nodata if value is not None]
+    with_alpha = _with_alpha(source, warp, whole)
+    return gdal.WarpOptions(
+        transformerOptions=[
+            "SRC_METHOD=NO_GEOTRANSFORM", "DST_METHOD=GEOLOC_ARRAY", "GEOLOC_BACKMAP_OVERSAMPLE_FACTOR=0.1",
+        ],
+        warpOptions=options, errorThreshold=0.0, resampleAlg=warp.resampling, warpMemoryLimit=2000,
+        srcNodata=" ".join(repr(value) for value in nodata) if len(nodata) == len(source.bands) else None,
+        dstNodata=None if with_alpha or whole else repr(warp.nodata), srcAlpha=source.masked, dstAlpha=with_alpha,
+    )  # fmt: skip
+
+
+def _pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: bool) -> Pixels:
+    count = len(source.bands)
+    values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
+    valid = values[count] != 0 if _with_alpha(source, warp, whole) else None
+    values = values[:count]
+    if warp.nodata is None:
+        return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
+    if (whole or valid is not None) and not np.isnan(warp.nodata):
+        # Move grey values that equal nodata by one step, of pixels that are valid
+        same = values == warp.nodata
+        if valid is not None:
+            same &= valid
+        if same.any():
+            values[same] = _next_to(warp.nodata, values.dtype)
+    return Pixels(values, None)
+
+
+def _next_to(nodata: float, dtype: np.dtype) -> float:
+    """Return the smallest step away from a value that a data type has."""
+    if np.issubdtype(dtype, np.integer):
+        return nodata - 1 if nodata == np.iinfo(dtype).max else nodata + 1
+    return float(np.nextafter(dtype.type(nodata), dtype.type(np.inf)))

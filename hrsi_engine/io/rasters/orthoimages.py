@@ -1,0 +1,383 @@
+"""Orthoimages on disk: made of chunks that come in their order, finished as COG or GeoTIFF, replaced in one step.
+
+Who makes the chunks, `warped_chunk`, does not matter: threads or other machines. As they are written in their order,
+the bytes of the file are the same.
+
+An orthoimage carries the fingerprint of what it was made from and how in its metadata: a later run with the same
+fingerprint keeps it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from osgeo import gdal
+
+from ...foundation.errors import Cancelled, OutputError
+from ...foundation.json_values import json_text
+from ...foundation.progress import Progress, advance, stage
+from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
+from ..safety.content_marks import content_mark
+from ..safety.leftovers import hidden_folder
+from ..safety.replacing import replacing
+from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
+
+#: Metadata items; in the default domain, because GDAL's COG driver drops others.
+FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
+ORTHO_TILE = 512
+WIDE = 2  # columns of a chunk for each row: what GDAL does once for a chunk costs as much as some 50 rows
+LEAST_ROWS = 128  # of a chunk
+SAME_SIZE = 1.5  # share by which a chunk's part of the image may be longer than a tile
+WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes into the finished format
+
+_PREDICTED = ("deflate", "lzw", "zstd")
+TILED = ("TILED=YES", f"BLOCKXSIZE={ORTHO_TILE}", f"BLOCKYSIZE={ORTHO_TILE}", "BIGTIFF=IF_SAFER")
+INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
+#: By the choice of `format`: GDAL driver, its options besides the compression.
+FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "cog": (
+        "COG",
+        (f"BLOCKSIZE={ORTHO_TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER"),
+    ),  # copies overviews that are there
+    "gtiff": ("GTiff", TILED),
+}
+COMPRESSION = ("deflate", "lzw", "zstd", "none")
+#: Resampling of overviews by that of the orthoimage, where it is not the mean: values that may not be mixed stay whole.
+OVERVIEW_RESAMPLING = {"near": "NEAREST", "mode": "MODE"}
+
+
+class Grid(Protocol):
+    """The map grid of an orthoimage: `ortho.MapGrid`."""
+
+    @property
+    def crs(self) -> str:
+        """CRS as WKT."""
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+
+    @property
+    def geotransform(self) -> tuple[float, float, float, float, float, float]:
+        """GDAL's geotransform."""
+
+    def chunks(self, columns: int, rows: int) -> Iterable[Any]:
+        """Yield windows (column, row, columns, rows), which have parts again, that cover the grid."""
+
+
+MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where the image shows nothing
+
+
+class OrthoChunk(NamedTuple):
+    """A window of an orthoimage; the others are None, empty and 0 where the image shows nothing of it.
+
+    pixels : None where none of them shows the image
+    step : pixels between the nodes of its mapping
+    errors_px : (k,) distances between interpolated and exact positions
+    unknown : pixels within the image without terrain height
+    """
+
+    window: Any
+    pixels: Pixels | None
+    step: int
+    errors_px: np.ndarray
+    unknown: int
+
+
+def warped_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any) -> OrthoChunk:
+    """Return a window of an orthoimage."""
+    mapping = map_chunk(window)
+    if mapping is None:
+        return OrthoChunk(window, None, 0, np.empty(0), 0)
+    pixels = warp_chunk(source, mapping.positions, mapping.step, window.columns, window.rows, warp)
+    return OrthoChunk(window, pixels, mapping.step, mapping.errors_px, mapping.unknown)
+
+
+def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
+    """Yield the windows of an orthoimage's chunks in the order in which they are written: a tile at once."""
+    for tiles in grid.chunks(WIDE * ORTHO_TILE, ORTHO_TILE):
+        yield from tiles.parts(*chunk_size(warp.scale))
+
+
+@dataclass(frozen=True)
+class OrthoFormat:
+    """How orthoimages are stored.
+
+    Parameters
+    ----------
+    name : str
+        One of `FORMATS`.
+    compression : str
+        One of `COMPRESSION`.
+    """
+
+    name: str
+    compression: str
+
+    def creation_options(self, is_integer: bool, threads: int) -> list[str]:
+        """Return GDAL's creation options.
+
+        Parameters
+        ----------
+        is_integer : bool
+            Whether grey values are whole numbers: what predictor compresses best.
+        threads : int
+            Threads that compress.
+
+        Returns
+        -------
+        list of str
+            ``NAME=VALUE``.
+        """
+        driver, options = FORMATS[self.name]
+        found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
+        if self.compression in _PREDICTED:
+            found.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={2 if is_integer else 3}")
+        return found
+
+
+@dataclass
+class OrthoFigures:
+    """What came of an orthoimage: pixels shown, pixels without terrain, position errors at random pixels, steps."""
+
+    shown: int = 0
+    unknown: int = 0
+    errors_px: list[np.ndarray] = field(default_factory=list)
+    pixels_by_step: dict[int, int] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures as the report has them."""
+        errors = np.concatenate([np.empty(0), *self.errors_px])
+        none = not len(errors)
+        return {
+            "shown_pixels": self.shown,
+            "unknown_pixels": self.unknown,
+            "checked": len(errors),
+            "position_error_max_px": None if none else float(errors.max()),
+            "position_error_p99_px": None if none else float(np.percentile(errors, 99.0)),
+            "position_error_rms_px": None if none else float(np.sqrt(np.mean(errors**2))),
+            "pixels_by_step": {str(step): count for step, count in sorted(self.pixels_by_step.items())},
+        }
+
+
+def fingerprint(made_from: Mapping[str, Any]) -> str:
+    """Return a short text that differs when anything differs that an orthoimage is made from."""
+    text = json_text(made_from, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def stamp_of(path: str) -> str | None:
+    """Return the fingerprint that an orthoimage carries; None without one, or where there is no readable image."""
+    dataset, _ = open_dataset(path) if os.path.exists(path) else (None, "")
+    return None if dataset is None else metadata_of(dataset).get(FINGERPRINT)
+
+
+def stored_figures(path: str) -> dict[str, Any]:
+    """Return the figures that an orthoimage carries: `OrthoFigures.summary` of its making."""
+    dataset, message = open_dataset(path)
+    if dataset is None:
+        raise OutputError(f"{path}: cannot be read ({message}): remove it and run again")
+    return dict(json.loads(metadata_of(dataset)[FIGURES]))
+
+
+def file_state(path: str) -> list[Any]:
+    """Return name and content of a dataset."""
+    return [os.path.abspath(path), content_mark(path)]
+
+
+def write_orthoimage(
+    path: str, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp, form: OrthoFormat,
+    made_from: Mapping[str, Any], threads: int, progress: Progress, lineage: Mapping[str, str] | None = None,
+) -> OrthoFigures:  # fmt: skip
+    """Write an orthoimage; return its figures.
+
+    Parameters
+    ----------
+    path : str
+        The file, replaced in one step.
+    source : OrthoSource
+        The image.
+    grid : Grid
+        The pixels of the map.
+    chunks : iterator of OrthoChunk
+        Those of `chunk_windows`, in that order; so many are taken as the orthoimage has.
+    warp : Warp
+        How grey values are interpolated.
+    form : OrthoFormat
+        How they are stored.
+    made_from : mapping
+        What to note in the file: from what and how it was made.
+    threads : int
+        That compress.
+    progress : Progress
+        Callback; False cancels.
+    lineage : mapping of str to str, optional
+        What the file tells people of itself.
+
+    Returns
+    -------
+    OrthoFigures
+        What was written.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
+    """
+    figures = OrthoFigures()
+
+    def fill(dataset: gdal.Dataset, part: Progress) -> None:
+        _fill(dataset, source, grid, chunks, warp, figures, part)
+        dataset.SetMetadata({**_metadata(made_from, figures), **(lineage or {})})
+
+    options = form.creation_options(source.is_integer, threads)
+    with hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
+        if FORMATS[form.name][0] == "GTiff":
+            _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
+        else:
+            plain = os.path.join(hidden, "chunks.tif")
+            part = stage(progress, 0.0, WARPED)
+            _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
+            _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
+            _copy(plain, temporary, path, FORMATS[form.name][0], options, stage(progress, WARPED, 1.0))
+    return figures
+
+
+def _write_tiles(
+    target: str, path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp,
+    fill: Callable[[gdal.Dataset], None],
+) -> None:  # fmt: skip
+    """Write a tiled file that ``fill`` fills; ``path`` is what errors name."""
+    with gdal_messages() as messages:
+        dataset = _create(target, options, source, grid, warp)
+        created = dataset is not None
+        if created:
+            fill(dataset)
+        del dataset  # closed here, so that failures of the last writing count
+    if messages or not created:
+        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
+
+
+def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
+    """Create a tiled file for the chunks, with the bands' descriptions."""
+    count = len(source.bands)
+    dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, count, source.data_type, options)
+    if dataset is None:
+        return None
+    dataset.SetProjection(grid.crs)
+    dataset.SetGeoTransform(grid.geotransform)
+    for number, origin in enumerate(source.bands, 1):
+        # Give a band the name, meaning, scale, offset and unit of another
+        old = source.dataset.GetRasterBand(origin)
+        new = dataset.GetRasterBand(number)
+        new.SetDescription(old.GetDescription())
+        new.SetColorInterpretation(old.GetColorInterpretation())
+        if old.GetScale() is not None:
+            new.SetScale(old.GetScale())
+        if old.GetOffset() is not None:
+            new.SetOffset(old.GetOffset())
+        if old.GetUnitType():
+            new.SetUnitType(old.GetUnitType())
+        if warp.nodata is not None:
+            dataset.GetRasterBand(number).SetNoDataValue(warp.nodata)
+    if warp.nodata is None:
+        with config_option(*INTERNAL_MASK):
+            dataset.CreateMaskBand(gdal.GMF_PER_DATASET)
+    return dataset
+
+
+def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
+    return {
+        FINGERPRINT: fingerprint(made_from),
+        FIGURES: json_text(figures.summary()),
+    }
+
+
+def _fill(
+    dataset: gdal.Dataset, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp,
+    figures: OrthoFigures, progress: Progress,
+) -> None:  # fmt: skip
+    """Write the chunks of an orthoimage, as they come."""
+    total = sum(1 for _ in chunk_windows(grid, warp))
+    for done, chunk in enumerate(islice(chunks, total)):
+        advance(progress, done / total, f"warping {os.path.basename(source.path)}")
+        if chunk.step:
+            _count(figures, chunk)
+        if chunk.pixels is not None:
+            figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
+
+
+def chunk_size(scale: float) -> tuple[int, int]:
+    """Return columns and rows of a chunk whose part of the image is hardly larger than for equal pixels."""
+    rows = ORTHO_TILE
+    while rows > LEAST_ROWS and rows * scale > ORTHO_TILE * SAME_SIZE:
+        rows //= 2
+    return WIDE * rows, rows
+
+
+def _count(figures: OrthoFigures, chunk: OrthoChunk) -> None:
+    figures.unknown += chunk.unknown
+    figures.errors_px.append(chunk.errors_px)
+    pixels = chunk.window.columns * chunk.window.rows
+    figures.pixels_by_step[chunk.step] = figures.pixels_by_step.get(chunk.step, 0) + pixels
+
+
+def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp) -> int:
+    """Write a chunk; return how many of its pixels show the image."""
+    for number, values in enumerate(pixels.values, 1):
+        dataset.GetRasterBand(number).WriteArray(values, window.column, window.row)
+    if pixels.valid is not None:
+        mask = dataset.GetRasterBand(1).GetMaskBand()
+        mask.WriteArray(np.where(pixels.valid, 255, 0).astype(np.uint8), window.column, window.row)
+        return int(np.count_nonzero(pixels.valid))
+    nodata = np.nan if warp.nodata is None else warp.nodata  # floats say it by NaN
+    empty = np.isnan(pixels.values[0]) if np.isnan(nodata) else pixels.values[0] == nodata
+    return int(empty.size - np.count_nonzero(empty))
+
+
+def _add_overviews(plain: str, resampling: str) -> None:
+    """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
+    dataset = gdal.Open(plain, gdal.GA_Update)
+    factors: list[int] = []
+    while max(dataset.RasterXSize, dataset.RasterYSize) > ORTHO_TILE << len(factors):
+        factors.append(2 << len(factors))
+    if not factors:
+        return
+    with gdal_messages() as messages:
+        dataset.BuildOverviews(resampling, factors)
+        dataset.FlushCache()
+    if messages:
+        raise OutputError(f"{plain}: cannot be written ({messages[-1]})")
+
+
+def _copy(plain: str, target: str, path: str, driver: str, options: list[str], progress: Progress) -> None:
+    """Bring the chunks, with their overviews, into the wanted format; ``path`` is what errors name."""
+    cancelled = False
+
+    def tell(fraction: float, _message: str, _data: object) -> int:
+        nonlocal cancelled
+        cancelled = progress(fraction, f"writing {os.path.basename(path)}") is False
+        return 0 if cancelled else 1
+
+    copy = None
+    with gdal_messages() as messages:
+        copy = gdal.GetDriverByName(driver).CreateCopy(target, gdal.Open(plain), 0, options, callback=tell)
+        copied = copy is not None
+        del copy  # closed here, so that failures of the last writing count
+    if cancelled:
+        raise Cancelled("cancelled")
+    if messages or not copied:
+        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")

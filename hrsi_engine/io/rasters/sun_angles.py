@@ -1,0 +1,165 @@
+"""Where the sun stood when an image was taken: what its delivery says, else the time and place of the acquisition.
+
+Deliveries write the same two angles in many ways: `MEANSUNAZ` (ISD XML, .IMD), `SUN_AZIMUTH` (DIMAP, once for each
+located value), "Sun Angle Azimuth" (IKONOS, GeoEye), `NITF_USE00A_SUN_AZ`, `sun_azimuth` (JSON). Their names are what
+is known of them here, and not their formats: each is looked for in the text of the files that belong to the image, and
+in its GDAL metadata. The mean of several is taken. Times are known in the same way, or from the file's name. The time
+in the header of a NITF file (IDATIM) does not count: of two at hand one is twelve years older than the satellite, and
+the other contradicts the angles in the same file by 20 degrees.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
+from ...ground.sun import SunAngles, sun_at_time
+from ..opening.datasets import metadata_of, open_dataset
+from ..opening.item_images import item_of
+from ..rpc_files.content import read_text, siblings
+
+_NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
+#: After a name: the rest of an XML tag, or the signs of JSON, PVL, Python and plain text.
+_TO_VALUE = r"(?:\s[^<>\n]{0,200})?[\"']?\s*[>=:]\s*[\"']?"
+_SUN = r"(?:mean_?)?(?:sun|solar)[ _]?(?:angle[ _]?)?"
+_AZIMUTH = re.compile(rf"(?<![a-z])(?:{_SUN}az(?:imuth)?|illuminationAzimuthAngle){_TO_VALUE}({_NUMBER})", re.I)
+_ELEVATION = re.compile(
+    rf"(?<![a-z])(?:{_SUN}el(?:ev(?:ation)?)?|illuminationElevationAngle){_TO_VALUE}({_NUMBER})", re.I
+)
+_DATE, _CLOCK = r"(\d{4})-?(\d\d)-?(\d\d)", r"(\d\d):?(\d\d):?(\d\d(?:\.\d+)?)?"
+_TIME_NAMES = (
+    "FIRSTLINETIME", "ACQUISITIONDATETIME", "Acquisition Date/Time", "acquisition_date", "acquired", "acquisitionTime",
+
+)  # fmt: skip
+_TIMES = (
+    re.compile(rf"(?<![a-z])(?:{'|'.join(_TIME_NAMES)}){_TO_VALUE}{_DATE}[T ]?{_CLOCK}", re.I),
+    re.compile(rf"IMAGING_DATE{_TO_VALUE}{_DATE}.*?IMAGING_TIME{_TO_VALUE}{_CLOCK}", re.S),
+)
+#: Names of files that tell the time: Airbus (``PHR1B_P_201709281038393_SEN``), then Planet (``20191015_073816_ssc1``).
+_TIMES_IN_NAMES = (
+    re.compile(r"(?:PHR1|SPOT|PNEO|S[67])[^/]*_(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)\d"),
+    re.compile(r"(?:^|/)(20\d\d)(\d\d)(\d\d)_(\d\d)(\d\d)(\d\d)_"),
+)
+_MAXAR_NAME = re.compile(r"(?:^|/)(\d\d)([A-Z]{3})(\d\d)(\d\d)(\d\d)(\d\d)-[PMS]")
+_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
+LOWEST_DEG = 2.0  # of a sun that images are taken by: a lower one means that the time is not that of the image
+_DOMAINS = ("", "IMD", "IMAGERY")  #: of GDAL's metadata
+
+
+class FoundSun(NamedTuple):
+    """The sun over an image, and what told it."""
+
+    angles: SunAngles
+    source: str
+
+
+def read_sun(path: str, rpc: RPC | None) -> FoundSun | None:
+    """Return where the sun stood when an image was taken.
+
+    Parameters
+    ----------
+    path : str
+        Of the image, or of the RPC file that stands for it.
+    rpc : RPC, optional
+        Tells the place; without it the time of the image tells nothing.
+
+    Returns
+    -------
+    FoundSun or None
+        The angles as stated; else from the time of the acquisition; None where neither is known.
+    """
+    texts = [*_texts(path)]
+    for source, text in texts:
+        stated = _stated(text)
+        if stated is not None:
+            return FoundSun(stated, source)
+    if rpc is None:
+        return None
+    for source, text in texts:
+        time = _time_in(text)
+        if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > LOWEST_DEG:
+            return FoundSun(sun, f"{source}, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
+    time = _time_of_name(path)
+    if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= LOWEST_DEG:
+        return None
+    return FoundSun(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
+
+
+def read_time(path: str) -> datetime | None:
+    """Return when an image was taken (UTC), by its delivery or its name; None where they do not tell."""
+    told = (_time_in(text) for _source, text in _texts(path))
+    return next((time for time in told if time is not None), None) or _time_of_name(path)
+
+
+def _texts(path: str) -> Iterator[tuple[str, str]]:
+    """Yield what is written about an image, with where: in its STAC item, itself, the files that belong to it."""
+    if (item := item_of(path)) is not None:
+        yield f"the STAC item {item.id}", item.sun_text()
+    dataset, _message = open_dataset(path)
+    if dataset is not None:
+        for domain in _DOMAINS:
+            told = metadata_of(dataset, domain)
+            if told:
+                where = f"{domain or 'default'} metadata of {os.path.basename(path)}"
+                yield where, "\n".join(f"{name}={value}" for name, value in told.items())
+    files = siblings(path)
+    for name in _beside(os.path.splitext(os.path.basename(path))[0].lower()):
+        file = files.get(name)
+        if file is None:
+            continue
+        try:
+            yield os.path.basename(file), read_text(file)
+        except InputError:  # too large, not to be read: what is told of the sun is not worth an error
+            continue
+
+
+def _beside(stem: str) -> tuple[str, ...]:
+    """Return the names, in lower case, of the files that may tell the sun over the image of a stem."""
+    product = re.sub(r"_r\d{1,3}c\d{1,3}$", "", re.sub("^(?:img|rpc|dim)_", "", stem))
+    return (
+        f"{stem}.imd", f"{stem}.xml", f"dim_{product}.xml", f"{stem}_metadata.txt",
+        re.sub(r"_(?:pan|red|grn|blu|nir|rgb|bgrn)_\d+.*$", "", stem) + "_metadata.txt", f"{stem}_metadata.json",
+        f"{stem}.json", f"{stem}.geom",
+    )  # fmt: skip
+
+
+def _stated(text: str) -> SunAngles | None:
+    """Return the angles that a text states, the mean of several; None for none, or what no sun can have."""
+    azimuths, elevations = ([float(value) for value in rule.findall(text)] for rule in (_AZIMUTH, _ELEVATION))
+    if not azimuths or not elevations:
+        return None
+    turn = np.exp(1j * np.radians(azimuths)).sum()  # 359 and 1 degrees are about 0
+    angles = SunAngles(float(np.degrees(np.angle(turn)) % 360.0), float(np.mean(elevations)))
+    possible = all(-360.0 <= value <= 360.0 for value in azimuths) and 0.0 < angles.elevation_deg <= 90.0
+    return angles if possible else None
+
+
+def _time_in(text: str) -> datetime | None:
+    for rule in _TIMES:
+        if found := rule.search(text):
+            return _time(*found.groups())
+    return None
+
+
+def _time_of_name(path: str) -> datetime | None:
+    name = os.path.basename(path)
+    for rule in _TIMES_IN_NAMES:
+        if found := rule.search(name):
+            return _time(*found.groups())
+    if (found := _MAXAR_NAME.search(name)) and found[2] in _MONTHS:
+        return _time(f"20{found[1]}", str(_MONTHS.index(found[2]) + 1), *found.groups()[2:])
+    return None
+
+
+def _time(year: str, month: str, day: str, hour: str, minute: str, second: str | None) -> datetime | None:
+    try:
+        return datetime(int(year), int(month), int(day), int(hour), int(minute), int(float(second or 0.0)), tzinfo=UTC)
+    except ValueError:  # digits that are no time
+        return None

@@ -1,0 +1,1 @@
+"""Writing without loss: transactions, folder locks, protected inputs, leftovers of interrupted runs."""

@@ -1,0 +1,113 @@
+"""What tells one state of a file from another, for results that are kept and taken up again by a later run.
+
+Size and time of change do not: copies and archives keep the time, and so do tools that put it back. A file with all its
+side files up to `WHOLE_BYTES` is hashed whole: any change is seen, and nothing else. Of larger ones, reading all would
+take longer than it saves: their beginnings and ends (headers, tags and tables of tiles stand there) are hashed, and
+`SAMPLES` blocks spread over them. Every change that is longer than two distances of blocks is seen by that; a smaller
+one by the times of the last change of content and of the file's record, the second of which no tool can put back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator
+from typing import BinaryIO
+
+from osgeo import gdal
+
+from ..opening.datasets import open_dataset, quietly, virtual_status
+
+WHOLE_BYTES = 64 * 2**20
+EDGE_BYTES = 2**20  # at both ends, of all files together
+SAMPLES, SAMPLE_BYTES = 512, 16 * 2**10
+_LEAST_EDGE = 4096
+_READ_BYTES = 2**20
+_REMOTE_BYTES = 2**14  # what GDAL reads of a remote file in any case
+
+
+def content_mark(path: str) -> str:
+    """Return a short text that differs when the content of a dataset differs: its file, side files, sources of a VRT.
+
+    Parameters
+    ----------
+    path : str
+        A raster or vector file, or a virtual path of GDAL: into an archive, whose own content counts; of a file in
+        memory or behind a server its size, time and beginning.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits; all zeros where nothing can be read, as of a connection string.
+    """
+    if path.startswith("/vsi"):
+        archive = _archive(path)
+        return _virtual_mark(path) if archive is None else files_mark([archive])
+    dataset, _ = open_dataset(path)
+    listed = [path, f"{path}-wal", *((dataset.GetFileList() or []) if dataset is not None else [])]
+    del dataset
+    return files_mark(listed)
+
+
+def files_mark(paths: Iterable[str], times: bool = True) -> str:
+    """Return what tells the states of files from one another, by their contents; `content_mark` says how.
+
+    Without ``times`` copies of large files have the same mark, but a change between the blocks that count is not seen,
+    unless the format itself counts changes at its beginning, as SQLite's does.
+    """
+    sizes = {name: os.path.getsize(name) for name in sorted({*map(os.path.abspath, paths)}) if os.path.isfile(name)}
+    if not sizes:
+        return "0" * 32
+    total, state = sum(sizes.values()), hashlib.blake2b(digest_size=16)
+    for name, size in sizes.items():
+        state.update(f"{os.path.basename(name)}\0{size}\0".encode("utf-8", "surrogateescape"))
+        with open(name, "rb", buffering=0) as file:
+            whole = total <= WHOLE_BYTES
+            if times and not whole:
+                state.update(_times(file.fileno()))
+            for block in read_places(file, [(0, size)] if whole else places_of(size, size / total)):
+                state.update(block)
+    return state.hexdigest()
+
+
+def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
+    """Return start and length of the blocks of a file that count; ``share`` of all that is read falls to it."""
+    edge = max(int(EDGE_BYTES * share), _LEAST_EDGE)
+    count = max(int(SAMPLES * share), 1)
+    # Not at equal distances: lines and tiles of an image have them too. Odd steps of the golden ratio are as even
+    jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))
+    within = [int((k + more) / count * size) for k, more in enumerate(jitter)]
+    return [(0, edge), *((start, SAMPLE_BYTES) for start in within), (max(size - edge, 0), edge)]
+
+
+def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:
+    """Yield what an unbuffered file holds from each start on, as far as its length and the file go, block by block."""
+    for start, length in places:
+        file.seek(start)
+        while length > 0 and (block := file.read(min(length, _READ_BYTES))):
+            yield block
+            length -= len(block)
+
+
+def _times(descriptor: int) -> bytes:
+    status = os.fstat(descriptor)
+    return f"{status.st_mtime_ns}\0{status.st_ctime_ns}\0".encode()
+
+
+def _archive(path: str) -> str | None:
+    """Return the file of this machine that a virtual path leads into; None where there is none."""
+    start = path.find("/", 1) + 1  # behind /vsizip/; what follows is relative, or begins with a further slash
+    ends = [at for at in range(start + 1, len(path)) if path[at] == "/"]
+    return next((path[start:end] for end in [len(path), *reversed(ends)] if os.path.isfile(path[start:end])), None)
+
+
+def _virtual_mark(path: str) -> str:
+    status = virtual_status(path)
+    handle = None if status is None else quietly(gdal.VSIFOpenL, path, "rb")
+    if status is None or handle is None:
+        return "0" * 32
+    try:
+        head = bytes(quietly(gdal.VSIFReadL, 1, _REMOTE_BYTES, handle) or b"")
+    finally:
+        gdal.VSIFCloseL(handle)
+    return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()

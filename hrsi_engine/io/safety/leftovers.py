@@ -1,0 +1,155 @@
+"""Unfinished files: how they are named, and how those of a writer that is gone are found and removed.
+
+A file that is being written has a hidden name that tells who writes it: the machine, the process and when that process
+began. So a later run can tell the work of a living process, which it must leave alone, from what a killed one left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import secrets
+import shutil
+import socket
+import sys
+import tempfile
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+from ...foundation.errors import OutputError
+from ...foundation.interruption import holding_signals
+
+FOLDER_PREFIX = ".hrsi-unfinished-"
+_WRITER = r"([0-9a-f]{8})-(\d+)-(\d+)"  # machine, process, its beginning
+_NAMES = tuple(
+    re.compile(pattern)
+    for pattern in (rf"{re.escape(FOLDER_PREFIX)}{_WRITER}-.*", rf"\..*\.{_WRITER}-[0-9a-f]{{8}}\.tmp.*")
+)
+OLD_S = 7 * 86_400.0  # what another machine left on a shared disk is taken for dead after a week
+
+
+def temporary_name(path: str) -> str:
+    """Return a hidden name in the folder of ``path``, with its extension, that tells who writes it."""
+    folder, name = os.path.split(path)
+    stem, extension = os.path.splitext(name)
+    return os.path.join(folder, f".{stem[:100]}.{writer()}-{secrets.token_hex(4)}.tmp{extension}")
+
+
+def temporary_folder(folder: str) -> str:
+    """Make a hidden folder inside ``folder``; raise `OutputError` where that is not possible."""
+    try:
+        return tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{writer()}-", dir=folder)
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be written ({error.strerror}): choose another `output_dir`") from None
+
+
+@contextmanager
+def hidden_folder(folder: str) -> Iterator[str]:
+    """Give a hidden folder inside ``folder`` for what is needed for a while; it goes with all that it holds.
+
+    Raises
+    ------
+    OutputError
+        the folder takes no files
+    """
+    hidden = None
+    try:
+        with holding_signals():  # one between making it and knowing of it would leave it behind
+            hidden = temporary_folder(folder)
+        yield hidden
+    finally:
+        with holding_signals():
+            if hidden is not None:
+                shutil.rmtree(hidden, ignore_errors=True)
+
+
+def is_unfinished(folder: str) -> bool:
+    """Return whether a folder is one of `temporary_folder`, whose files count only when they leave it."""
+    return os.path.basename(folder).startswith(FOLDER_PREFIX)
+
+
+def sweep(folder: str) -> list[str]:
+    """Remove what dead writers left unfinished in a folder; return the names. What cannot be removed stays."""
+    try:
+        names = [name for name in os.listdir(folder or ".") if name.startswith(".")]
+    except OSError:
+        return []
+    swept = []
+    for name in names:
+        path = os.path.join(folder, name)
+        if not is_dead(path):
+            continue
+        with contextlib.suppress(OSError):
+            if os.path.isdir(path):
+                shutil.rmtree(path)
+            else:
+                os.remove(path)
+            swept.append(name)
+    return swept
+
+
+def is_dead(path: str) -> bool:
+    """Return whether a name is that of an unfinished file or folder whose writer does not run any more."""
+    found = next((match for pattern in _NAMES if (match := pattern.fullmatch(os.path.basename(path)))), None)
+    if found is None:
+        return False
+    machine, pid, began = found.groups()
+    if machine != _machine():
+        with contextlib.suppress(OSError):
+            return time.time() - os.stat(path).st_mtime > OLD_S
+        return False
+    return not is_running(int(pid), int(began))
+
+
+def is_writer_running(words: str) -> bool:
+    """Return whether the process that `writer` names still runs; one of another machine is taken for running."""
+    found = re.fullmatch(_WRITER, words)
+    if found is None:
+        return False
+    machine, pid, began = found.groups()
+    return machine != _machine() or is_running(int(pid), int(began))
+
+
+def is_running(pid: int, began: int) -> bool:
+    """Return whether a process runs that has this number and began then (0: not known)."""
+    if pid == os.getpid():
+        return began == _began(pid)
+    if sys.platform == "win32":  # signal 0 would end the process there; files in use cannot be removed anyway
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass  # it runs for another user
+    now = _began(pid)
+    return not (began and now) or now == began
+
+
+def writer() -> str:
+    """Return the words that name this process: machine, process and its beginning."""
+    return _words_of(os.getpid())
+
+
+@cache
+def _words_of(own: int) -> str:
+    """Return the words of this process by its number, which a fork has another of; they never change."""
+    return f"{_machine()}-{own}-{_began(own)}"
+
+
+@cache
+def _machine() -> str:
+    return f"{zlib.crc32(socket.gethostname().encode()):08x}"
+
+
+def _began(pid: int) -> int:
+    """Return when a process began, in clock ticks since the machine did; 0 where the system does not tell."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
+            return int(file.read().rpartition(")")[2].split()[19])
+    except (OSError, ValueError, IndexError):
+        return 0

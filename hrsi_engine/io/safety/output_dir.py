@@ -1,0 +1,246 @@
+"""Results appear whole or not at all: they are written into a hidden folder and moved into place at the end.
+
+A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets them as copies, one by one, the report last.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from osgeo import gdal
+
+from ...foundation.errors import InputError, OutputError
+from ...foundation.interruption import holding_signals
+from ..geopackage.layers import remove_old_journal
+from ..opening.datasets import quiet, virtual_status
+from ..opening.json_files import read_json
+from ..opening.virtual_files import VIRTUAL, remove_virtual, write_virtual
+from ..rpc_files.sidecars import is_rpc_file, keep_original
+from .leftovers import temporary_folder
+from .replacing import COPY_BYTES
+from .transactions import Transaction, finish_interrupted
+
+_REPORT = "report.json"
+RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
+
+
+def check_output_dir(
+    path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = (), looking: bool = False
+) -> list[str]:
+    """Make sure, before the work begins, that its results can be written; return notices for the log.
+
+    What an interrupted run left in the folder is finished or removed first, unless one is only ``looking``.
+
+    Parameters
+    ----------
+    path : the output folder; it need not exist
+    overwrite : whether files that are there may be replaced
+    names : names of the files that will be written, as far as they are known
+    inputs : files that the run reads; neither they nor what belongs to them is ever replaced
+    looking : whether nothing may be changed
+
+    Raises
+    ------
+    InputError
+        the folder is a file, holds a result or other files of these names that may not be replaced, or inputs
+    """
+    if path.startswith(VIRTUAL):
+        found = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
+        notices = []
+    else:
+        folder = Path(path)
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{path} is a file: name a directory as `output_dir`")
+        notices = finish_interrupted([path]) if folder.exists() and not looking else []
+        found = [name for name in RESULT_FILES if (folder / name).exists()]
+    if found and not overwrite:
+        raise InputError(
+            f"{path} already holds a result ({', '.join(found)}): allow `overwrite` or choose another directory"
+        )
+    _require_replaceable(path, names, inputs, overwrite)
+    return notices
+
+
+def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
+    """Return the files with refined RPCs, and their STAC items, that an earlier run made in a folder, by its report.
+
+    Beside a new report that withholds its RPCs they would pass for the new ones. Images that the earlier run wrote in
+    place are no files of its own, and inputs are not among the files either.
+    """
+    kept = {os.path.realpath(file) for file in inputs}
+    found = []
+    report = read_report(os.path.join(path, _REPORT)) or {}
+    outputs = report.get("outputs")
+    told: list[tuple[Any, Any]] = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
+    told += [(image.get(what), image.get("path")) for image in _images_of(report) for what in ("output", "stac")]
+    for output, source in told:
+        if not isinstance(output, str) or not isinstance(source, str):
+            continue
+        file = os.path.join(path, os.path.basename(output))
+        if os.path.isfile(file) and os.path.realpath(file) not in kept | {os.path.realpath(source)}:
+            found.append(file)
+    return found
+
+
+def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    images = report.get("images")
+    return [image for image in images.values() if isinstance(image, dict)] if isinstance(images, dict) else []
+
+
+@contextmanager
+def stage_folder(
+    path: str,
+    inputs: Iterable[str],
+    overwrite: bool = False,
+    transaction: Transaction | None = None,
+    discarded: Iterable[str] = (),
+) -> Iterator[Path]:
+    """Yield a temporary folder whose files move into ``path`` together when the block ends without an exception.
+
+    Parameters
+    ----------
+    path : the output folder; made where it is missing
+    inputs : files that the run reads; neither they nor what belongs to them is ever replaced
+    overwrite : whether other files that are there may be replaced; a vendor's RPC file is kept as ``.original`` then
+    transaction : other changes, which happen together with these: all or none
+    discarded : folders that are removed together with these changes
+
+    Raises
+    ------
+    InputError
+        a result would take the place of an input, or of a file that may not be replaced
+    """
+    if path.startswith(VIRTUAL):
+        with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:
+            yield Path(local)
+            names = [file.name for file in Path(local).iterdir()]
+            _require_replaceable(path, names, inputs, overwrite)
+            if transaction is not None:
+                transaction.commit()
+            _copy_to_virtual(Path(local), path.rstrip("/"))
+            for needless in discarded:
+                remove_virtual(needless)
+        return
+    folder = Path(path)
+    made = not folder.exists()
+    temporary = None
+    changes = transaction or Transaction(str(folder))
+    try:
+        with holding_signals():  # one between making a folder and knowing of it would leave it behind
+            _make_folder(folder)
+            temporary = Path(temporary_folder(path))
+        for needless in discarded:
+            changes.discard(needless)
+        yield temporary
+        with changes:
+            _move_into_place(temporary, folder, inputs, overwrite, changes)
+    except BaseException:
+        if temporary is not None and not changes.is_under_way:
+            shutil.rmtree(temporary, ignore_errors=True)
+        if made and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+    with holding_signals():
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be written ({error.strerror}): choose another `output_dir`") from None
+
+
+def _move_into_place(
+    temporary: Path, folder: Path, inputs: Iterable[str], overwrite: bool, changes: Transaction
+) -> None:
+    files = _report_last(temporary)
+    _require_replaceable(str(folder), [file.name for file in files], inputs, overwrite)
+    for file in files:
+        target = folder / file.name
+        if file.suffix == ".gpkg":
+            remove_old_journal(str(target))
+        keep_original(str(target), changes)
+        changes.rename(str(file), str(target))
+    changes.commit()
+
+
+def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str], overwrite: bool) -> None:
+    """Raise `InputError` where a file of these names is there and is an input, or may not be replaced."""
+    targets = [target for name in names if exists_anywhere(target := os.path.join(path, name))]
+    if not targets:
+        return
+    read = {os.path.realpath(file) for file in inputs if file}
+    for target in targets:
+        if os.path.realpath(target) in read:
+            raise InputError(f"{target} is an input and would be replaced: choose another `output_dir`")
+    beside = {os.path.realpath(file) for file in files_with(inputs)}
+    named = set() if overwrite else names_of_last_run(path)
+    for target in targets:
+        if os.path.realpath(target) in beside and not is_rpc_file(target):
+            raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
+        if not overwrite and os.path.basename(target) not in named:
+            raise InputError(
+                f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`"
+            )
+
+
+def require_plain_name(name: str, what: str) -> None:
+    """Raise `InputError` where a word that becomes part of a file's name leads out of its folder."""
+    if not name or name in (".", "..") or set(name) & {"/", "\\", "\0"} or os.path.basename(name) != name:
+        raise InputError(f"{what} {name!r} is no name of a file: leave out what leads to other folders")
+
+
+def names_of_last_run(folder: str) -> set[str]:
+    """Return the names of the files in a folder that the report of an earlier run there says are its results."""
+    report = read_report(os.path.join(folder, _REPORT))
+    if report is None:
+        return set()
+    outputs = report.get("outputs", [])
+    told = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
+    told += [image.get("output") for image in _images_of(report)]
+    return {_REPORT, *(os.path.basename(file) for file in told if isinstance(file, str))}
+
+
+def read_report(path: str) -> dict[str, Any] | None:
+    """Return a report that this program wrote; None where there is none."""
+    try:
+        report = read_json(path, "report")
+    except InputError:
+        return None
+    return report if isinstance(report, dict) and {"schema", "algorithm"} <= report.keys() else None
+
+
+def exists_anywhere(path: str) -> bool:
+    """Return whether there is a file, on the disk or in one of GDAL's virtual file systems."""
+    return virtual_status(path) is not None if path.startswith(VIRTUAL) else os.path.exists(path)
+
+
+def files_with(inputs: Iterable[str]) -> list[str]:
+    """Return the files of the inputs, with those that GDAL counts to them: side files, parts, sources of a VRT."""
+    files = []
+    for file in inputs:
+        with quiet():
+            gdal.ErrorReset()
+            try:
+                dataset = gdal.OpenEx(file)
+            except (RuntimeError, SystemError, UnicodeDecodeError):
+                dataset = None
+            files += [file, *((dataset.GetFileList() or []) if dataset is not None else [])]
+    return files
+
+
+def _report_last(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir(), key=lambda file: file.name == RESULT_FILES[0])
+
+
+def _copy_to_virtual(local: Path, folder: str) -> None:
+    for file in _report_last(local):
+        with open(file, "rb") as source:
+            write_virtual(f"{folder}/{file.name}", iter(lambda: source.read(COPY_BYTES), b""))

@@ -1,0 +1,94 @@
+"""Files that are replaced in one step: a killed process leaves the old file or the new one, never a torn one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from ...foundation.errors import OutputError
+from ...foundation.progress import Progress, advance, silent
+from .leftovers import is_unfinished, temporary_name
+
+COPY_BYTES = 64 * 2**20
+MANY_FILES = 100  # a flush each takes some milliseconds
+
+
+@contextmanager
+def replacing(path: str) -> Iterator[str]:
+    """Give a temporary name in the folder of ``path``; at the end it is flushed to disk and renamed to ``path``.
+
+    Anything raised inside removes the temporary file and leaves ``path`` as it was; failures of the disk become
+    `OutputError`. The temporary name keeps the extension, because GDAL and the readers choose by it, and begins
+    with a dot; it tells who writes (see `leftovers`). A symbolic link is followed: the file it points to is replaced.
+    """
+    path = os.path.realpath(path)
+    temporary = temporary_name(path)
+    try:
+        yield temporary
+        folder = os.path.dirname(path)
+        if is_unfinished(folder):  # whoever moves its files into place flushes them
+            os.replace(temporary, path)
+        else:
+            flush(temporary)
+            os.replace(temporary, path)
+            flush(folder)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
+    finally:
+        for leftover in (temporary, f"{temporary}.aux.xml"):
+            with contextlib.suppress(OSError):
+                os.remove(leftover)
+
+
+def flush(path: str) -> None:
+    """Have a file or folder written to the disk itself."""
+    if os.path.isdir(path):
+        with contextlib.suppress(OSError):  # some network file systems, and Windows, cannot flush folders
+            _flush(path, os.O_RDONLY)
+    else:
+        _flush(path, os.O_RDWR)
+
+
+def flush_files(paths: Sequence[str]) -> None:
+    """Have files written to the disk itself; of many all at once, where the system waits for that."""
+    if len(paths) > MANY_FILES and sys.platform == "linux":  # POSIX only promises to begin; Linux waits
+        os.sync()
+        return
+    for path in paths:
+        flush(path)
+
+
+def _flush(path: str, flags: int) -> None:
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def copy_bytes(source_path: str, target_path: str, progress: Progress = silent, message: str = "") -> None:
+    """Copy a file byte for byte, with its permissions; shares the blocks where the file system can."""
+    total = max(os.path.getsize(source_path), 1)
+    with open(source_path, "rb") as source, open(target_path, "wb") as target:
+        done = 0
+        while moved := _copy_part(source.fileno(), target.fileno()):
+            done += moved
+            advance(progress, min(done / total, 1.0), message)
+    shutil.copymode(source_path, target_path)
+    os.chmod(target_path, os.stat(target_path).st_mode | 0o200)  # the copy of a read-only file is edited next
+
+
+def _copy_part(source: int, target: int) -> int:
+    """Copy the next part from one open file to the other; return its length in bytes, 0 at the end."""
+    if hasattr(os, "copy_file_range"):
+        with contextlib.suppress(OSError):  # not across file systems of different kinds
+            return os.copy_file_range(source, target, COPY_BYTES)
+    content = os.read(source, COPY_BYTES)
+    written = 0
+    while written < len(content):
+        written += os.write(target, content[written:])
+    return written

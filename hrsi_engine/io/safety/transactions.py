@@ -1,0 +1,226 @@
+"""Changes of several files that happen all or not at all, whenever the process is killed.
+
+New content is written under hidden names first. Then a journal of the renames and removals that are left is written
+and flushed to disk: from that moment on the change counts as made. Whoever finds the journal of a process that is gone
+carries out what is left of it (`finish_interrupted`), each step being harmless when it is done already; without a
+journal nothing was changed, and the hidden files are leftovers.
+
+The journal lies in one folder; every other folder in which a file changes gets a signpost to it, so that a later run
+finds it from any of the files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from types import TracebackType
+from typing import Any
+
+from ...foundation.errors import InputError, OutputError
+from ...foundation.interruption import holding_signals
+from ...foundation.json_values import json_text
+from ..opening.json_files import read_json
+from .folder_lock import remove_dead_lock
+from .leftovers import is_writer_running, sweep, temporary_name, writer
+from .replacing import flush, flush_files
+
+JOURNAL = ".hrsi-journal.json"
+SIGNPOST = ".hrsi-journal-elsewhere.json"
+_JOURNAL_KEYS: dict[str, type] = {"writer": str, "steps": list, "signposts": list}
+_SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
+
+
+class Transaction:
+    """Collects changes; `commit` makes them. Left without a commit, nothing has changed and nothing is left.
+
+    Parameters
+    ----------
+    home : folder that gets the journal; where it is none on the disk (a virtual file system), that of the first change
+    """
+
+    def __init__(self, home: str) -> None:
+        self.home = os.path.abspath(home)
+        self._steps: list[tuple[str, str, str]] = []
+        self._made: list[str] = []
+        self._discarded: list[str] = []
+        self.is_under_way = False  #: the journal is written, and not all is done: what it names must stay
+
+    def __enter__(self) -> Transaction:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.abandon()
+
+    def new_file(self, path: str) -> str:
+        """Return a hidden name to write a file's new content to; `commit` gives it the name ``path``."""
+        path = os.path.realpath(path)
+        temporary = temporary_name(path)
+        self._made.append(temporary)
+        self._steps.append(("rename", temporary, path))
+        return temporary
+
+    def rename(self, old: str, new: str) -> None:
+        """Have `commit` rename a file; what has the new name is replaced."""
+        self._steps.append(("rename", os.path.abspath(old), os.path.abspath(new)))
+
+    def remove(self, path: str) -> None:
+        """Have `commit` remove a file."""
+        self._steps.append(("remove", os.path.abspath(path), ""))
+
+    def discard(self, folder: str) -> None:
+        """Have `commit` remove a folder with all that it holds, where there is one."""
+        if os.path.isdir(folder):
+            self._discarded.append(temporary_name(os.path.abspath(folder)))
+            self.rename(folder, self._discarded[-1])
+
+    def commit(self) -> None:
+        """Make all changes, in the order in which they were asked for.
+
+        Raises
+        ------
+        OutputError
+            the journal cannot be written (then nothing has changed), or a step fails (then the next run goes on)
+        """
+        if not self._steps:
+            return
+        with holding_signals():
+            self._commit()
+        while self._discarded:
+            shutil.rmtree(self._discarded.pop(), ignore_errors=True)
+
+    def _commit(self) -> None:
+        if not os.path.isdir(self.home):
+            self.home = os.path.dirname(self._steps[0][1])
+        journal = os.path.join(self.home, JOURNAL)
+        signposts = [os.path.join(folder, SIGNPOST) for folder in self._other_folders()]
+        try:
+            flush_files([old for what, old, _ in self._steps if what == "rename" and os.path.isfile(old)])
+            for signpost in signposts:
+                _write(signpost, {"journal": journal, "writer": writer()})
+            _write(journal, {"writer": writer(), "steps": self._steps, "signposts": signposts})
+        except OSError as error:
+            for file in signposts:
+                with contextlib.suppress(OSError):
+                    os.remove(file)
+            raise OutputError(
+                f"{error.filename or self.home}: cannot be written ({error.strerror}): nothing was changed"
+            ) from None
+        self.is_under_way = True
+        _carry_out(journal, self._steps, signposts)
+        self.is_under_way = False
+        self._steps, self._made = [], []
+
+    def abandon(self) -> None:
+        """Forget the changes and remove the hidden files; what a journal names is left for the next run."""
+        for file in () if self.is_under_way else self._made:
+            for leftover in (file, f"{file}.aux.xml"):
+                with contextlib.suppress(OSError):
+                    os.remove(leftover)
+        self._steps, self._made = [], []
+
+    def _other_folders(self) -> list[str]:
+        folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
+        inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
+        return sorted(folders - inside)
+
+
+def finish_interrupted(folders: Iterable[str]) -> list[str]:
+    """Carry out what killed processes left of changes in these folders, and remove their hidden files.
+
+    Returns notices for the log. What belongs to a process that still runs is left alone.
+    """
+    notices: list[str] = []
+    for folder in sorted({os.path.abspath(folder) for folder in folders}):
+        notices += _finish_in(folder)
+        sweep(folder)
+        remove_dead_lock(folder)
+    return notices
+
+
+def _finish_in(folder: str) -> list[str]:
+    signpost, journal = os.path.join(folder, SIGNPOST), os.path.join(folder, JOURNAL)
+    elsewhere = _read(signpost, _SIGNPOST_KEYS)
+    if elsewhere is not None and not is_writer_running(elsewhere["writer"]):
+        if os.path.exists(elsewhere["journal"]):
+            journal = elsewhere["journal"]
+        else:  # its writer had not come to the journal: nothing was changed
+            os.remove(signpost)
+    left = _read(journal, _JOURNAL_KEYS)
+    if left is None or (left["writer"] != writer() and is_writer_running(left["writer"])):
+        return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
+    steps = _own_steps(journal, left["steps"])
+    signposts = [str(file) for file in left["signposts"]]
+    _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])
+    count = len({new for _, _, new in steps if new})
+    return [f"{os.path.dirname(journal)}: an earlier run was stopped while it put {count} files in place; finished now"]
+
+
+def _own_steps(journal: str, steps: Iterable[Sequence[object]]) -> list[tuple[str, str, str]]:
+    """Return the steps in the journal's own folder and in those with a signpost to it.
+
+    A journal that came with somebody's files must not touch others; and where a signpost is gone, all was done.
+    """
+    home = os.path.dirname(journal)
+
+    def is_own(path: str) -> bool:
+        folder = os.path.dirname(path)
+        return folder == home or folder.startswith(home + os.sep) or _leads_to(folder, journal)
+
+    told = [(str(what), str(old), str(new)) for what, old, new in (step for step in steps if len(step) == 3)]
+    return [(what, old, new) for what, old, new in told if all(is_own(path) for path in (old, new) if path)]
+
+
+def _leads_to(folder: str, journal: str, file: str = "") -> bool:
+    """Return whether a folder's signpost leads to this journal, and is this file where one is named."""
+    path = os.path.join(folder, SIGNPOST)
+    signpost = _read(path, _SIGNPOST_KEYS)
+    return signpost is not None and signpost["journal"] == journal and file in ("", path)
+
+
+def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[str]) -> None:
+    """Do the steps that are not done yet, flush the folders, and remove signposts and journal."""
+    try:
+        for what, old, new in steps:
+            with contextlib.suppress(FileNotFoundError):  # done already, by a run that was interrupted
+                if what == "rename":
+                    os.replace(old, new)
+                else:
+                    os.remove(old)
+        for folder in {os.path.dirname(path) for _, old, new in steps for path in (old, new) if path}:
+            if os.path.isdir(folder):
+                flush(folder)
+        for file in (*signposts, journal):
+            with contextlib.suppress(FileNotFoundError):
+                os.remove(file)
+    except OSError as error:
+        raise OutputError(
+            f"{error.filename}: cannot be put in place ({error.strerror}): mend that and run again, which finishes it"
+        ) from None
+
+
+def _write(path: str, content: dict[str, object]) -> None:
+    temporary = temporary_name(path)
+    try:
+        with open(temporary, "w", encoding="utf-8") as file:
+            file.write(json_text(content))
+        flush(temporary)
+        os.replace(temporary, path)
+        flush(os.path.dirname(path))
+    finally:
+        with contextlib.suppress(OSError):
+            os.remove(temporary)
+
+
+def _read(path: str, keys: dict[str, type]) -> dict[str, Any] | None:
+    """Return a journal's or signpost's content; None where there is none, or one that is not whole."""
+    try:
+        content = read_json(path, "report")
+    except InputError:
+        return None
+    if not isinstance(content, dict) or not all(isinstance(content.get(key), kind) for key, kind in keys.items()):
+        return None
+    return content

@@ -1,0 +1,40 @@
+"""Synthetic blocks with full truth: sensors, terrain, a textured ground, images, points and their errors.
+
+Layers, each importing only those above it::
+
+    sensors     sensors by name, orientation errors, radiometry
+    pushbroom   the physical camera: exact rays, both directions
+    acquisitions  dates of a year: sun, snow, air
+    terrain     chart and fractal height surface
+    views       which sensor looks from where
+    surface     where rays first meet the terrain
+    landscape   roads, parcels, objects with known shapes
+    texture     grey values of the ground at any resolution
+    seasons     what is different on the ground from date to date
+    scene       all of the ground together
+    vendor      RPCs fitted to cameras
+    control     points and measurements with errors
+    synthesis   the block and its truth, no pixels
+    tiles, lighting, render   pixels of any window
+    laser, free_dem, free_ortho   control that everybody can have, with its errors
+    truth_tables    the truth as tables
+"""
+
+from ...foundation.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "options": "Noise PointCounts SceneSpec",
+        "sensors": "SENSORS OrientationError Radiometry Sensor StatedAccuracy",
+        "pushbroom": "PushbroomCamera aim",
+        "acquisitions": "Acquisition draw_acquisitions sun_position",
+        "views": "SceneView along_track_views dated_views strip_views",
+        "surface": "locate_on_surface",
+        "scene": "Scene",
+        "vendor": "VendorRPC fit_camera multispectral_rpc",
+        "synthesis": "SimulatedBlock Truth simulate_block",
+        "render": "ImageRenderer block_with_pixels multispectral_renderers orthophoto render_window renderer",
+        "truth_tables": "truth_document",
+    },
+)

@@ -1,0 +1,192 @@
+"""Points of a simulated block: where they are, which cameras see them, and how they are measured with errors.
+
+Surveyed points are placed as a surveyor would: far from each other, on gentle ground, on two images where there are
+two. Tie points fill every image evenly. Whether a camera sees a point is decided by its own ray: the point is
+projected, the ray of that image position is followed to the terrain, and a mountain in between hides the point. Errors
+are normal with the standard deviations of `Noise`, except for the blunders, which are marked in the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block.block import GroundPoints, ImagePoints, Role
+from ...foundation.errors import InputError
+from .options import Noise
+from .pushbroom import PushbroomCamera
+from .surface import locate_on_surface
+from .terrain import SimulatedTerrain
+
+EMPTY_BORDER = 0.03  # share of the image in which no point is placed
+STEEPEST_CONTROL = 0.35  # slope at surveyed points
+
+
+@dataclass(frozen=True, eq=False)
+class TrueImagePoints:
+    """Exact image points: ``point`` and ``image`` are indices, ``(n,)``; ``xy`` is ``(n, 2)``."""
+
+    point: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+
+
+# ---- positions -------------------------------------------------------------------------------------------------
+
+
+def observe(cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, ground: np.ndarray) -> TrueImagePoints:
+    """Return the image points of ground points on the terrain's surface, where they are inside and not hidden."""
+    point, image, xy = [], [], []
+    chart_m = terrain.chart.from_ground(ground)
+    for index, camera in enumerate(cameras):
+        # Indices of the positions within the upright rectangle around a camera's footprint
+        samples, lines = (size - 1.0 for size in camera.size)
+        rim = np.array([[s * samples, t * lines] for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)])
+        corners = np.concatenate(
+            [terrain.chart.from_ground(camera.image_to_ground(rim, height)) for height in terrain.height_range]
+        )
+        spare = 0.05 * np.ptp(corners, axis=0)
+        low, high = corners.min(axis=0) - spare, corners.max(axis=0) + spare
+        seen = np.flatnonzero(((chart_m >= low) & (chart_m <= high)).all(axis=1))
+        position = camera.ground_to_image(ground[seen])
+        with np.errstate(invalid="ignore"):
+            inside = ((position >= 0.0) & (position <= np.array(camera.size) - 1.0)).all(axis=1)
+        seen, position = seen[inside], position[inside]
+        if seen.size:
+            met = terrain.chart.from_ground(locate_on_surface(camera, terrain, position))
+            clear = np.hypot(*(met - chart_m[seen]).T) < 0.5 * terrain.post_m
+            seen, position = seen[clear], position[clear]
+        point.append(seen)
+        image.append(np.full(seen.size, index))
+        xy.append(position)
+    return TrueImagePoints(np.concatenate(point), np.concatenate(image), np.concatenate(xy))
+
+
+def _candidates(
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return ground points on the surface, about ``count`` an image, evenly spread over each image."""
+    found = []
+    side = int(np.ceil(np.sqrt(count)))
+    cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
+    for camera in cameras:
+        share = EMPTY_BORDER + (1.0 - 2.0 * EMPTY_BORDER) * (cells + rng.random(cells.shape)) / side
+        image = share * (np.array(camera.size) - 1.0)
+        ground = locate_on_surface(camera, terrain, image)
+        # To a millimetre: the last bits of a ray depend on where arrays lie in memory, and a seed is to give one block.
+        ground[:, :2] = ground[:, :2].round(8)
+        ground[:, 2] = terrain.height_at(ground)
+        found.append(rng.permutation(ground[~np.isnan(ground).any(axis=1)])[:count])
+    return np.concatenate(found)
+
+
+def _enough_views(
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, ground: np.ndarray, border: float
+) -> np.ndarray:
+    """Return the points that two cameras see (one, where there is only one camera)."""
+    seen = observe(cameras, terrain, ground)
+    sizes = np.array([camera.size for camera in cameras], dtype=np.float64)[seen.image]
+    inner = ((seen.xy > border * sizes) & (seen.xy < (1.0 - border) * sizes)).all(axis=1)
+    views = np.bincount(seen.point[inner], minlength=len(ground))
+    return ground[views >= min(2, len(cameras))]
+
+
+def place_control(
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return ``count`` surveyed points ``(count, 3)``, far from each other and on gentle ground.
+
+    Raises `InputError` where the cameras do not see so many places in common.
+    """
+    if count == 0:
+        return np.empty((0, 3))
+    pool = _enough_views(
+        cameras, terrain, _candidates(cameras, terrain, 12 * count // len(cameras) + 40, rng), EMPTY_BORDER
+    )
+    # The steepest slope within two posts of each point
+    east, north = terrain.chart.from_ground(pool).T
+    reach = 2.0 * terrain.post_m
+    around = [
+        np.abs(terrain.height(east + reach * np.sin(a), north + reach * np.cos(a)) - pool[:, 2]) / reach
+        for a in np.arange(8) * np.pi / 4.0
+    ]
+    slopes = np.max(around, axis=0) if len(pool) else np.empty(0)
+    pool = pool[slopes < STEEPEST_CONTROL]
+    _require(len(pool), count, "surveyed points")
+    # Indices of points each of which is the farthest from those before it
+    positions = terrain.chart.from_ground(pool)
+    chosen = [int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))]
+    nearest = np.hypot(*(positions - positions[chosen[0]]).T)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.hypot(*(positions - positions[chosen[-1]]).T))
+    return pool[np.array(chosen)]
+
+
+def place_ties(
+    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return ``count`` tie points ``(count, 3)``; raises `InputError` where the images do not overlap."""
+    if count == 0:
+        return np.empty((0, 3))
+    per_image = int(np.ceil(1.6 * count / len(cameras))) + 20
+    for _ in range(4):
+        pool = _enough_views(cameras, terrain, _candidates(cameras, terrain, per_image, rng), 0.0)
+        if len(pool) >= count:
+            break
+        per_image *= 4
+    _require(len(pool), count, "tie points")
+    return rng.permutation(pool)[:count]
+
+
+def _require(found: int, wanted: int, what: str) -> None:
+    if found < wanted:
+        raise InputError(
+            f"only {found} of {wanted} {what} find a place that the images see in common: "
+            "bring the views closer together or ask for fewer points"
+        )
+
+
+# ---- measurements ----------------------------------------------------------------------------------------------
+
+
+def survey(
+    ids: np.ndarray, ground: np.ndarray, role: np.ndarray, noise: Noise, per_metre: np.ndarray, rng: np.random.Generator
+) -> tuple[GroundPoints, np.ndarray]:
+    """Return surveyed positions of known points with errors, and the mask of GCPs with a wrong height.
+
+    ``per_metre`` is ``(n, 3)``: degrees, degrees and metres per metre east, north and up.
+    """
+    error = rng.standard_normal((len(ids), 3)) * [noise.gcp_xy_m, noise.gcp_xy_m, noise.gcp_h_m]
+    control = role == Role.GCP
+    wrong = np.zeros(len(ids), dtype=bool)
+    wrong[np.flatnonzero(control)[: round(noise.wrong_heights * control.sum())]] = True
+    wrong[control] = rng.permutation(wrong[control])
+    error[wrong, 2] += rng.choice([-1.0, 1.0], wrong.sum()) * noise.wrong_height_m
+    sigma = np.array([max(noise.gcp_xy_m, 0.01), max(noise.gcp_h_m, 0.01)])
+    return GroundPoints.create(ids.tolist(), ground + error * per_metre, role, sigma, "simulation"), wrong
+
+
+def measure(
+    ids: np.ndarray, role: np.ndarray, image_ids: np.ndarray, truth: TrueImagePoints, noise: Noise,
+    rng: np.random.Generator,
+) -> tuple[ImagePoints, np.ndarray]:  # fmt: skip
+    """Return image measurements with errors, and the mask of those that are blunders."""
+    xy = truth.xy + noise.image_px * rng.standard_normal(truth.xy.shape)
+    share = np.zeros(len(truth.point))
+    share[role[truth.point] == Role.TIE] = noise.blunders
+    share[role[truth.point] == Role.GCP] = noise.gcp_blunders
+    blunder = rng.random(len(truth.point)) < share
+    direction = rng.uniform(0.0, 2.0 * np.pi, int(blunder.sum()))
+    size = noise.blunder_px * rng.uniform(0.5, 1.5, int(blunder.sum()))
+    xy[blunder] += size[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+    kind = np.where(role[truth.point] == Role.TIE, "", "center")
+    return (
+        ImagePoints.create(
+            ids[truth.point].tolist(), image_ids[truth.image].tolist(), xy, max(noise.image_px, 0.01), kind, 1.0,
+            "simulation",
+        ),
+        blunder,
+    )  # fmt: skip

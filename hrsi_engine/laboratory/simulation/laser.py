@@ -1,0 +1,147 @@
+"""Laser points as ICESat-2 measures them, over a simulated terrain: tracks, places, heights and their errors.
+
+Six beams fly over the scene at once, in three pairs 3.3 km apart, 90 m within a pair. A segment's height is the mean
+of the terrain below it, 40 m along the track by default, at a place that is known to some metres: the same error for
+all of a pass. The spread of the photons and their number are drawn from distributions fitted to 10 527 segments of
+ATL06-SR over Utqiagvik, Alaska (2018 to 2024, medians 0.24 m and 24 photons): 82 % of the spreads are log-normal about
+0.23 m, 18 % about 0.26 m with a tail of four times the width; the standard deviation that a segment states is the
+spread over the root of the number of photons, times 1 to 1.8. The error has in addition what no segment states. Canopy
+comes in patches along the track and reads high by some metres with a wider spread; clouds read anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...block.laser import LaserPoints
+from .options import LaserSpec
+from .terrain import SimulatedTerrain
+
+PAIRS_APART_M, BEAMS_APART_M = 3300.0, 90.0
+AZIMUTH_DEG = 7.0  # of a pass to or from north, at middle latitudes
+BEAM_WIDTH_M = 11.0
+SPACINGS_M = (20.0, 40.0)
+PLACE_M, PASS_M, ALL_M, SEGMENT_ERROR_M = 2.5, 0.1, 0.05, 0.1
+SPREAD = ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254))  # share, mean and sigma of the logarithm
+PHOTONS = (np.log(24.0), 0.95)
+STATED_SHARE = (1.0, 1.8)  # of spread over root of photons
+CANOPY_PATCH_M, CANOPY_HEIGHT_M, CANOPY_SPREAD = 200.0, (2.0, 3.0), (np.log(0.7), 0.6)  # gamma shape and scale
+CLOUD_M, CLOUD_SPREAD = (20.0, 600.0), (np.log(2.0), 0.8)
+GROUND_HIT, CANOPY_HIT, CLOUD_HIT = 0, 1, 2  #: what a laser point met
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedLaser:
+    """Laser points as a user has them, and what is true of them.
+
+    Parameters
+    ----------
+    points : LaserPoints
+        What a user has.
+    met : (n,) ndarray of int
+        Ground 0, canopy 1, cloud 2.
+    error_m : (n,) ndarray
+        Of the heights, against the terrain at the places that the points state.
+    """
+
+    points: LaserPoints
+    met: np.ndarray
+    error_m: np.ndarray
+
+
+def simulate_laser(
+    terrain: SimulatedTerrain, half_extent_m: float, spec: LaserSpec, seed: int | Sequence[int]
+) -> SimulatedLaser:
+    """Return the laser points of some passes over a terrain.
+
+    Parameters
+    ----------
+    terrain : SimulatedTerrain
+        The ground.
+    half_extent_m : float
+        How far from the middle points are wanted.
+    spec : LaserSpec
+        How many, and what they met.
+    seed : int or sequence of int
+        The same seed gives the same points.
+
+    Returns
+    -------
+    SimulatedLaser
+        Every pass has a pair of beams at least within the area.
+    """
+    rng = np.random.default_rng(seed)
+    of_all = rng.normal(0.0, ALL_M)
+    tracks = [
+        track
+        for number in range(spec.passes)
+        for track in _pass_over(terrain, half_extent_m, spec, f"pass {number + 1}", of_all, rng)
+    ]
+    if not tracks:
+        return SimulatedLaser(LaserPoints.create(np.zeros((0, 3))), np.zeros(0, dtype=np.int64), np.zeros(0))
+    names = ("ground", "sigma_m", "slope", "misfit_m", "photons", "track", "met", "error_m")
+    columns = {name: np.concatenate([track[name] for track in tracks]) for name in names}
+    met, error = columns.pop("met"), columns.pop("error_m")
+    return SimulatedLaser(LaserPoints.create(columns.pop("ground"), **columns, source="simulation"), met, error)
+
+
+def _pass_over(
+    terrain: SimulatedTerrain, half_m: float, spec: LaserSpec, name: str, of_all: float, rng: np.random.Generator
+) -> list[dict[str, np.ndarray]]:
+    """Return the beams of a pass that cross the area, as columns."""
+    azimuth = np.radians(rng.choice([AZIMUTH_DEG, 180.0 - AZIMUTH_DEG]))
+    along, across = np.array([np.sin(azimuth), np.cos(azimuth)]), np.array([np.cos(azimuth), -np.sin(azimuth)])
+    middle = PAIRS_APART_M * rng.integers(-1, 2) + rng.uniform(-0.8, 0.8) * half_m
+    spacing = rng.choice(SPACINGS_M)
+    place, bias = rng.normal(0.0, PLACE_M, 2), rng.normal(0.0, PASS_M) + of_all
+    found = []
+    for beam in range(6):
+        aside = middle + PAIRS_APART_M * (beam // 2 - 1) + BEAMS_APART_M * (beam % 2 - 0.5)
+        way = np.arange(-1.5 * half_m, 1.5 * half_m, spacing) + rng.uniform(0.0, spacing)
+        stated = aside * across + way[:, None] * along
+        stated = stated[(np.abs(stated) < half_m).all(axis=1)]
+        if len(stated):
+            track = _measured(terrain, stated, stated + place, along, across, spec, bias, rng)
+            found.append(track | {"track": np.full(len(stated), name)})
+    return found
+
+
+def _measured(
+    terrain: SimulatedTerrain, stated: np.ndarray, true: np.ndarray, along: np.ndarray, across: np.ndarray,
+    spec: LaserSpec, bias: float, rng: np.random.Generator,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Return the segments of a beam at ``stated (n, 2)`` chart positions, which were measured at the ``true`` ones."""
+    count = len(stated)
+    ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * spec.segment_m, np.linspace(-0.5, 0.5, 3) * BEAM_WIDTH_M)
+    offsets = ahead.ravel()[:, None] * along + side.ravel()[:, None] * across
+    below = terrain.height(*np.moveaxis(true[:, None] + offsets, 2, 0))
+    height = below.mean(axis=1)
+    slope = ((below - height[:, None]) * ahead.ravel()).mean(axis=1) / float(np.mean(ahead**2))
+    part = np.where(rng.random(count) < SPREAD[0][0], 0, 1)
+    middle, width = np.array(SPREAD)[part, 1], np.array(SPREAD)[part, 2]
+    rough = (below - height[:, None] - slope[:, None] * ahead.ravel()).std(axis=1)  # buildings, a step, a terrace
+    spread = np.hypot(np.exp(rng.normal(middle, width)), rough)
+    photons = np.maximum(np.round(np.exp(rng.normal(*PHOTONS, count))), 5.0)
+    sigma = rng.uniform(*STATED_SHARE, count) * spread / np.sqrt(photons)
+    met = _met(count, np.hypot(*(stated[-1] - stated[0])) / max(count - 1, 1), spec, rng)
+    leaves, cloud = met == CANOPY_HIT, met == CLOUD_HIT
+    height += bias + rng.normal(0.0, np.hypot(sigma, SEGMENT_ERROR_M))
+    height[leaves] += rng.gamma(*CANOPY_HEIGHT_M, int(leaves.sum()))
+    height[cloud] += rng.uniform(*CLOUD_M, int(cloud.sum()))
+    for hit, (log_middle, log_width) in ((leaves, CANOPY_SPREAD), (cloud, CLOUD_SPREAD)):
+        wider = np.exp(rng.normal(log_middle, log_width, count)) / spread
+        spread, sigma = np.where(hit, spread * np.maximum(wider, 1.0), spread), np.where(hit, sigma * wider, sigma)
+    return {
+        "ground": terrain.chart.to_ground(stated, height), "sigma_m": sigma, "slope": slope, "misfit_m": spread,
+        "photons": photons, "met": met, "error_m": height - terrain.height(*stated.T),
+    }  # fmt: skip
+
+
+def _met(count: int, spacing_m: float, spec: LaserSpec, rng: np.random.Generator) -> np.ndarray:
+    """Return what the points of a beam met; canopy in patches."""
+    patch = max(round(CANOPY_PATCH_M / max(spacing_m, 1.0)), 1)
+    leaves = np.repeat(rng.random(count // patch + 2) < spec.canopy, patch)[rng.integers(0, patch) :][:count]
+    return np.where(rng.random(count) < spec.clouds, CLOUD_HIT, np.where(leaves, CANOPY_HIT, GROUND_HIT))

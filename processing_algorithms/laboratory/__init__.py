@@ -1,0 +1,1 @@
+"""Algorithms of the laboratory: simulate and register."""

@@ -1,0 +1,1 @@
+"""What the laboratory's algorithms say of themselves."""

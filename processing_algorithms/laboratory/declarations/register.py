@@ -1,0 +1,48 @@
+"""`register`: registration of two images from their matched points, centres against corners (thesis chapter 2)."""
+
+from __future__ import annotations
+
+from ....hrsi_engine.foundation.options import nested, option, options
+from ....hrsi_engine.laboratory.registration_options import RegistrationOptions
+from ...interface.declare import Algorithm, Kind, algorithm_module
+from ...interface.option_groups import Common, ResultFolder, TerrainOptions, report_option
+
+LAYERS_FILE, LAYER = "registration.gpkg", "residuals"
+
+
+@options(kw_only=True)
+class RegisterOptions:
+    """What `register` takes."""
+
+    images: tuple[str, ...] = option(
+        (), "The two images; needed for the models with RPC only", kind=Kind.IMAGES, metavar="IMAGE"
+    )
+    image_points: str = option(help="Points measured on both images", kind=Kind.POINTS, metavar="FILE")
+    first: str | None = option(None, "Id of the first image; by default the first one", metavar="ID")
+    second: str | None = option(None, "Id of the second image; by default the next one", metavar="ID")
+    registration: RegistrationOptions = nested(RegistrationOptions)
+    gsd: float | None = option(None, "Pixel size of the second image, for residuals in metres", minimum=1e-6, unit="m")
+    terrain: TerrainOptions = nested(TerrainOptions)
+    folder: ResultFolder = nested(ResultFolder)
+    report: bool = report_option()
+    common: Common = nested(Common)
+
+
+ALGORITHM = Algorithm(
+    name="register",
+    title="Register two images",
+    group="Laboratory",
+    summary="Registration of two images from their matched points, by kind of point",
+    help=(
+        "Carries the points of the first image to the second, by a transformation in image space or after the RPCs "
+        "(over a DEM or at a height), and reports what is left over for centres and corners, each registering the "
+        "images alone and all together. The images may have different resolutions. Residuals are in pixels of the "
+        "second image, or in metres with `gsd`."
+    ),
+    options=RegisterOptions,
+    module=algorithm_module(__name__),
+    examples=(
+        "hrsi register --image-points block/image_points.csv --model affine --output-dir registration",
+    ),
+    layers=(f"{LAYERS_FILE}|layername={LAYER}",),
+)  # fmt: skip

@@ -1,0 +1,182 @@
+"""`register`: registration of two images from their matched points, centres against corners (thesis chapter 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ...hrsi_engine.block.block import ImagePoints
+from ...hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
+from ...hrsi_engine.foundation.errors import InputError, list_ids
+from ...hrsi_engine.foundation.progress import advance
+from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ...hrsi_engine.io.pages.page import write_page
+from ...hrsi_engine.io.pages.report import write_report_json
+from ...hrsi_engine.io.point_files import read_points
+from ...hrsi_engine.io.rasters.images import image_id, open_image
+from ...hrsi_engine.io.safety.output_dir import stage_folder
+from ...hrsi_engine.laboratory.registration import MethodComparison, compare_kinds, group_of
+from ...hrsi_engine.surface.dem import ConstantHeight, intersect_surface
+from ..files.result_folder import check_folder, plan_page
+from ..files.terrain import open_terrain
+from ..interface.declare import Context, Report
+from .declarations.register import LAYER, LAYERS_FILE, RegisterOptions
+
+PAGE_FILE = "report.html"
+
+
+def run(options: RegisterOptions, context: Context) -> Report:
+    """Register the images, tabulate the residuals by kind and write tables and plots."""
+    check_folder(options.folder, context)
+    first, second, points = _match(options)
+    start = _carry(options, points["first"]) if options.registration.by_rpcs else points["first"]
+    known = np.isfinite(start).all(axis=1)
+    lost = [f"{(~known).sum()} points of {first} have no position on the terrain: left out"] if not known.all() else []
+    if not known.any():
+        raise InputError(
+            f"{options.image_points}: no point of {first} has a position on the terrain: check sample and line, and "
+            "`dem` or `height`"
+        )
+    start, points = start[known], {name: column[known] for name, column in points.items()}
+    if context.dry_run:
+        return plan_page(options.folder, LAYERS_FILE, options.report, {"matched points": len(start)}, lost, context)
+    unit = options.gsd or 1.0
+    sigma = points["sigma"]
+    result = compare_kinds(
+        start,
+        points["second"],
+        points["kind"],
+        options.registration.form,
+        sigma,
+        options.registration.reject_sigma,
+        unit,
+    )
+    advance(context.progress, 0.6, "registered")
+    everything = result.registrations["all"]
+    ratios = {name: result.ratio(name) for name in ("alone", "together")}
+    report: Report = {
+        **context.record, "model": options.registration.model, "first": first,
+        "second": second, "points": len(points["ids"]), "unit": "m" if options.gsd else "px",
+        "alone": {kind: asdict(row) for kind, row in result.alone.items()},
+        "together": {kind: asdict(row) for kind, row in result.together.items()},
+        "center_over_corner": ratios if any(ratios.values()) else None,
+        "matrix": everything.matrix.tolist(),
+        "outliers": points["ids"][~everything.used].tolist(),
+        "warnings": [*lost, *_warnings(points, everything.unknowns)],
+    }  # fmt: skip
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+        write_geopackage(str(folder / LAYERS_FILE), [_layer(points, result, unit)])
+        if options.report:
+            write_page(
+                str(folder / PAGE_FILE), "registration.html.j2", report, **_drawings(points, result, unit, report)
+            )
+        write_report_json(str(folder / "report.json"), report)
+    advance(context.progress, 1.0, "done")
+    return report
+
+
+def _warnings(points: Mapping[str, np.ndarray], unknowns: int) -> list[str]:
+    count = len(points["ids"])
+    return (
+        [f"{count} points for {unknowns} parameters: nothing checks the registration"] if 2 * count == unknowns else []
+    )
+
+
+def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
+    """Return the ids of the two images and the columns of the points measured on both."""
+    names = [image_id(path) for path in options.images or []]
+    table = read_points(options.image_points, image_ids=names).image
+    if table is None:
+        raise InputError(f"{options.image_points} has no image points: give the fields id, image, sample and line")
+    first, second = _pair(options, names, table)
+    rows = [_rows_by_id(table, name) for name in (first, second)]
+    ids = [name for name in rows[0] if name in rows[1]]
+    if not ids:
+        raise InputError(f"{options.image_points}: no id is measured on both {first} and {second}: check the ids")
+    a, b = (np.array([row[name] for name in ids]) for row in rows)
+    sigma = np.hypot(table.sigma_px[a], table.sigma_px[b])
+    return first, second, {
+        "ids": np.array(ids, dtype=str), "first": table.xy[a], "second": table.xy[b], "kind": table.kind[a],
+        "sigma": np.where(np.isfinite(sigma), np.maximum(sigma, 0.02), 1.0),
+    }  # fmt: skip
+
+
+def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
+    """Return the row of each id on one image; raise `InputError` where one is there twice."""
+    rows = np.flatnonzero(table.image_ids == image)
+    ids, counts = np.unique(table.ids[rows], return_counts=True)
+    if (counts > 1).any():
+        raise InputError(f"{table.source}: {list_ids(ids[counts > 1])} stands twice on {image}: keep one of the rows")
+    return {str(table.ids[row]): int(row) for row in rows}
+
+
+def _pair(options: RegisterOptions, names: list[str], table: ImagePoints) -> tuple[str, str]:
+    """Return the ids of the first and the second image: as the options say, else in the order of the file."""
+    present = list(dict.fromkeys(table.image_ids.tolist()))
+    chosen = names or present
+    first = options.first or next(iter(chosen), None)
+    second = options.second or next((name for name in chosen if name != first), None)
+    missing = [name for name in (first, second) if name not in present]
+    if first is None or second is None or missing:
+        raise InputError(
+            f"{options.image_points} has no points on image {missing[0]!r} (it has {', '.join(present)}): "
+            "name two of them by `first` and `second`"
+        )
+    return first, second
+
+
+def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
+    """Return where the RPCs carry points of the first image to in the second."""
+    if len(options.images or []) != 2:
+        raise InputError(f"`model` {options.registration.model} needs both images with their RPCs: name two images")
+    first, second = (open_image(path) for path in options.images)
+    surface = open_terrain(options.terrain) or ConstantHeight(first.middle_height_m)
+    ground, _ = intersect_surface(first.rpc, first_px, surface)
+    return second.rpc.project(ground)
+
+
+def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:
+    residual = result.registrations["all"].residual_px * unit
+    fields = {
+        "id": points["ids"], "kind": points["kind"].astype(str), "used": result.registrations["all"].used,
+        "first_sample": points["first"][:, 0], "first_line": points["first"][:, 1],
+        "second_sample": points["second"][:, 0], "second_line": points["second"][:, 1],
+        "residual_x": residual[:, 0], "residual_y": residual[:, 1],
+    }  # fmt: skip
+    return Layer(LAYER, "None", 4326, residual, fields)
+
+
+def _drawings(
+    points: Mapping[str, np.ndarray], result: MethodComparison, unit: float, report: Report
+) -> dict[str, Any]:
+    """Return the plots: distance errors by kind, and the residuals of each registration."""
+    groups = np.array([group_of(str(kind)) for kind in points["kind"]])
+    bars = {
+        title: {kind: row["distance"] for kind, row in report[table].items()}
+        for title, table in (("alone", "alone"), ("all together", "together"))
+    }
+    vectors = []
+    for name, registration in result.registrations.items():
+        shown = registration.used & ((groups == name) | (name == "all"))
+        title = "All points together" if name == "all" else f"{name} points alone"
+        residual = registration.residual_px[shown] * unit
+        vectors.append((title, residual_vectors_svg(points["second"][shown], residual, groups[shown], report["unit"])))
+    return {"bars": bars_svg(bars, report["unit"]), "vectors": vectors}
+
+
+def summarise(report: Report) -> str:
+    """Return the table of residuals by kind."""
+    unit = report["unit"]
+    lines = [f"{report['first']} to {report['second']}, {report['model']}, {report['points']} points"]
+    for table in ("alone", "together"):
+        for kind, row in report[table].items():
+            lines.append(
+                f"{kind:8s} {table:8s} {row['count']:5d} points: std {row['std'][0]:.2f} {row['std'][1]:.2f}, "
+                f"distance {row['distance']:.2f} {unit}"
+            )
+    ratios = report["center_over_corner"] or {}
+    lines += [f"centre over corner, {table}: {ratio:.0%}" for table, ratio in ratios.items() if ratio is not None]
+    return "\n".join(lines)
