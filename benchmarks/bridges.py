@@ -139,7 +139,7 @@ def refined(image):  # type: ignore[no-untyped-def]  # Image -> RPC
 
 def prepare(paths: list[Path]) -> tuple[dict[str, str], dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Write every refined RPC every way; return files by image id, ground points, and where HRSI projects them."""
-    from hrsi.hrsi_engine.io.rasters.images.images import open_image
+    from hrsi.hrsi_engine.io.rasters.images import open_image
     from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
     from hrsi.processing_algorithms import run
 

@@ -24,7 +24,7 @@ from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.registration import compare_kinds
 from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse
 

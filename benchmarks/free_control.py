@@ -20,7 +20,7 @@ from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
 from hrsi.hrsi_engine.block.orthoimage import Orthoimage
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.laboratory.simulated_files import write_laser_points
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,

@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 from hrsi.benchmarks.matching import PAIRS, RealPair, timed
 from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.interest_points import (
     STRONG_QUALITY,
     CentreOptions,

@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from hrsi.hrsi_engine.io.rasters.images.images import GdalRaster
+from hrsi.hrsi_engine.io.rasters.images import GdalRaster
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY, detect_interest_points
 from hrsi.hrsi_engine.measurement.tile_matching.features import stretch_to_byte
 

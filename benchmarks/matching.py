@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.control_network import ControlNetworkMatch, match_windows
 from hrsi.hrsi_engine.measurement.control_network.super_points import match_super_points
 from hrsi.hrsi_engine.measurement.control_network.thresholds import Tolerance

@@ -26,10 +26,10 @@ from pathlib import Path
 import numpy as np
 from osgeo import gdal
 
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
-from hrsi.hrsi_engine.io.rasters.images.ortho_warp import OrthoSource, Warp, warp_chunk
-from hrsi.hrsi_engine.io.rasters.images.orthoimages import chunk_size
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.images import open_image
+from hrsi.hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp, warp_chunk
+from hrsi.hrsi_engine.io.rasters.orthoimages import chunk_size
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _bilinear
 from hrsi.processing_algorithms import run

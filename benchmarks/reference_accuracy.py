@@ -192,9 +192,9 @@ def real() -> None:
     """Match two images of the s2p triplet with an orthoimage of the third, changed as by another season."""
     from osgeo import gdal
 
-    from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
-    from hrsi.hrsi_engine.io.rasters.images.images import open_image
-    from hrsi.hrsi_engine.io.rasters.images.reference_images import open_reference
+    from hrsi.hrsi_engine.io.rasters.dems import open_dem
+    from hrsi.hrsi_engine.io.rasters.images import open_image
+    from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 
     folder, work = DATA / "s2p_triplet_phr", ROOT / "build" / "reference"
     if not folder.is_dir():

@@ -35,8 +35,8 @@ from hrsi.benchmarks.matching import PAIRS
 from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.sun import sun_at_time
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
 from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY
 from hrsi.hrsi_engine.measurement.interest_points.shadows import find_shadows, image_direction

@@ -32,7 +32,7 @@ from osgeo import gdal
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.processing_algorithms import run
 

@@ -861,7 +861,7 @@ def real_blocks_outcome(matching: bool = True) -> list[list[str]]:
     ``matching`` takes also those whose tie points have to be found first.
     """
     from hrsi.benchmarks import real_blocks as real
-    from hrsi.hrsi_engine.io.rasters.images.images import open_image
+    from hrsi.hrsi_engine.io.rasters.images import open_image
     from hrsi.hrsi_engine.plausibility import check_block
 
     def matched(folder: str, names: Sequence[str]) -> Block:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from osgeo import gdal, osr
 
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.declare import READ_KINDS, Algorithm, Kind, Param

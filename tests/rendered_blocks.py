@@ -11,7 +11,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.simulated_files import write_image
 
 HALF = 350.0

@@ -11,7 +11,7 @@ import pytest
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, all_pairs, rays_up, sanity_warnings
 from hrsi.hrsi_engine.foundation.errors import SolveError
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.surface.dem import ConstantHeight
 from hrsi.tests.test_rpc import rpc_files, synthetic_rpc
 

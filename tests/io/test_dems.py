@@ -9,7 +9,7 @@ import pytest
 from osgeo import gdal, osr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
 

@@ -18,8 +18,8 @@ from rpc_samples import sample_rpc, write_image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.opening.datasets import HTTP_PATIENCE, set_http_patience
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.images.images import GdalRaster, open_image
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 
 WAIT_S = 1  # what the tests set instead of the default
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from hrsi.hrsi_engine.io.pages.page import page as pages
+from hrsi.hrsi_engine.io.pages import page as pages
 from hrsi.processing_algorithms import run
 from hrsi.tests.io.test_report_in_browser import browse, chromium, console
 

@@ -15,7 +15,7 @@ from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine import camera
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rasters.images.images import (
+from hrsi.hrsi_engine.io.rasters.images import (
     GdalRaster,
     image_id,
     open_image,

@@ -20,8 +20,8 @@ from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, block_map_svg
 from hrsi.hrsi_engine.drawing.target_chips import png_bytes
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.json_values import json_lines, json_ready
-from hrsi.hrsi_engine.io.pages.page.page import digits_by_sigma, duration, figure
-from hrsi.hrsi_engine.io.pages.page.report import write_report_html, write_report_json
+from hrsi.hrsi_engine.io.pages.page import digits_by_sigma, duration, figure
+from hrsi.hrsi_engine.io.pages.report import write_report_html, write_report_json
 
 EVIL = '<script>alert("1")</script>&'
 

@@ -20,8 +20,8 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.deliveries import named_images
 from hrsi.hrsi_engine.io.catalogue.stac_items import href_of, href_path
-from hrsi.hrsi_engine.io.rasters.images.images import open_image, open_image_and_source
-from hrsi.hrsi_engine.io.rasters.images.sun_angles import read_sun, read_time
+from hrsi.hrsi_engine.io.rasters.images import open_image, open_image_and_source
+from hrsi.hrsi_engine.io.rasters.sun_angles import read_sun, read_time
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import STAC_NAMES, json_members, numbers_of
 

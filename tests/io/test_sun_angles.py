@@ -12,7 +12,7 @@ import simulated_blocks as blocks
 from osgeo import gdal
 
 from hrsi.hrsi_engine.ground.sun import sun_at_time
-from hrsi.hrsi_engine.io.rasters.images.sun_angles import read_sun
+from hrsi.hrsi_engine.io.rasters.sun_angles import read_sun
 from hrsi.hrsi_engine.io.rpc_files.find import read_rpc_or_none
 
 #: What vendors print of the sun over two images, and when and where these were taken: rpc_WV2.xml (IMD part) and

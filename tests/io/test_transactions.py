@@ -74,7 +74,7 @@ def test_nothing_happens_without_a_commit(folders: list[Path]) -> None:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from hrsi.hrsi_engine.io import transactions
+from hrsi.hrsi_engine.io.safety import transactions
 from hrsi.tests.io.test_transactions import fill
 step, folders = int(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
 done = 0

@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
 from hrsi.hrsi_engine.io.geopackage.layer_rows import replace_layers
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 

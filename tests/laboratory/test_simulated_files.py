@@ -12,8 +12,8 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.laboratory.simulated_files import write_dem, write_ground_points, write_image, write_image_points
 from hrsi.hrsi_engine.laboratory.simulation import (

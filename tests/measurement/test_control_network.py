@@ -19,7 +19,7 @@ from network_scenes import (
 from hrsi.benchmarks.matching_unknown import resampled
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.control_network import (
     AMBIGUOUS,
     FOUND,

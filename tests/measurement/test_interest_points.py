@@ -10,7 +10,7 @@ import pytest
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.io.rasters.images.images import GdalRaster
+from hrsi.hrsi_engine.io.rasters.images import GdalRaster
 from hrsi.hrsi_engine.laboratory.simulation import SimulatedBlock
 from hrsi.hrsi_engine.measurement.interest_points import (
     DETECTORS,

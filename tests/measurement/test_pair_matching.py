@@ -10,7 +10,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (

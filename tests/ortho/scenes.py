@@ -10,7 +10,7 @@ from osgeo import gdal, osr
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_geotiff_copy
 from hrsi.tests.simulated_blocks import LAT, LON, oblique_rpc
 

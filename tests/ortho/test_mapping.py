@@ -11,7 +11,7 @@ import pytest
 from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear, _Chunk
 from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hrsi.hrsi_engine.io.rasters.images import images as rasters
+from hrsi.hrsi_engine.io.rasters import images as rasters
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface import cli
 

@@ -13,7 +13,7 @@ from colmap_database import write_database
 
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement import given_matches
 from hrsi.hrsi_engine.measurement.block_matching.windows import ImageWindow, read_tile
 from hrsi.hrsi_engine.measurement.given_matches import GivenJob, GivenPair, measure_given

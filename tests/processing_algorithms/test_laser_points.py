@@ -12,7 +12,7 @@ import pytest
 from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rasters.images.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from osgeo import gdal, ogr, osr
 
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms.interface import cli
 
 SIZE = 320

@@ -12,7 +12,7 @@ import pytest
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import (
     EditKeeper,

@@ -20,7 +20,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Role
-from hrsi.hrsi_engine.io.pages.page.report import write_report_html
+from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.results.drawings import MOST_KNOWN, MOST_TIES, report_figures
 from hrsi.hrsi_engine.results.figures import block_report
 from hrsi.hrsi_engine.results.residuals import Residuals, residuals

@@ -12,7 +12,7 @@ from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.laser_files import read_laser
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS
 from hrsi.hrsi_engine.laboratory.simulation.options import SENSOR_NAMES
 from hrsi.processing_algorithms import run

@@ -15,7 +15,7 @@ from shapely.geometry import Point, shape
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.stac_items import images_of_items
-from hrsi.hrsi_engine.io.rasters.images.images import open_image
+from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.io.rpc_files.fields import numbers_of
 from hrsi.hrsi_engine.results.stac import STAC_EXTENSIONS

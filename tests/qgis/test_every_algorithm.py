@@ -56,7 +56,7 @@ def images(pixels: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def grid(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Correspondences of ground and image, from the Hobart RPC, for the fit of an RPC."""
-    from hrsi.hrsi_engine.io.rasters.images.images import open_image
+    from hrsi.hrsi_engine.io.rasters.images import open_image
 
     image = open_image(RPCS[0])
     path = tmp_path_factory.mktemp("grid") / "grid.csv"

@@ -12,7 +12,7 @@ from functools import cache
 from html import escape
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "verdict.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "verdict.md"
 _SECTION = re.compile(r"^### ([a-z0-9-]+)\n(.*?)(?=^#{1,3} |\Z)", re.MULTILINE | re.DOTALL)
 _INLINE = (
     (re.compile(r"`([^`]+)`"), r"<code>\1</code>"),

@@ -1,0 +1,60 @@
+"""Thresholds by topic: frozen dataclasses whose fields say unit, meaning and origin.
+
+Each topic declares one class and one instance of it in the module that decides::
+
+    @thresholds
+    class LinkThresholds:
+        ...  # docstring: which pairs of images may hold a block together
+        closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle of images", MANY_DATES)
+        fewest_closures: int = threshold(8, "triangles", "closures that a link needs to be judged", JUDGEMENT)
+
+    LINK = LinkThresholds()
+
+``docs/thresholds.md`` lists all of them (`scripts/list_thresholds.py`). Numbers that are mathematics (a quantile, the
+coefficients of a formula) are no thresholds and stay where the formula stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, dataclass_transform
+
+Value = TypeVar("Value")
+Topic = TypeVar("Topic")
+
+#: Origin of a value that was chosen by an engineer's judgement and never tuned on data.
+JUDGEMENT = "judgement"
+
+
+def threshold(value: Value, unit: str, meaning: str, origin: str = JUDGEMENT) -> Value:
+    """Declare a threshold as a field of a class made by `thresholds`.
+
+    Parameters
+    ----------
+    value : number
+        The threshold.
+    unit : str
+        ``"px"``, ``"m"``, ``"sigma"``, ``"matches"``; empty for a ratio.
+    meaning : str
+        What is compared with it, and what follows.
+    origin : str
+        A theory or publication, or the data and date by which it was tuned, or `JUDGEMENT`.
+
+    Returns
+    -------
+    number
+        For type checkers; in truth the dataclass field that holds it.
+    """
+    return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})  # type: ignore[return-value]
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(threshold,))
+def thresholds(topic: type[Topic]) -> type[Topic]:
+    """Make a topic's class a frozen dataclass and require a docstring and `threshold` for each field."""
+    made: Any = dataclass(frozen=True)(topic)
+    if not topic.__doc__ or topic.__doc__.startswith(f"{topic.__name__}("):
+        raise TypeError(f"{topic.__name__}: say in a docstring what its thresholds decide")
+    bare = [name for name, declared in made.__dataclass_fields__.items() if "meaning" not in declared.metadata]
+    if bare:
+        raise TypeError(f"{topic.__name__}.{bare[0]}: declare it by `threshold`, with unit, meaning and origin")
+    return made  # type: ignore[no-any-return]
