@@ -43,7 +43,7 @@ from .hrsi_engine import Role as Role
 from .hrsi_engine import read_rpc as read_rpc
 from .hrsi_engine import refine_rpc as refine_rpc
 from .hrsi_engine.foundation.progress import Progress
-from .hrsi_engine.io.rasters import ImageSource
+from .hrsi_engine.io.rasters.images import ImageSource
 from .hrsi_engine.io.rpc_files import FoundRpc
 from .plugin.plugin import HrsiPlugin
 from .processing_algorithms.facade.result import Result as Result

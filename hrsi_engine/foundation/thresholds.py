@@ -45,7 +45,7 @@ def threshold(value: Value, unit: str, meaning: str, origin: str = JUDGEMENT) ->
     number
         For type checkers; in truth the dataclass field that holds it.
     """
-    return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})  # type: ignore[return-value]
+    return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(threshold,))
@@ -57,4 +57,4 @@ def thresholds(topic: type[Topic]) -> type[Topic]:
     bare = [name for name, declared in made.__dataclass_fields__.items() if "meaning" not in declared.metadata]
     if bare:
         raise TypeError(f"{topic.__name__}.{bare[0]}: declare it by `threshold`, with unit, meaning and origin")
-    return made  # type: ignore[no-any-return]
+    return made
