@@ -1,0 +1,96 @@
+"""List functions and classes whose name is no verb with its object and no noun: participles, adverbs, single letters.
+
+``python scripts/check_names.py [FOLDER …]`` prints one line a name, then the share of all names; with no folder it
+reads the whole product. ``make lint`` runs it: it fails where a public name is listed, or more than 1 % of all names.
+
+A name is a participle where its first or its last word is one (``_joined_rows``, ``points_seen``): a reader cannot tell
+whether it does something, is something, or answers a question. ``is_…`` and ``has_…`` answer questions, ``find_…``,
+``select_…``, ``compute_…`` do something, and a property may be the noun or adjective that it is.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
+#: The largest share of private names that may be listed.
+MOST_LISTED = 0.01
+#: Verbs that end as participles do, and participles that have become nouns or verbs of the field.
+VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed", "weed"}  # fmt: skip
+PARTICIPLES = {
+    "built", "chosen", "done", "drawn", "driven", "fallen", "felt", "found", "given", "gone", "grown", "held", "hidden",
+    "kept", "known", "laid", "left", "lent", "lost", "made", "meant", "met", "seen", "sent", "shown", "spelt", "spent",
+    "spread", "sought", "stood", "sunk", "swept", "taken", "thrown", "told", "torn", "won", "worn", "written",
+}  # fmt: skip
+#: Words that say nothing alone.
+EMPTY = {
+    "about", "after", "again", "all", "alone", "also", "and", "any", "apart", "around", "as", "aside", "at", "away",
+    "back", "before", "below", "beside", "both", "by", "down", "each", "else", "enough", "every", "few", "for", "from",
+    "further", "here", "how", "in", "into", "it", "less", "many", "more", "most", "much", "of", "off", "on", "once",
+    "only", "other", "others", "out", "over", "rest", "so", "some", "such", "that", "them", "then", "there", "these",
+    "this", "those", "to", "together", "twice", "under", "up", "what", "when", "where", "which", "who", "why", "with",
+    "within", "without",
+}  # fmt: skip
+PARTICIPLE = re.compile(r"[a-z]{2,}ed$")
+ADVERB = re.compile(r"[a-z]{3,}ly$")
+NO_ADVERBS = {"apply", "multiply", "supply", "family", "assembly", "anomaly", "reply", "fly", "poly", "imply"}
+
+
+class Name(NamedTuple):
+    """A function or class: where it stands, its name, and whether it is judged as the noun or adjective it may be."""
+
+    place: str
+    name: str
+    is_property: bool
+
+
+def names_of(path: Path) -> Iterator[Name]:
+    """Yield the functions, methods and classes of a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            decorators = [] if isinstance(node, ast.ClassDef) else node.decorator_list
+            is_property = any("property" in ast.unparse(decorator) for decorator in decorators)
+            yield Name(f"{path.relative_to(ROOT)}:{node.lineno}", node.name, is_property)
+
+
+def fault_of(name: Name) -> str:
+    """Return what is wrong with a name, empty where nothing is."""
+    if name.name.startswith("__"):
+        return ""
+    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+", name.name)]
+    if len(words) == 1 and len(words[0]) == 1:
+        return "a single letter"
+    if len(words) == 1 and words[0] in EMPTY:
+        return "says nothing alone"
+    ends = {words[0]} if words[0] in ("is", "has", "as") or "by" in words[1:] else {words[0], words[-1]}
+    for word in ends - VERBS:
+        if ADVERB.fullmatch(word) and word not in NO_ADVERBS and not name.is_property:
+            return f"{word}: an adverb"
+        if (word in PARTICIPLES or PARTICIPLE.fullmatch(word)) and not name.is_property:
+            return f"{word}: a participle"
+    return ""
+
+
+def main(folders: list[str]) -> int:
+    """Print the names with faults and return 1 where there are too many."""
+    places = [ROOT / folder for folder in folders or PARTS]
+    paths = sorted(path for place in places for path in (place.rglob("*.py") if place.is_dir() else [place]))
+    names = [name for path in paths for name in names_of(path)]
+    faults = [(name, fault) for name in names if (fault := fault_of(name))]
+    for name, fault in faults:
+        print(f"{name.place} {name.name}: {fault}")
+    is_public = [not name.name.startswith("_") for name, _ in faults]
+    print(
+        f"names: {len(faults)} of {len(names)} listed ({len(faults) / max(len(names), 1):.1%}), {sum(is_public)} public"
+    )
+    return int(any(is_public) or len(faults) > MOST_LISTED * len(names))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
