@@ -101,6 +101,10 @@ benchmarks: set-up-test  ## accuracy and speed figures
 structure:  ## how the code is laid out, now and before: rooms, arrows, lines; written into docs/structure.md
 	@/usr/bin/python3 scripts/measure_structure.py --write
 
+.PHONY: thresholds
+thresholds: set-up-test  ## all thresholds by topic, with unit, meaning and origin; written into docs/thresholds.md
+	@$(BIN)/python scripts/list_thresholds.py
+
 .PHONY: clean
 clean:  ## remove the environment and everything made here
 	rm -rf .venv $(BUILD) dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .qgis-settings

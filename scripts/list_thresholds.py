@@ -1,0 +1,127 @@
+"""Write `docs/thresholds.md`: every threshold of the product by topic, with value, unit, meaning and origin.
+
+``python scripts/list_thresholds.py`` imports each module that declares a topic (`hrsi_engine.foundation.thresholds`)
+and writes the page; ``--check`` only tells whether the page is current. The plugin is left out: it needs QGIS.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "thresholds.md"
+COMMAND = ".venv/bin/python scripts/list_thresholds.py"
+PARTS = ("hrsi_engine", "processing_algorithms")
+#: A module that declares a topic has this line; the others are not imported.
+DECLARATION = re.compile(r"^@thresholds$", re.MULTILINE)
+HEAD = f"""# Thresholds
+
+<!-- Written by `{COMMAND}`: change the declarations and run it again. -->
+
+Every number that HRSI compares with, by topic: the limits of tests, the sizes of windows and buffers, the ends of
+iterations. Each is a field of the class named below the heading. The origin is a theory, a publication, the data and
+date of the tuning, or *judgement* where an engineer chose it and no data decided.
+"""
+
+
+class Topic(NamedTuple):
+    """A class of thresholds with its instances by their names in the module."""
+
+    module: str
+    declaration: type
+    instances: dict[str, Any]
+
+
+def declaring_modules() -> Iterator[str]:
+    """Yield the names, from `hrsi` on, of the modules that declare topics."""
+    for path in sorted(file for part in PARTS for file in (ROOT / part).rglob("*.py")):
+        if DECLARATION.search(path.read_text(encoding="utf-8")):
+            yield ".".join(("hrsi", *path.relative_to(ROOT).with_suffix("").parts))
+
+
+def topics_of(module: ModuleType) -> Iterator[Topic]:
+    """Yield the topics that a module declares."""
+    for value in vars(module).values():
+        if isinstance(value, type) and value.__module__ == module.__name__ and is_topic(value):
+            instances = {name: one for name, one in vars(module).items() if type(one) is value}
+            yield Topic(module.__name__, value, instances)
+
+
+def is_topic(declaration: type) -> bool:
+    """Tell whether a class was made by `thresholds`: a dataclass whose fields all have a meaning."""
+    fields = getattr(declaration, "__dataclass_fields__", {})
+    return bool(fields) and all("meaning" in field.metadata for field in fields.values())
+
+
+def find_topics() -> list[Topic]:
+    """Return all topics in the order of their modules."""
+    return [topic for name in declaring_modules() for topic in topics_of(import_module(name))]
+
+
+def find_faults(topic: Topic) -> list[str]:
+    """Return what a topic lacks: an instance, or a unit, meaning or origin of a field."""
+    home = f"{topic.module}.{topic.declaration.__name__}"
+    faults = [] if topic.instances else [f"{home}: make one instance of it in its module"]
+    for field in topic.declaration.__dataclass_fields__.values():
+        faults += [
+            f"{home}.{field.name}: say its {what}"
+            for what in ("meaning", "origin")
+            if not str(field.metadata[what]).strip()
+        ]
+        if not isinstance(field.metadata["unit"], str):
+            faults.append(f'{home}.{field.name}: say its unit; "" for a ratio')
+    return faults
+
+
+def format_value(value: Any) -> str:
+    """Return a threshold as the page shows it."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}".replace(",", " ")
+    if isinstance(value, tuple):
+        return ", ".join(map(format_value, value))
+    return str(value)
+
+
+def format_topic(topic: Topic) -> Iterator[str]:
+    """Yield the lines of a topic: heading, where it is declared, what it decides, and a table."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", topic.declaration.__name__)
+    yield from ("", f"## {words[0]}{words[1:].lower()}", "")
+    yield f"`{topic.module.removeprefix('hrsi.')}`: {', '.join(f'`{name}`' for name in topic.instances)}"
+    yield from ("", " ".join((topic.declaration.__doc__ or "").split()).replace("``", "`"))
+    for name, instance in topic.instances.items():
+        yield from ("", f"| {name} | value | unit | meaning | origin |", "|---|---:|---|---|---|")
+        for field in topic.declaration.__dataclass_fields__.values():
+            texts = field.name, format_value(getattr(instance, field.name)), *(
+                field.metadata[key] for key in ("unit", "meaning", "origin")
+            )  # fmt: skip
+            yield "| " + " | ".join(text.replace("``", "`").replace("|", "\\|") for text in texts) + " |"
+
+
+def write_page() -> str:
+    """Return the text of the page."""
+    lines = [line for topic in find_topics() for line in format_topic(topic)]
+    return HEAD + "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    faults = [fault for topic in find_topics() for fault in find_faults(topic)]
+    if faults:
+        raise SystemExit("\n".join(faults))
+    if "--check" in sys.argv[1:]:
+        if not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != write_page():
+            raise SystemExit(f"{PAGE.relative_to(ROOT)} is not current: run {COMMAND} (or `make thresholds`)")
+        return
+    PAGE.write_text(write_page(), encoding="utf-8")
+    print(PAGE.relative_to(ROOT))
+
+
+if __name__ == "__main__":
+    main()
