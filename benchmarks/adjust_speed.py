@@ -34,7 +34,7 @@ from hrsi.hrsi_engine.adjustment.outcome import outcome
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.adjustment.statistics.precision import precision
-from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
@@ -65,7 +65,7 @@ def read_folder(folder: str) -> Block:
     images = [open_image(path) for path in sorted(glob.glob(f"{folder}/rpcs/*"))]
     ground = read_points(f"{folder}/ground_points.csv", height_datum="ellipsoidal").ground
     measured = read_points(f"{folder}/image_points.csv", image_ids=[image.id for image in images]).image
-    return assemble(images, [ground], [measured], defaults=Defaults(0.3))
+    return assemble(images, [ground], [measured], defaults=DefaultSigmas(0.3))
 
 
 def timed(block: Block, options: AdjustOptions) -> dict[str, Any]:

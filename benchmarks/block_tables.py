@@ -37,7 +37,7 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import predicted_accuracy
-from hrsi.hrsi_engine.block.block import Block, Defaults, Role
+from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
@@ -95,8 +95,8 @@ def percent(values: np.ndarray) -> str:
 
 def hobart_by_kind() -> Section:
     """Return Hobart with 10 GCPs, by what the check points' measurements may do and by model."""
-    five_cm = Defaults(0.5, 0.05, 0.05)
-    runs: list[tuple[str, Defaults | None, AdjustOptions]] = [
+    five_cm = DefaultSigmas(0.5, 0.05, 0.05)
+    runs: list[tuple[str, DefaultSigmas | None, AdjustOptions]] = [
         ("shift, check points intersected only", None, PLAIN),
         ("the same, GCP sigmas of 5 cm", five_cm, PLAIN),
         ("shift, their measurements as ties", None, TIES),

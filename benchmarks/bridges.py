@@ -134,7 +134,7 @@ def refined(image):  # type: ignore[no-untyped-def]  # Image -> RPC
 
     model = MODELS["affine"]
     values = np.array([3.21, 1e-4, -2e-4, -7.65, 5e-5, 1.5e-4])[: len(model.parameters)]
-    return model.refined_rpc(image, values).rpc
+    return model.compute_refined_rpc(image, values).rpc
 
 
 def prepare(paths: list[Path]) -> tuple[dict[str, str], dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -154,7 +154,9 @@ def hobart_deviations(data: Path, kind: str, model: str = "shift") -> np.ndarray
     known = np.isin(ground.ids, measured.ids)
     control = GroundPoints(ground.ids[known], ground.ground[known], ground.role[known], ground.sigma_m[known])
     result = adjust(assemble(images, [control], [measured]), AdjustOptions(model=model, reject_sigma=0.0))
-    rpcs = [result.model.refined_rpc(image, value).rpc for image, value in zip(images, result.values, strict=True)]
+    rpcs = [
+        result.model.compute_refined_rpc(image, value).rpc for image, value in zip(images, result.values, strict=True)
+    ]
     block = result.block
     deviations = []
     for point in range(len(block.points)):

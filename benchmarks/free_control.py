@@ -38,7 +38,7 @@ from hrsi.hrsi_engine.laboratory.simulation.render import block_with_pixels
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, SimulatedTerrain
 from hrsi.hrsi_engine.measurement.reference.matching import match_reference
-from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
+from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from hrsi.hrsi_engine.surface.dem import GridSurface, surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.laser_points import adjust_at_laser_points
@@ -340,7 +340,7 @@ def cost(seed: int) -> list[list[str]]:
     images = tuple(replace(image, raster=raster) for image, raster in zip(block.images, rasters, strict=True))
     half_m = 0.5 * LARGE_PX * views[0].sensor.gsd_m
     laser = simulate_laser(simulated.scene.terrain, half_m, LaserSpec(LARGE_PASSES), [seed, 50]).points
-    laser = replace(laser, doubt=laser_reasons(laser))
+    laser = replace(laser, doubt=find_laser_reasons(laser))
     start = time.process_time()
     context = Context(silent, lambda text: None)
     result, _ = adjust_at_laser_points(replace(block, images=images), AdjustOptions(laser=laser), 1, context)

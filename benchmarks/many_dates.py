@@ -118,7 +118,7 @@ def adjusted_cameras(images: Sequence[Image], ties: ImagePoints) -> dict[str, RP
         print(f"  the adjustment fails: {error}")
         return {}
     return {
-        image.id: result.model.refined_rpc(image, values).rpc
+        image.id: result.model.compute_refined_rpc(image, values).rpc
         for image, values in zip(result.block.images, result.values, strict=True)
     }
 

@@ -67,7 +67,7 @@ def judge_by_ties(block: Block, apart: np.ndarray, model: str) -> Outcome:
     """Adjust a block without some tie points ``apart (points,)``; these judge, by how well their rays meet."""
     result, seconds = adjusted(block.with_measurements(~apart[block.measurements.point]), model)
     refined = [
-        replace(image, rpc=result.model.refined_rpc(image, values).rpc)
+        replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
         for image, values in zip(block.images, result.values, strict=True)
     ]
     held = replace(block.with_measurements(apart[block.measurements.point]), images=refined)

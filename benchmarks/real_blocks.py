@@ -15,7 +15,7 @@ import numpy as np
 
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 
@@ -27,7 +27,7 @@ ZY3_CONTROL = ("1", "2", "11", "21", "26", "31", "41")
 # ---- blocks --------------------------------------------------------------------------------------------------------
 
 
-def hobart(gcp_ids: Sequence[str] = TEN, defaults: Defaults | None = None) -> Block:
+def hobart(gcp_ids: Sequence[str] = TEN, defaults: DefaultSigmas | None = None) -> Block:
     """Return the IKONOS triplet of Hobart; all points that are not GCPs are check points."""
     folder = DATA / "thesis"
     images = [open_image(str(folder / f"hobart_ikonos_{k}_RPC.TXT")) for k in (1, 2, 3)]

@@ -143,7 +143,7 @@ def refined_images(scene: scenes.Scene, gcps: bool) -> list[Image]:
         block = replace(block, points=replace(block.points, role=role))
     result = adjust(block, AdjustOptions(model="shift-drift" if gcps else "shift", reject_sigma=0.0))
     return [
-        replace(image, rpc=result.model.refined_rpc(image, values).rpc)
+        replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
         for image, values in zip(scene.images, result.values, strict=True)
     ]
 

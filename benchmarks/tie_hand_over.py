@@ -19,7 +19,7 @@ import numpy as np
 
 from hrsi.benchmarks.pages import put_between
 from hrsi.benchmarks.thesis_tables import render
-from hrsi.hrsi_engine.block.names import unique_ids
+from hrsi.hrsi_engine.block.names import find_unique_ids
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
@@ -91,7 +91,7 @@ def main() -> None:
                 for column in ("ids", "image_ids", "xy", "sigma_px", "kind", "quality")
             )
             _, names_cpu, _ = timed(
-                lambda read_back=read_back: (unique_ids(read_back.ids), unique_ids(read_back.image_ids))
+                lambda read_back=read_back: (find_unique_ids(read_back.ids), find_unique_ids(read_back.image_ids))
             )
             million = options.rows / MILLION
             rows.append([form, file, f"{os.path.getsize(folder / file) / options.rows:.0f}", f"{cpu / million:.2f}",

@@ -42,7 +42,7 @@ def main() -> None:
     adjusting, result = seconds(lambda: adjust(block, options))
     left = residuals(result)
     pairs = zip(block.images, result.values, strict=True)
-    refined = [result.model.refined_rpc(image, values) for image, values in pairs]
+    refined = [result.model.compute_refined_rpc(image, values) for image, values in pairs]
     before, found = seconds(lambda: check_block(block))
     after, more = seconds(lambda: find_reasons(Evidence(result, left, refined)))
     rows = [

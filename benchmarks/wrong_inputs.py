@@ -43,10 +43,10 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     along_track_views,
     simulate_block,
 )
-from hrsi.hrsi_engine.plausibility.accuracy import image_accuracies
-from hrsi.hrsi_engine.plausibility.control import control_of, fit
-from hrsi.hrsi_engine.plausibility.datums import datum_shifts
-from hrsi.hrsi_engine.plausibility.slips import common_lift
+from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
+from hrsi.hrsi_engine.plausibility.control import collect_control, fit_control
+from hrsi.hrsi_engine.plausibility.datums import find_datum_shifts
+from hrsi.hrsi_engine.plausibility.slips import estimate_common_lift
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
@@ -248,16 +248,16 @@ class Kind(NamedTuple):
 def by_heights(right: Inputs, wrong: Inputs) -> float:
     """How many sigmas the heights are off, as the images' views from different sides tell heights."""
     block = assemble(right.images, [right.ground], [right.measured])
-    control = control_of(block, image_accuracies(block.images))
+    control = collect_control(block, estimate_accuracies(block.images))
     assert control is not None
-    sigma = common_lift(control, fit(control).shift_m)[1]
+    sigma = estimate_common_lift(control, fit_control(control).shift_m)[1]
     return float(np.median(np.abs(wrong.ground.ground[:, 2] - right.ground.ground[:, 2])) / sigma)
 
 
 def by_position(right: Inputs, wrong: Inputs) -> float:
     """How many sigmas of the RPCs' shifts the positions are off."""
     step = ground_difference_m(wrong.ground.ground, right.ground.ground)
-    return float(np.median(np.hypot(*step[:, :2].T)) / image_accuracies(right.images[:1])[0].sigma_m)
+    return float(np.median(np.hypot(*step[:, :2].T)) / estimate_accuracies(right.images[:1])[0].sigma_m)
 
 
 def by_dem(right: Inputs, wrong: Inputs) -> float:
@@ -444,7 +444,7 @@ def degrees_off(inputs: Inputs, rng: np.random.Generator) -> Inputs:
 def other_datum(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     """ED50 around Provence and Turkey, AGD66 in Tasmania, and so on: the datum farthest from WGS84 at the place."""
     middle = np.median(inputs.ground.ground, axis=0)
-    shifts = datum_shifts(round(float(middle[0]), 1), round(float(middle[1]), 1))
+    shifts = find_datum_shifts(round(float(middle[0]), 1), round(float(middle[1]), 1))
     farthest = max(shifts, key=lambda shift: np.hypot(shift.east_m, shift.north_m))
     step = -np.array([farthest.east_m, farthest.north_m, 0.0]) / metres_per_degree(middle[None])[0]
     return inputs.with_ground(inputs.ground.ground + step)

@@ -22,7 +22,7 @@ from ..hrsi_engine.adjustment.evaluation import (
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
-from ..hrsi_engine.block.footprints import footprint
+from ..hrsi_engine.block.footprints import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.residual_plots import bars_svg
@@ -335,7 +335,7 @@ def _layers(
         for key in ("predicted_rmse_px", "fit_rmse_px"):
             values = [entry["images"][image.id][key] for image in images]
             columns[f"{key.removesuffix('_px')}_{name}"] = np.array(values, dtype=np.float64)
-    layers = [Layer("images", "Polygon", WGS84, [footprint(image, height) for image in images], columns)]
+    layers = [Layer("images", "Polygon", WGS84, [compute_footprint(image, height) for image in images], columns)]
     pairs = [{"set": name, **pair} for name, entry in report["sets"].items() for pair in entry["pairs"]]
     if pairs:
         table = {key: np.array([pair[key] for pair in pairs]) for key in pairs[0]}

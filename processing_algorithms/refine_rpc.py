@@ -12,8 +12,8 @@ from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.refinement.models import MODELS
 from ..hrsi_engine.refinement.options import RefineOptions
-from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve
-from ..hrsi_engine.refinement.selection import control_on
+from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refinement
+from ..hrsi_engine.refinement.selection import select_control
 from ..hrsi_engine.results.figures import control_and_check
 from ..hrsi_engine.results.residuals import residuals
 from ..hrsi_engine.results.separate_images import separate_result
@@ -76,7 +76,7 @@ def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refi
     refinements = []
     for index, image in enumerate(block.images):
         advance(context.progress, index / len(block.images), f"refining {image.id}")
-        control = control_on(block, index, Role.GCP)
+        control = select_control(block, index, Role.GCP)
         refinements.append(refine_image(image, control, options))
     return refinements
 
@@ -94,7 +94,9 @@ def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict
     """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
     try:
         others = [
-            Refinement(found.image, MODELS[name], solve(MODELS[name], found.image, found.control), found.control)
+            Refinement(
+                found.image, MODELS[name], solve_refinement(MODELS[name], found.image, found.control), found.control
+            )
             for found in refinements
         ]
     except (InputError, SolveError) as error:

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, ViewGeometry, all_pairs, sanity_warnings
+from ..hrsi_engine.block.imaging_geometry import (
+    PairGeometry,
+    ViewDirection,
+    ViewGeometry,
+    compute_all_pairs,
+    find_rpc_warnings,
+)
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
@@ -33,12 +39,12 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     geometries: list[ViewGeometry] = []
     for number, view in enumerate(views):
         advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")
-        doubts = sanity_warnings(view.image, _terrain_range(view, options))
+        doubts = find_rpc_warnings(view.image, _terrain_range(view, options))
         tell(doubts, context)  # now: an RPC that is damaged may have no geometry
         warnings += doubts
         geometries.append(view.geometry())
     advance(context.progress, 0.5, "pairs")
-    pairs = all_pairs(views)
+    pairs = compute_all_pairs(views)
     report: Report = {
         **context.record,
         "images": {

@@ -12,7 +12,7 @@ from hrsi.hrsi_engine.adjustment.equations import FREE_POINT_SIGMA_M
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.block.pointing import LEAST_DRIFT
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, with_drift
+from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, add_drift_parameters
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED
 
 
@@ -33,7 +33,7 @@ class Dense(NamedTuple):
 def dense_solution(block, model, controlled=True, drift=LEAST_DRIFT):
     """Solve the same problem with one dense design matrix over all unknowns, the cameras' drift among them."""
     priors = CONTROLLED if controlled else UNCONTROLLED
-    camera = with_drift(model) if drift and isinstance(model, ImagePolynomial) else model
+    camera = add_drift_parameters(model) if drift and isinstance(model, ImagePolynomial) else model
     p, q, count, total = len(model.parameters), len(camera.parameters), len(block.images), len(block.points)
     sigma = [np.r_[model.prior_sigmas(image, priors), np.full(q - p, drift)] for image in block.images]
     prior = np.concatenate(sigma)

@@ -25,7 +25,7 @@ from hrsi.hrsi_engine.laboratory.simulation.free_ortho import CORNER_FROM, draw_
 from hrsi.hrsi_engine.laboratory.simulation.laser import SimulatedLaser, simulate_laser
 from hrsi.hrsi_engine.laboratory.simulation.options import FreeOrthoSpec, LaserSpec
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import SimulatedBlock
-from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
+from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 
 LOOKED_UP, TIES_EACH, AROUND_M = 400, 3, 10.0
 
@@ -57,7 +57,7 @@ def laser_scene(
     terrain, rng = simulated.scene.terrain, np.random.default_rng([seed, 51])
     half_m = 0.5 * size * views[0].sensor.gsd_m
     laser = simulate_laser(terrain, half_m, spec or LaserSpec(3), [seed, 50])
-    points = replace(laser.points, doubt=laser_reasons(laser.points))
+    points = replace(laser.points, doubt=find_laser_reasons(laser.points))
     chosen = rng.permutation(np.flatnonzero(points.doubt == ""))[:looked_up]
     chart = terrain.chart.from_ground(points.ground[chosen])
     near = (chart[:, None] + rng.uniform(-AROUND_M, AROUND_M, (len(chosen), TIES_EACH, 2))).reshape(-1, 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 
@@ -88,5 +88,5 @@ def block(
     surveyed = moved_ground(truth, rng.normal(0, noise_m, truth.shape))
     known = role != Role.TIE
     table = GroundPoints.create(np.array(ids)[known], surveyed[known], role[known], noise_m)
-    made = assemble(cameras, [table], rows, defaults=Defaults(noise_px, noise_m, noise_m))
+    made = assemble(cameras, [table], rows, defaults=DefaultSigmas(noise_px, noise_m, noise_m))
     return made, truth, errors

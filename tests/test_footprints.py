@@ -14,13 +14,13 @@ from shapely.geometry import Polygon, box
 from hrsi.hrsi_engine.block import footprints
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.block.footprints import (
-    footprint,
-    footprint_between,
-    overlap_shares,
-    polygon_of,
-    ring_of,
-    shared_ground,
-    touching_pairs,
+    compute_footprint,
+    compute_footprint_hull,
+    compute_overlap,
+    find_touching_pairs,
+    intersect_footprints,
+    list_corners,
+    make_polygon,
 )
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 
@@ -33,7 +33,7 @@ def transformer(image: Image) -> gdal.Transformer:
 
 def test_a_footprint_goes_around_what_gdal_finds_in_the_image():
     image = blocks.images(1)[0]
-    ring = ring_of(footprint(image, 150.0))
+    ring = list_corners(compute_footprint(image, 150.0))
     np.testing.assert_array_equal(ring[0], ring[-1])
     corners = np.array([[0, 0], [4001, 0], [4001, 4001], [0, 4001]], dtype=float)  # GDAL counts from the outer corner
     found, _ = transformer(image).TransformPoints(0, [(*corner, 150.0) for corner in corners])
@@ -43,7 +43,7 @@ def test_a_footprint_goes_around_what_gdal_finds_in_the_image():
 def test_shares_are_those_of_counted_pixels():
     first, second = blocks.images(2)
     moved = Image("moved", replace(second.rpc, samp_off=2900.0, line_off=1600.0), second.size)
-    share = overlap_shares(footprint(first, 500.0), footprint(moved, 500.0))
+    share = compute_overlap(compute_footprint(first, 500.0), compute_footprint(moved, 500.0))
     grid = np.stack(np.meshgrid(np.linspace(10, 3991, 120), np.linspace(10, 3991, 120)), axis=-1).reshape(-1, 2)
     for (here, there), expected in zip(((first, moved), (moved, first)), share, strict=True):
         ground, _ = transformer(here).TransformPoints(0, [(*xy, 500.0) for xy in grid])
@@ -54,17 +54,17 @@ def test_shares_are_those_of_counted_pixels():
 
 
 def test_the_intersection_is_that_of_ogr():
-    one, other = footprint(blocks.images(1)[0], 0.0), footprint(blocks.images(3)[2], 900.0)
-    ours = shared_ground(one, other)
+    one, other = compute_footprint(blocks.images(1)[0], 0.0), compute_footprint(blocks.images(3)[2], 900.0)
+    ours = intersect_footprints(one, other)
     theirs = ogr.CreateGeometryFromWkt(one.wkt).Intersection(ogr.CreateGeometryFromWkt(other.wkt))
     assert ours.area == pytest.approx(theirs.Area(), rel=1e-9)
-    assert overlap_shares(one, Polygon()) == (0.0, 0.0)
+    assert compute_overlap(one, Polygon()) == (0.0, 0.0)
 
 
 def test_what_lies_between_two_heights_holds_every_height_between():
     image = blocks.images(1)[0]
-    hull = footprint_between(image, -100.0, 1500.0).buffer(2e-6)  # 20 cm: rays and edges are curved a little
-    assert all(hull.covers(footprint(image, height)) for height in (-100.0, 300.0, 900.0, 1500.0))
+    hull = compute_footprint_hull(image, -100.0, 1500.0).buffer(2e-6)  # 20 cm: rays and edges are curved a little
+    assert all(hull.covers(compute_footprint(image, height)) for height in (-100.0, 300.0, 900.0, 1500.0))
 
 
 def squares(count: int, seed: int) -> list[Polygon]:
@@ -100,22 +100,22 @@ def test_touching_pairs_are_those_of_trying_all(tree, monkeypatch):
         (i, j) for i, j in combinations(range(60), 2)
         if 7 not in (i, j) and polygons[i].intersects(polygons[j])
     ]  # fmt: skip
-    assert touching_pairs(polygons) == expected
+    assert find_touching_pairs(polygons) == expected
     assert 20 < len(expected) < 400
 
 
 def test_images_across_the_date_line_meet():
     """One polygon counts its longitudes on beyond 180, the other from -180."""
-    east = polygon_of(np.array([[179.8, 0.0], [-179.9, 0.0], [-179.9, 1.0], [179.8, 1.0]]))
-    west = polygon_of(np.array([[-180.0, 0.5], [-179.7, 0.5], [-179.7, 1.5], [-180.0, 1.5]]))
+    east = make_polygon(np.array([[179.8, 0.0], [-179.9, 0.0], [-179.9, 1.0], [179.8, 1.0]]))
+    west = make_polygon(np.array([[-180.0, 0.5], [-179.7, 0.5], [-179.7, 1.5], [-180.0, 1.5]]))
     assert east.area == pytest.approx(0.3)
-    assert touching_pairs([east, west]) == [(0, 1)]
-    assert overlap_shares(east, west) == pytest.approx((0.05 / 0.3, 0.05 / 0.3))
+    assert find_touching_pairs([east, west]) == [(0, 1)]
+    assert compute_overlap(east, west) == pytest.approx((0.05 / 0.3, 0.05 / 0.3))
 
 
 def test_outlines_that_cannot_be():
-    bow = polygon_of(np.array([[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]))
+    bow = make_polygon(np.array([[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]))
     assert bow.is_valid and bow.area == pytest.approx(1.0)  # its convex hull
-    assert polygon_of(np.array([[0.0, 0.0], [np.nan, 1.0], [1.0, 1.0]])).is_empty
-    assert touching_pairs([Polygon(), Polygon()]) == []
-    assert len(ring_of(Polygon())) == 0
+    assert make_polygon(np.array([[0.0, 0.0], [np.nan, 1.0], [1.0, 1.0]])).is_empty
+    assert find_touching_pairs([Polygon(), Polygon()]) == []
+    assert len(list_corners(Polygon())) == 0

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from simulated_blocks import images as simulated_images
 
 from hrsi.hrsi_engine.block.block import Block, Image, assemble
-from hrsi.hrsi_engine.block.points import GroundPoints, ImagePoints, lie_apart
-from hrsi.hrsi_engine.block.similar_ids import plain_spellings, resembling
+from hrsi.hrsi_engine.block.points import GroundPoints, ImagePoints, are_apart
+from hrsi.hrsi_engine.block.similar_ids import find_similar_ids, normalise_spellings
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.json_values import json_text
 from hrsi.hrsi_engine.ground.geodesy import distances_m
@@ -35,7 +35,7 @@ ANY_RPC = simulated_images(1)[0].rpc
     ],
 )
 def test_what_people_take_for_the_same_has_one_spelling(alike: list[str]):
-    assert len(set(plain_spellings(alike))) == 1
+    assert len(set(normalise_spellings(alike))) == 1
 
 
 @pytest.mark.parametrize(
@@ -43,14 +43,14 @@ def test_what_people_take_for_the_same_has_one_spelling(alike: list[str]):
     [["1-12", "11-2", "112"], ["1.5", "1.05", "15"], ["7", "70", "17"], ["A1", "B1"], ["100", "1"], ["0", ""]],
 )
 def test_other_points_keep_other_spellings(different: list[str]):
-    assert len(set(plain_spellings(different))) == len(different)
+    assert len(set(normalise_spellings(different))) == len(different)
 
 
 @given(ids=st.lists(st.text(max_size=6), max_size=6))
 def test_spellings_do_not_depend_on_the_neighbours(ids: list[str]):
     """All ids are spelt in one text; each comes out as it does alone."""
-    assert plain_spellings(ids) == [plain_spellings([name])[0] for name in ids]
-    assert all(name in resembling([name], ids)[name] for name in ids)
+    assert normalise_spellings(ids) == [normalise_spellings([name])[0] for name in ids]
+    assert all(name in find_similar_ids([name], ids)[name] for name in ids)
 
 
 NAMES = st.text("Gg017-_. \u00c4\u00e4\u2013\u00a0\u2167", min_size=1, max_size=5)
@@ -58,9 +58,9 @@ NAMES = st.text("Gg017-_. \u00c4\u00e4\u2013\u00a0\u2167", min_size=1, max_size=
 
 @given(st.lists(NAMES, max_size=20), st.lists(NAMES, max_size=20))
 def test_who_resembles_whom_follows_from_the_spellings(strangers, known):
-    spelt = {name: plain_spellings([name])[0] for name in [*strangers, *known]}
+    spelt = {name: normalise_spellings([name])[0] for name in [*strangers, *known]}
     expected = {name: [other for other in known if spelt[other] == spelt[name]] for name in strangers}
-    assert resembling(strangers, known) == {name: others for name, others in expected.items() if others}
+    assert find_similar_ids(strangers, known) == {name: others for name, others in expected.items() if others}
 
 
 def block_of(ground_ids: list[str], measured: dict[str, list[str]], **chosen: list[str]) -> Block:
@@ -111,8 +111,8 @@ def test_two_positions_are_one_point_by_metres(lon: float, lat: float, azimuth_d
 
 def test_heights_that_are_not_known_do_not_differ():
     known, unknown = np.array([[179.9999999, 10.0, 50.0]]), np.array([[-180.0000001, 10.0, np.nan]])
-    assert not lie_apart(known, unknown).any()
-    assert lie_apart(known, unknown + [0.0, 1e-5, 0.0]).all()
+    assert not are_apart(known, unknown).any()
+    assert are_apart(known, unknown + [0.0, 1e-5, 0.0]).all()
 
 
 def test_positions_in_a_table_of_measurements_are_told_by_metres(tmp_path: Path):

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, all_pairs, rays_up, sanity_warnings
+from hrsi.hrsi_engine.block.imaging_geometry import (
+    PairGeometry,
+    ViewDirection,
+    compute_all_pairs,
+    compute_view_directions,
+    find_rpc_warnings,
+)
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.surface.dem import ConstantHeight
@@ -63,7 +69,7 @@ def test_views_of_real_images(real_data: Path, block: str) -> None:
 def test_pairs_of_real_images(real_data: Path, block: str) -> None:
     height, images = BLOCKS[block]
     opened = views(real_data / block, height, list(images))
-    pairs = {(pair.first, pair.second): pair for pair in all_pairs(opened)}
+    pairs = {(pair.first, pair.second): pair for pair in compute_all_pairs(opened)}
     for (i, j), (convergence, first, second) in PAIRS[block].items():
         pair = pairs[opened[i].image.id, opened[j].image.id]
         assert pair.convergence_deg == pytest.approx(convergence, abs=0.06)
@@ -74,18 +80,18 @@ def test_pairs_of_real_images(real_data: Path, block: str) -> None:
 def test_scene_pairs_of_rpc_files_alone(real_data: Path) -> None:
     folder = real_data / "zy3_stereo_gcp"
     stereo = views(folder, 100.0, ["zy301a_fwd_381_6138_rpc.txt", "zy301a_bwd_381_6138_rpc.txt"])
-    assert all_pairs(stereo)[0].convergence_deg == pytest.approx(47.6, abs=0.06)
+    assert compute_all_pairs(stereo)[0].convergence_deg == pytest.approx(47.6, abs=0.06)
     forward = stereo[0].geometry()
     assert (forward.gsd_sample_m, forward.gsd_line_m) == pytest.approx((3.2, 3.5), rel=0.02)
     assert forward.incidence_deg == pytest.approx(23.5, abs=0.06)
     spot = views(real_data / "spot7_tiepoints", 1500.0, ["RPC_1A.xml", "RPC_1B.xml"])
-    assert all_pairs(spot)[0].convergence_deg == pytest.approx(39.4, abs=0.06)
+    assert compute_all_pairs(spot)[0].convergence_deg == pytest.approx(39.4, abs=0.06)
     assert [view.geometry().incidence_deg for view in spot] == pytest.approx([20.6, 19.0], abs=0.06)
 
 
 def test_overlap_depends_on_the_terrains_height(real_data: Path) -> None:
     """The wide-angle pair does not overlap at the RPCs' HEIGHT_OFF; then there are no angles either."""
-    pair = all_pairs(views(real_data / "ventoux_phr_pair", 1075.0, ["left_image.tif", "right_image.tif"]))[0]
+    pair = compute_all_pairs(views(real_data / "ventoux_phr_pair", 1075.0, ["left_image.tif", "right_image.tif"]))[0]
     assert pair == PairGeometry("left_image", "right_image", (0.0, 0.0), None, None)
 
 
@@ -103,10 +109,10 @@ def test_base_to_height_of_two_rays() -> None:
         ViewDirection(Image(name, rpc, (10800, 11000)), ConstantHeight(0.0))
         for name, rpc in zip("ab", frames, strict=True)
     ]
-    pair = all_pairs(opened)[0]
+    pair = compute_all_pairs(opened)[0]
     assert pair.base_to_height == pytest.approx(0.5, rel=2e-3)
     assert pair.convergence_deg == pytest.approx(np.degrees(np.arctan(0.2) + np.arctan(0.3)), abs=0.05)
-    east, north, up = rays_up(frames[1], np.array([[10.0, 0.0, 0.0]]))[0]
+    east, north, up = compute_view_directions(frames[1], np.array([[10.0, 0.0, 0.0]]))[0]
     assert (east / up, north) == pytest.approx((-0.3, 0.0), abs=1e-3)
     assert opened[1].geometry().azimuth_deg == pytest.approx(270.0, abs=0.1)
 
@@ -124,7 +130,7 @@ def test_footprint_is_the_outline_on_the_ground(real_data: Path) -> None:
 
 def test_sound_rpcs_raise_no_doubt(real_data: Path) -> None:
     """Every file of the pack but the tiny crop of a full scene whose origin nothing tells."""
-    doubtful = {path.name for path, _, _ in rpc_files(real_data) if sanity_warnings(open_image(str(path)))}
+    doubtful = {path.name for path, _, _ in rpc_files(real_data) if find_rpc_warnings(open_image(str(path)))}
     assert doubtful == {"PHR1B_P_201709281038393_SEN_PRG_FC_178609-001.tif"}
 
 
@@ -145,7 +151,7 @@ def image_with(**changes: object) -> Image:
     ],
 )
 def test_what_is_wrong_with_an_rpc_is_said(image: Image, message: str) -> None:
-    assert any(part in text for text in sanity_warnings(image) for part in message.split("|"))
+    assert any(part in text for text in find_rpc_warnings(image) for part in message.split("|"))
 
 
 def test_exchanged_latitude_and_longitude_show_as_a_mirror() -> None:
@@ -156,13 +162,13 @@ def test_exchanged_latitude_and_longitude_show_as_a_mirror() -> None:
         rpc, lat_off=rpc.long_off, long_off=rpc.lat_off, lat_scale=rpc.long_scale, long_scale=rpc.lat_scale,
         **{name: getattr(rpc, name)[order] for name in ("line_num", "line_den", "samp_num", "samp_den")},
     )  # fmt: skip
-    assert sanity_warnings(Image("scene", rpc, (10800, 11000))) == []
-    assert "mirrored" in sanity_warnings(Image("scene", exchanged, (10800, 11000)))[0]
+    assert find_rpc_warnings(Image("scene", rpc, (10800, 11000))) == []
+    assert "mirrored" in find_rpc_warnings(Image("scene", exchanged, (10800, 11000)))[0]
 
 
 def test_terrain_beyond_the_rpcs_heights_is_said() -> None:
-    assert "extrapolates" in sanity_warnings(image_with(), (-300.0, 200.0))[0]
-    assert sanity_warnings(image_with(), (0.0, 600.0)) == []
+    assert "extrapolates" in find_rpc_warnings(image_with(), (-300.0, 200.0))[0]
+    assert find_rpc_warnings(image_with(), (0.0, 600.0)) == []
 
 
 def test_an_image_without_ground_is_an_error() -> None:

@@ -13,11 +13,11 @@ from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.block.pointing import (
     LEAST_DRIFT,
     PUBLISHED,
-    believed_pointing,
-    find_published,
-    middle_gsd_m,
+    compute_gsd_m,
+    estimate_pointing,
+    find_sensor,
 )
-from hrsi.hrsi_engine.refinement.model import UNCONTROLLED, believed_priors, priors_of
+from hrsi.hrsi_engine.refinement.model import UNCONTROLLED, estimate_priors, select_priors
 
 NAMES = {
     "QB02": "QuickBird", "WV01": "WorldView-1", "WV02": "WorldView-2", "WV03_VNIR": "WorldView-3", "GE01": "GeoEye-1",
@@ -30,16 +30,16 @@ NAMES = {
 
 @pytest.mark.parametrize(("name", "title"), NAMES.items())
 def test_sensors_are_told_by_their_files(name, title):
-    assert find_published(name).title == title
+    assert find_sensor(name).title == title
 
 
 @pytest.mark.parametrize("name", ["", "img_01.tif", "image_1", "left", "graphrast.tif", "bridge01.tif", "spotted.tif"])
 def test_other_names_tell_nothing(name):
-    assert find_published(name) is None
+    assert find_sensor(name) is None
 
 
 def test_metadata_come_before_names():
-    assert find_published("WV02", "quickbird_like.tif").title == "WorldView-2"
+    assert find_sensor("WV02", "quickbird_like.tif").title == "WorldView-2"
 
 
 def test_every_entry_says_where_it_is_from():
@@ -54,19 +54,19 @@ def image(size=(8000, 8000), sensor="", **stated):
 
 
 def test_the_rpc_is_believed_first():
-    found = believed_pointing(image(sensor="QB02", err_bias=3.0, err_rand=0.4))
+    found = estimate_pointing(image(sensor="QB02", err_bias=3.0, err_rand=0.4))
     assert found.sigma_m == 3.0
     assert "ERR_BIAS 3 m" in found.reason
     assert "ERR_RAND 0.4 m" in found.reason
     # the standard deviation of a linear change, drawn
-    length = 8000 * middle_gsd_m(image())
+    length = 8000 * compute_gsd_m(image())
     along = np.linspace(-0.5, 0.5, 100_001) * length
     assert max(np.std(found.drift * along), LEAST_DRIFT * np.std(along)) == pytest.approx(0.4, rel=1e-3)
 
 
 def test_published_accuracy_covers_nine_of_ten():
     """Drawn errors: 90 % of them inside the CE90 that is published."""
-    sigma = believed_pointing(image(sensor="PHR_SENSOR")).sigma_m
+    sigma = estimate_pointing(image(sensor="PHR_SENSOR")).sigma_m
     drawn = np.random.default_rng(1).normal(0.0, sigma, (100_000, 2))
     assert np.mean(np.hypot(*drawn.T) < 12.0) == pytest.approx(0.9, abs=0.005)
 
@@ -75,19 +75,19 @@ def test_the_change_along_a_strip_is_the_published_one():
     """QuickBird: 12 to 24 m at most of some fifty strips of 100 km; WorldView-1's 1.8 to 4.8 m lie below the floor."""
     floor = LEAST_DRIFT * 100e3 * 3.5
     for sensor, low, high in (("QB02", 12.0, 24.0), ("WV01", 1.8, floor)):
-        strip = image((1000, round(100e3 / middle_gsd_m(image()))), sensor)
-        sigma = believed_pointing(strip).drift * 100e3
+        strip = image((1000, round(100e3 / compute_gsd_m(image()))), sensor)
+        sigma = estimate_pointing(strip).drift * 100e3
         drawn = np.random.default_rng(2).normal(0.0, sigma, (1000, 50, 2))
         assert low < np.median(np.hypot(drawn[:, :, 0], drawn[:, :, 1]).max(axis=1)) < high
 
 
 def test_an_unknown_sensor_has_the_general_default():
-    found = believed_pointing(image())
+    found = estimate_pointing(image())
     assert found.sigma_m is None
     assert found.drift == LEAST_DRIFT
     assert "unknown sensor" in found.reason
-    assert believed_priors(image()).shift_px == UNCONTROLLED.shift_px
-    assert priors_of(image(), controlled=False) == UNCONTROLLED
+    assert estimate_priors(image()).shift_px == UNCONTROLLED.shift_px
+    assert select_priors(image(), controlled=False) == UNCONTROLLED
 
 
 def test_real_products_are_told_by_their_metadata(real_data):
@@ -98,4 +98,4 @@ def test_real_products_are_told_by_their_metadata(real_data):
         "formats/nitf_ichipb/po_39928_pan_0000000_chip_700_700_withICHIPB.nitf": "IKONOS",
     }  # fmt: skip
     for file, title in products.items():
-        assert believed_pointing(open_image(str(real_data / file))).reason.startswith(title), file
+        assert estimate_pointing(open_image(str(real_data / file))).reason.startswith(title), file

@@ -1,7 +1,8 @@
 """The cameras that are delivered: those of the model asked for, without the drift that was estimated beside it.
 
-The estimate has the model's own values v and the drift d that it does not follow (`refinement.image_space.with_drift`).
-What is delivered instead is the correction of the model alone that comes nearest to both together where the image was
+The estimate has the model's own values v and the drift d that it does not follow
+(`refinement.image_space.add_drift_parameters`). What is delivered instead is the correction of the model alone
+that comes nearest to both together where the image was
 measured: with the weighted squares N of the correction's derivatives there and the priors P of the values::
 
     (N_vv + P) step = N_vd d        delivered = v + step
@@ -86,5 +87,5 @@ def _squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> n
         image, number = observations.images[index], observations.camera_of_image[index]
         computed = observations.xy[rows] - solution.normals.residual[rows]
         projected = computed - camera.correction(image, solution.state.values[number], computed)
-        squares[number] += camera.squares(image, projected, weight[rows])
+        squares[number] += camera.compute_normal(image, projected, weight[rows])
     return squares

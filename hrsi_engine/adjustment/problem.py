@@ -15,15 +15,15 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..block.block import Block, Image, tiles_of_scenes
-from ..block.imaging_geometry import rays_up
-from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
+from ..block.block import Block, Image, group_tiles
+from ..block.imaging_geometry import compute_view_directions
+from ..block.pointing import UNKNOWN_PX, compute_gsd_m, estimate_pointing
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..foundation.large_arrays import any_of_rows, finite_rows
-from ..refinement.image_space import ImagePolynomial, with_drift
-from ..refinement.model import Priors, RefinementModel, believed_priors, priors_of
+from ..refinement.image_space import ImagePolynomial, add_drift_parameters
+from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
-from ..refinement.selection import RULES, Choice, choose_model
+from ..refinement.selection import RULES, ModelChoice, choose_model
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .held.held_heights import DemHeights, HeightByRpcs, HeightSource, HeldHeights
@@ -79,7 +79,7 @@ class Problem:
     start: State
     weighting: Weighting
     warnings: tuple[str, ...]
-    choice: Choice | None = None
+    choice: ModelChoice | None = None
     earlier: JointPrior | None = None
     elsewhere: Elsewhere | None = None
 
@@ -146,9 +146,9 @@ class Problem:
         normal = np.zeros((3, 3))
         for image in observations.images:
             rpc = image.rpc
-            up = rays_up(rpc, np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0]
+            up = compute_view_directions(rpc, np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0]
             lean = np.array([[1.0, 0.0, -up[0] / up[2]], [0.0, 1.0, -up[1] / up[2]]])
-            sigma_m = believed_pointing(image).sigma_m or UNKNOWN_PX * middle_gsd_m(image)
+            sigma_m = estimate_pointing(image).sigma_m or UNKNOWN_PX * compute_gsd_m(image)
             normal += lean.T @ lean / sigma_m**2
         # of the images of the block, a point is on some
         normal *= float(np.median(rays[ties])) / len(observations.images)
@@ -272,7 +272,7 @@ def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
 def _cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
     """Return the set of parameters of each image; the images of a group, or the tiles of a scene, have one."""
     representative = np.arange(len(block.images))
-    for group in (*shared, *tiles_of_scenes(block.images, shared)):
+    for group in (*shared, *group_tiles(block.images, shared)):
         members = _image_indices(block, group, "a group of images with shared parameters")
         representative[members] = min(members)
     return np.unique(representative, return_inverse=True)[1].astype(np.int32)
@@ -325,7 +325,7 @@ def _part_warnings(observations: Observations, parts: Sequence[Part], options: A
     free = [part for part in rest if not part.gcps and not part.places]
     if free:
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
-        reasons = dict.fromkeys(believed_pointing(observations.images[i]).reason for part in free for i in part.images)
+        reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
         believed = " | ".join([*reasons][:SENSORS_NAMED])
         held = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
         what = "position in plan" if held else "position"
@@ -364,13 +364,13 @@ def _camera(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
     """Return the model with the drift that it does not follow; without parameters, or such drift, the model itself."""
     if not model.parameters or options.sigma_drift == 0.0 or not isinstance(model, ImagePolynomial):
         return model
-    camera = with_drift(model)
+    camera = add_drift_parameters(model)
     return camera if len(camera.parameters) > len(model.parameters) else model
 
 
 def _image_priors(options: AdjustOptions, image: Image, controlled: bool) -> Priors:
     """Return the priors of an image's corrections: those of the options, else what its RPC and control tell."""
-    chosen = priors_of(image, controlled)
+    chosen = select_priors(image, controlled)
     if options.sigma_shift_px is None and options.sigma_drift is None:
         return chosen  # its own sigmas of position and attitude too
     return Priors(
@@ -383,7 +383,7 @@ def _guessed_drift(options: AdjustOptions, image: Image, priors: Priors) -> floa
     """Return the usual sigma (px/px) of a drift; estimated in any case, it starts as any drift does."""
     if options.sigma_drift is not None:
         return options.sigma_drift
-    return priors.drift if options.variance_components else believed_priors(image).drift
+    return priors.drift if options.variance_components else estimate_priors(image).drift
 
 
 def _prior_weight(
@@ -419,7 +419,7 @@ def _believed_drift(observations: Observations, model: RefinementModel, camera: 
     p = len(model.parameters)
     sigma = np.empty((observations.cameras, len(camera.parameters)))
     for index, image in reversed(list(enumerate(observations.images))):
-        believed = believed_priors(image)
+        believed = estimate_priors(image)
         number = observations.camera_of_image[index]
         sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, believed), believed.drift
     return sigma

@@ -13,7 +13,7 @@ from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..foundation.large_arrays import finite_rows
 from ..refinement.model import RefinementModel
-from ..refinement.selection import Choice
+from ..refinement.selection import ModelChoice
 from .joint_prior import JointCameras
 
 STATED_ALIKE = 0.01  # variances that differ by less were stated as the same
@@ -303,7 +303,7 @@ class Adjustment:
     survey_factors : tuple of float
         Of the surveys' standard deviations as predicted for other points: horizontal, height, correlated ones;
         estimated ones with the uncertainty of their estimate.
-    choice : Choice or None
+    choice : ModelChoice or None
         Why the model is what it is, where a rule chose it.
     joint : JointCameras or None
         What is known of the cameras together, for a block that others join.
@@ -345,7 +345,7 @@ class Adjustment:
     tests: tuple[ModelTest, ...] = ()
     estimated_sigma_px: np.ndarray | None = None
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    choice: Choice | None = None
+    choice: ModelChoice | None = None
     joint: JointCameras | None = None
 
     def __repr__(self) -> str:

@@ -28,8 +28,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
-from ..refinement.model import believed_priors
-from ..refinement.selection import drift_is_estimated
+from ..refinement.model import estimate_priors
+from ..refinement.selection import can_estimate_drift
 from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import DriftPrior
 from .equations.camera_system import Factored
@@ -74,7 +74,7 @@ class SigmaEstimation:
         self.groups = Groups.of(problem.block, problem.observations, options.variance_groups, options.sensor_images)
         count = len(self.groups.names)
         self.sigmas = Sigmas.of(self.groups, problem.observations)
-        drifts = [believed_priors(image).drift for image in problem.observations.images]
+        drifts = [estimate_priors(image).drift for image in problem.observations.images]
         per_px = float(np.sqrt(np.mean(np.square(drifts))))
         self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift, per_px)
         self.sums = np.zeros((count, 3))
@@ -86,7 +86,7 @@ class SigmaEstimation:
         options, observations = self.problem.options, self.problem.observations
         if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, Factored):
             return False
-        asked = options.variance_components or drift_is_estimated(observations.count, len(observations.images))
+        asked = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
         self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and asked)
         if options.variance_components:
             self.sigmas.free[:] = True

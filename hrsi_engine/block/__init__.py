@@ -7,6 +7,6 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "block": "Block Image Raster assemble",
         "points": "GroundPoints ImagePoints Role",
-        "imaging_geometry": "PairGeometry ViewDirection ViewGeometry all_pairs",
+        "imaging_geometry": "PairGeometry ViewDirection ViewGeometry compute_all_pairs",
     },
 )

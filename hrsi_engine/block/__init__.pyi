@@ -9,7 +9,7 @@ from .block import assemble as assemble
 from .imaging_geometry import PairGeometry as PairGeometry
 from .imaging_geometry import ViewDirection as ViewDirection
 from .imaging_geometry import ViewGeometry as ViewGeometry
-from .imaging_geometry import all_pairs as all_pairs
+from .imaging_geometry import compute_all_pairs as compute_all_pairs
 from .points import GroundPoints as GroundPoints
 from .points import ImagePoints as ImagePoints
 from .points import Role as Role

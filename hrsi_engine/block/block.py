@@ -16,10 +16,10 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
 from ..foundation.large_arrays import any_of_rows, finite_rows
-from .default_sigmas import Defaults
-from .names import isin, join_names, unique_ids
-from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, lie_apart
-from .similar_ids import resembling
+from .default_sigmas import DefaultSigmas
+from .names import find_unique_ids, isin, join_names
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, are_apart
+from .similar_ids import find_similar_ids
 
 
 class Raster(Protocol):
@@ -276,8 +276,8 @@ class Block:
         Block
             With new points and measurements.
         """
-        ids, point = unique_ids(ties.ids)
-        image = _image_indices(ties, self.images).astype(self.measurements.image.dtype)
+        ids, point = find_unique_ids(ties.ids)
+        image = _find_image_indices(ties, self.images).astype(self.measurements.image.dtype)
         order = np.lexsort((image, point))
         added = GroundPoints.create(ids, np.full((len(ids), 3), np.nan), Role.TIE)
         columns = {
@@ -291,7 +291,7 @@ class Block:
         points = GroundPoints(
             np.concatenate([own.ids, added.ids]), np.concatenate([own.ground, added.ground]),
             np.concatenate([own.role, added.role]), np.concatenate([own.sigma_m, added.sigma_m]), own.source,
-            _all_covariances([own, added]),
+            _join_covariances([own, added]),
         )  # fmt: skip
         return replace(self, points=points, measurements=Measurements(**rows))
 
@@ -333,7 +333,7 @@ def assemble(
     image_points: Iterable[ImagePoints],
     gcp_ids: Sequence[str] | None = None,
     check_ids: Sequence[str] | None = None,
-    defaults: Defaults | None = None,
+    defaults: DefaultSigmas | None = None,
 ) -> Block:
     """Put images, ground points and measurements together.
 
@@ -351,7 +351,7 @@ def assemble(
         Tables of measurements.
     gcp_ids, check_ids : sequence of str, optional
         Who is control and who is not.
-    defaults : Defaults, optional
+    defaults : DefaultSigmas, optional
         Standard deviations of what has none of its own.
 
     Returns
@@ -364,45 +364,45 @@ def assemble(
     InputError
         Ids that do not exist or contradict each other.
     """
-    defaults = defaults or Defaults()
+    defaults = defaults or DefaultSigmas()
     image_ids = [image.id for image in images]
     twice = sorted(name for name, count in Counter(image_ids).items() if count > 1)
     if twice:
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
-    rows = _concatenate([table for table in image_points if len(table)])
-    known, rows = _without_points_off(known, rows, [*(gcp_ids or ()), *(check_ids or ())])
+    rows = _join_image_points([table for table in image_points if len(table)])
+    known, rows = _drop_points_off(known, rows, [*(gcp_ids or ()), *(check_ids or ())])
     if gcp_ids and check_ids:
-        known, rows = _only_chosen(known, rows, [*gcp_ids, *check_ids])
+        known, rows = _select_points(known, rows, [*gcp_ids, *check_ids])
     warnings: list[str] = []
-    image_index = _image_indices(rows, images)
-    ids, point_index = unique_ids(rows.ids)
-    warnings += _confused_ids(ids, rows, known)
+    image_index = _find_image_indices(rows, images)
+    ids, point_index = find_unique_ids(rows.ids)
+    warnings += _warn_of_similar_ids(ids, rows, known)
     measured = np.isin(known.ids, ids)
     known, unmeasured = known.select(measured), known.select(~measured)
     if len(unmeasured):
         warnings.append(
             f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured.ids)}"
         )
-    role = _roles(known, gcp_ids, check_ids)
-    points = _all_points(ids, known, role, defaults)
+    role = _assign_roles(known, gcp_ids, check_ids)
+    points = _make_points(ids, known, role, defaults)
     order = np.lexsort((image_index, point_index))
     sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
-    measurements = _without_repetitions(measurements, ids, warnings)
+    measurements = _drop_repetitions(measurements, ids, warnings)
     _require_finite(measurements, ids, images)
-    unmeasured = replace(unmeasured, role=_roles(unmeasured, None, None))
+    unmeasured = replace(unmeasured, role=_assign_roles(unmeasured, None, None))
     return Block(tuple(images), points, measurements, tuple(warnings), unmeasured)
 
 
-def _confused_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:
+def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:
     """Return a warning on measured ids that have no ground point, but differ from one that has by their spelling only.
 
     Two that are measured on the same image are two points.
     """
     surveyed = known.ids[finite_rows(known.ground)]
     found = []
-    for tie, others in resembling(ids[~np.isin(ids, surveyed)], surveyed).items():
+    for tie, others in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
         images = rows.image_ids[rows.ids == tie]
         for name in others:
             if not np.isin(images, rows.image_ids[rows.ids == name]).any():
@@ -415,7 +415,7 @@ def _confused_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> li
     ]
 
 
-def tiles_of_scenes(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
+def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
     """Return the ids of images that are tiles of one scene, a list a scene; but for those in groups of their own."""
     named = {name for group in apart for name in group}
     scenes: dict[str, list[str]] = {}
@@ -435,10 +435,10 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         np.concatenate([t.role for t in tables]),
         np.concatenate([t.sigma_m for t in tables]),
         tables[0].source,
-        _all_covariances(tables),
+        _join_covariances(tables),
     )
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
-    apart = lie_apart(merged.ground, merged.ground[first[inverse]])
+    apart = are_apart(merged.ground, merged.ground[first[inverse]])
     if apart.any():
         raise InputError(
             f"ground point {list_ids(np.unique(merged.ids[apart]))} is given with different positions in "
@@ -447,14 +447,14 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     return merged.select(first)
 
 
-def _all_covariances(tables: list[GroundPoints]) -> np.ndarray | None:
+def _join_covariances(tables: list[GroundPoints]) -> np.ndarray | None:
     if all(table.covariance_m2 is None for table in tables):
         return None
     nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
     return np.concatenate(nothing)
 
 
-def _concatenate(tables: list[ImagePoints]) -> ImagePoints:
+def _join_image_points(tables: list[ImagePoints]) -> ImagePoints:
     if not tables:
         return ImagePoints.create([], [], np.empty((0, 2)))
     if len(tables) == 1:
@@ -467,9 +467,9 @@ def _concatenate(tables: list[ImagePoints]) -> ImagePoints:
     return ImagePoints(**columns, source=tables[0].source)
 
 
-def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
+def _find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
     """Return each row's image index; raise `InputError` for image ids that are not in the block."""
-    measured, inverse = unique_ids(rows.image_ids)
+    measured, inverse = find_unique_ids(rows.image_ids)
     position = {image.id: index for index, image in enumerate(images)}
     unknown = [name for name in measured if str(name) not in position]
     if unknown:
@@ -481,25 +481,23 @@ def _image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray:
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
 
 
-def _without_points_off(
-    known: GroundPoints, rows: ImagePoints, named: Sequence[str]
-) -> tuple[GroundPoints, ImagePoints]:
+def _drop_points_off(known: GroundPoints, rows: ImagePoints, named: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
     """Return the points without those that are off, unless they are named; these take no part, as ties neither."""
     off = (known.role == Role.OFF) & ~np.isin(known.ids, named)
     return (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
 
 
-def _only_chosen(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
+def _select_points(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
     """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
     other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & finite_rows(known.ground)
     return known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
 
 
-def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
+def _assign_roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
     for option, chosen in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
         missing = sorted(set(chosen).difference(known.ids.tolist())) if chosen else []
         if missing:
-            alike = [repr(name) for others in resembling(missing, known.ids).values() for name in others]
+            alike = [repr(name) for others in find_similar_ids(missing, known.ids).values() for name in others]
             raise InputError(
                 f"`{option}` names {list_ids(missing)}, not among the measured ground points"
                 f"{f' of {known.source}' if known.source else ''}: correct the ids"
@@ -516,7 +514,7 @@ def _roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequen
     return np.where(any_of_rows(np.isnan(known.ground)), Role.TIE, role)
 
 
-def _all_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: Defaults) -> GroundPoints:
+def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
     """Return one row for every measured id; unknown ones are tie points at NaN."""
     empty = np.full((len(ids), 3, 3), np.nan) if known.covariance_m2 is not None else None
     points = GroundPoints.create(
@@ -555,7 +553,7 @@ def _require_covariances(known: GroundPoints) -> None:
         )
 
 
-def _without_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:
+def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:
     """Drop exact repetitions of a measurement (copied rows); genuinely repeated measurements stay."""
     if len(rows) < 2:
         return rows

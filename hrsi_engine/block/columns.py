@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..foundation.errors import InputError
-from .names import RepeatedNames
+from .names import NameColumn
 
 
 class Columns:
@@ -18,7 +18,7 @@ class Columns:
         """Return the chosen rows (mask or indices)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         chosen = {
-            name: column[keep] for name, column in columns.items() if isinstance(column, (np.ndarray, RepeatedNames))
+            name: column[keep] for name, column in columns.items() if isinstance(column, (np.ndarray, NameColumn))
         }
         return replace(self, **chosen)  # type: ignore[type-var]
 
@@ -34,7 +34,7 @@ class Columns:
         rows = None
         for name, (kind, shape) in columns.items():
             value: Any = getattr(self, name)
-            if kind is not str or not isinstance(value, (np.ndarray, RepeatedNames)) or value.dtype.kind not in "UO":
+            if kind is not str or not isinstance(value, (np.ndarray, NameColumn)) or value.dtype.kind not in "UO":
                 value = np.asarray(value, dtype=kind)
             rows = len(value) if rows is None else rows
             if value.shape != (rows, *shape):
@@ -47,7 +47,7 @@ class Columns:
             object.__setattr__(self, name, value)
 
 
-def rows_by_number(number: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def group_by_number(number: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the order ``(n,)`` that brings equal numbers together, and where each begins in it, ``(count + 1,)``.
 
     ``number (n,)`` are from 0 to below ``count``; rows of the same number stay in their order.

@@ -6,7 +6,7 @@ from ..foundation.options import option, options
 
 
 @options
-class Defaults:
+class DefaultSigmas:
     """Standard deviations for points and measurements whose file gives none."""
 
     sigma_image_px: float = option(

@@ -23,40 +23,40 @@ from .stack import stack_of
 OUTLINE_PER_SIDE = 8
 
 
-def footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLINE_PER_SIDE) -> Polygon:
+def compute_footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLINE_PER_SIDE) -> Polygon:
     """Return the outline of an image on the ground; empty where fewer than three of its points have a position.
 
     Parameters
     ----------
     height_m : of the ground (ellipsoidal), one for all or one for each point of ``image.outline_px(per_side)``
     """
-    return polygon_of(image.rpc.localize(image.outline_px(per_side), height_m).ground)
+    return make_polygon(image.rpc.localize(image.outline_px(per_side), height_m).ground)
 
 
-def footprints(images: Sequence[Image], height_m: float, per_side: int = OUTLINE_PER_SIDE) -> list[Polygon]:
+def compute_footprints(images: Sequence[Image], height_m: float, per_side: int = OUTLINE_PER_SIDE) -> list[Polygon]:
     """Return the outlines of many images on the ground at one height, see `footprint`."""
     if not images:
         return []
     outlines = np.concatenate([image.outline_px(per_side) for image in images])
     which = np.repeat(np.arange(len(images)), 4 * per_side)
     ground = stack_of(images).localize(which, outlines, height_m)
-    return [polygon_of(ring) for ring in ground.reshape(len(images), -1, 3)]
+    return [make_polygon(ring) for ring in ground.reshape(len(images), -1, 3)]
 
 
-def footprint_between(image: Image, low_m: float, high_m: float) -> Polygon:
+def compute_footprint_hull(image: Image, low_m: float, high_m: float) -> Polygon:
     """Return a polygon that holds the footprints of an image at all heights between two."""
-    hull = MultiPoint(_join(_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
+    hull = MultiPoint(_join(_compute_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
     return hull if hull.geom_type == "Polygon" else Polygon()
 
 
-def _outlines(image: Image, heights_m: np.ndarray, per_side: int) -> np.ndarray:
+def _compute_outlines(image: Image, heights_m: np.ndarray, per_side: int) -> np.ndarray:
     """Return an image's outline on the ground at several heights, ``(heights, 4 * per_side, 3)``."""
     outline = image.outline_px(per_side)
     ground = image.rpc.localize(np.tile(outline, (len(heights_m), 1)), np.repeat(heights_m, len(outline))).ground
     return ground.reshape(len(heights_m), -1, 3)
 
 
-def polygon_of(ground: np.ndarray) -> Polygon:
+def make_polygon(ground: np.ndarray) -> Polygon:
     """Return the polygon through ground points ``(k, 2)`` or ``(k, 3)``, those without a position left out.
 
     An outline that crosses itself, as that of a broken RPC may, is replaced by its convex hull.
@@ -74,28 +74,28 @@ def _join(ground: np.ndarray) -> np.ndarray:
     return np.column_stack([continuous_longitudes(lonlat[:, 0]), lonlat[:, 1]])
 
 
-def ring_of(polygon: Polygon) -> np.ndarray:
+def list_corners(polygon: Polygon) -> np.ndarray:
     """Return the corners ``(k, 2)`` lon, lat of a polygon, the first one again at the end."""
     return np.asarray(polygon.exterior.coords, dtype=np.float64).reshape(-1, 2)
 
 
-def shared_ground(first: Polygon, second: Polygon) -> Polygon:
+def intersect_footprints(first: Polygon, second: Polygon) -> Polygon:
     """Return the intersection of two footprints, empty where they do not meet."""
-    return first.intersection(_near(second, first)) if not (first.is_empty or second.is_empty) else Polygon()
+    return first.intersection(_shift_to(second, first)) if not (first.is_empty or second.is_empty) else Polygon()
 
 
-def overlap_shares(first: Polygon, second: Polygon) -> tuple[float, float]:
+def compute_overlap(first: Polygon, second: Polygon) -> tuple[float, float]:
     """Return which share (0 to 1) of the first and of the second footprint both have in common."""
-    common = shared_ground(first, second).area
+    common = intersect_footprints(first, second).area
     return (common / first.area, common / second.area) if common > 0.0 else (0.0, 0.0)
 
 
-def touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
+def find_touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
     """Return the pairs of indices, first < second, of polygons that touch or overlap, in order."""
     known = [number for number, polygon in enumerate(polygons) if not polygon.is_empty]
     if not known:
         return []
-    together = [_near(polygons[number], polygons[known[0]]) for number in known]
+    together = [_shift_to(polygons[number], polygons[known[0]]) for number in known]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShapelyDeprecationWarning)  # 1.8 announces what 2 does otherwise: see below
         tree = STRtree(together)
@@ -110,7 +110,7 @@ def touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
     return sorted(pairs)
 
 
-def _near(polygon: Polygon, other: Polygon) -> Polygon:
+def _shift_to(polygon: Polygon, other: Polygon) -> Polygon:
     """Return a polygon moved by whole turns to where another one is."""
     turns = round((other.bounds[0] - polygon.bounds[0]) / 360.0)
     return translate(polygon, 360.0 * turns) if turns else polygon

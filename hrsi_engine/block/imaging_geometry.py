@@ -26,7 +26,14 @@ from ..foundation.errors import SolveError
 from ..ground.geodesy import ground_difference_m
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .block import Image
-from .footprints import OUTLINE_PER_SIDE, overlap_shares, polygon_of, ring_of, shared_ground, touching_pairs
+from .footprints import (
+    OUTLINE_PER_SIDE,
+    compute_overlap,
+    find_touching_pairs,
+    intersect_footprints,
+    list_corners,
+    make_polygon,
+)
 
 LEVER_M = 100.0  # rays are taken between points so far above and below the terrain
 TERRAIN_GRID = 50  # points along each side of an image, between which the lowest and highest ground hardly hides
@@ -128,7 +135,7 @@ class ViewDirection:
         ground, status = intersect_surface(self.image.rpc, outline, self.surface)
         unknown = status != Status.FOUND
         ground[unknown] = self.image.rpc.localize(outline[unknown], float(self.centre[0, 2])).ground
-        return polygon_of(ground)
+        return make_polygon(ground)
 
     def geometry(self) -> ViewGeometry:
         """Return the view's figures.
@@ -145,18 +152,18 @@ class ViewDirection:
         """
         _, by_ground = self.image.rpc.project_with_metric_jacobian(self.centre)
         steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
-        east, north, up = rays_up(self.image.rpc, self.centre)[0]
+        east, north, up = compute_view_directions(self.image.rpc, self.centre)[0]
         return ViewGeometry(
             centre=self.centre[0],
             gsd_sample_m=float(np.hypot(*steps[:, 0])),
             gsd_line_m=float(np.hypot(*steps[:, 1])),
             incidence_deg=float(np.degrees(np.arctan2(np.hypot(east, north), up))),
             azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0),
-            footprint=ring_of(self.footprint),
+            footprint=list_corners(self.footprint),
         )
 
 
-def rays_up(rpc: RPC, ground: np.ndarray) -> np.ndarray:
+def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     """Return unit vectors ``(n, 3)`` east, north, up from ground points to the satellite."""
     image = rpc.project(ground)
     upper = rpc.localize(image, ground[:, 2] + LEVER_M).ground
@@ -165,22 +172,22 @@ def rays_up(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
 
 
-def pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGeometry:
+def compute_pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGeometry:
     """Return how two views share the ground."""
-    common = shared_ground(first.footprint, second.footprint)
-    overlap = overlap_shares(first.footprint, second.footprint)
+    common = intersect_footprints(first.footprint, second.footprint)
+    overlap = compute_overlap(first.footprint, second.footprint)
     if not common.area > 0.0:
         return PairGeometry(first.image.id, second.image.id, overlap, None, None)
     lonlat = np.array([[common.centroid.x, common.centroid.y]])
     height = surface_heights(first.surface, lonlat)
     middle = np.column_stack([lonlat, np.where(np.isfinite(height), height, first.centre[0, 2])])
-    rays = [rays_up(view.image.rpc, middle)[0] for view in (first, second)]
+    rays = [compute_view_directions(view.image.rpc, middle)[0] for view in (first, second)]
     base = rays[0] / rays[0][2] - rays[1] / rays[1][2]
     angle = np.arctan2(np.linalg.norm(np.cross(*rays)), np.dot(*rays))
     return PairGeometry(first.image.id, second.image.id, overlap, float(np.degrees(angle)), float(np.linalg.norm(base)))
 
 
-def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
+def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     """Return the geometry of every pair of images; only of those that touch anything is computed.
 
     Parameters
@@ -193,9 +200,9 @@ def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     list of PairGeometry
         One for each two images, in their order.
     """
-    touching = set(touching_pairs([view.footprint for view in views]))
+    touching = set(find_touching_pairs([view.footprint for view in views]))
     return [
-        pair_geometry(views[i], views[j])
+        compute_pair_geometry(views[i], views[j])
         if (i, j) in touching
         else PairGeometry(views[i].image.id, views[j].image.id, (0.0, 0.0), None, None)
         for i, j in combinations(range(len(views)), 2)
@@ -205,12 +212,12 @@ def all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
 # ---- sanity ----------------------------------------------------------------------------------------------------
 
 
-def sanity_warnings(image: Image, terrain_m: tuple[float, float] | None = None) -> list[str]:
+def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None) -> list[str]:
     """Return what is doubtful about an image's RPC, as sentences that say what to do; empty where nothing is.
 
     ``terrain_m`` is the lowest and highest height that the RPC is used at, where they are known.
     """
-    warnings = [*_offset_warnings(image.rpc), *_height_warnings(image.rpc, terrain_m)]
+    warnings = [*_check_offsets(image.rpc), *_check_heights(image.rpc, terrain_m)]
     _, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, VOLUME_GRID)
     if not converged.all():
         share = 1.0 - np.mean(converged)
@@ -219,13 +226,13 @@ def sanity_warnings(image: Image, terrain_m: tuple[float, float] | None = None) 
             "check that image size and RPC belong together"
         )
     if converged.any():
-        warnings += _denominator_warnings(image.rpc, ground[converged])
-        warnings += _orientation_warnings(image.rpc, ground[converged])
-        warnings += _size_warnings(image, ground[converged])
+        warnings += _check_denominators(image.rpc, ground[converged])
+        warnings += _check_orientation(image.rpc, ground[converged])
+        warnings += _check_size(image, ground[converged])
     return [f"{image.id}: {text}" for text in warnings]
 
 
-def _offset_warnings(rpc: RPC) -> list[str]:
+def _check_offsets(rpc: RPC) -> list[str]:
     warnings = []
     if abs(rpc.lat_off) > 90.0:
         warnings.append(f"LAT_OFF is {rpc.lat_off:g}: latitude and longitude are swapped; exchange them in the RPC")
@@ -234,7 +241,7 @@ def _offset_warnings(rpc: RPC) -> list[str]:
     return warnings
 
 
-def _height_warnings(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]:
+def _check_heights(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]:
     low, high = rpc.height_range
     warnings = []
     if rpc.height_scale <= 0.0:
@@ -249,7 +256,7 @@ def _height_warnings(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[st
     return warnings
 
 
-def _denominator_warnings(rpc: RPC, ground: np.ndarray) -> list[str]:
+def _check_denominators(rpc: RPC, ground: np.ndarray) -> list[str]:
     """Compare the denominators in the image's volume with those in the middle of the RPC's ground domain."""
     warnings = []
     for name, denominators in zip(("sample", "line"), rpc.denominators(ground), strict=True):
@@ -261,7 +268,7 @@ def _denominator_warnings(rpc: RPC, ground: np.ndarray) -> list[str]:
     return warnings
 
 
-def _orientation_warnings(rpc: RPC, ground: np.ndarray) -> list[str]:
+def _check_orientation(rpc: RPC, ground: np.ndarray) -> list[str]:
     """An image of the ground seen from above is not mirrored; exchanged latitude and longitude mirror it."""
     _, by_ground = rpc.project_with_metric_jacobian(ground[len(ground) // 2][None])
     if np.linalg.det(by_ground[0, :, :2]) > 0.0:
@@ -271,7 +278,7 @@ def _orientation_warnings(rpc: RPC, ground: np.ndarray) -> list[str]:
     return []
 
 
-def _size_warnings(image: Image, ground: np.ndarray) -> list[str]:
+def _check_size(image: Image, ground: np.ndarray) -> list[str]:
     if image.size is None:
         return []
     rpc, warnings = image.rpc, []
@@ -281,7 +288,7 @@ def _size_warnings(image: Image, ground: np.ndarray) -> list[str]:
             f"the image of {image.size[0]} x {image.size[1]} px reaches {reach:.1f} times as far as the ground "
             "that its RPC is made for: check that they belong together"
         )
-    if looks_cropped(image):
+    if is_crop(image):
         extent = 2.0 * np.array([rpc.samp_scale, rpc.line_scale])
         warnings.append(
             f"the image has {image.size[0]} x {image.size[1]} px, its RPC about {extent[0]:.0f} x {extent[1]:.0f}: "
@@ -290,7 +297,7 @@ def _size_warnings(image: Image, ground: np.ndarray) -> list[str]:
     return warnings
 
 
-def looks_cropped(image: Image) -> bool:
+def is_crop(image: Image) -> bool:
     """Return whether an image is much smaller than its RPC's range, which begins at the first pixel."""
     rpc = image.rpc
     if image.size is None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 
-class RepeatedNames:
+class NameColumn:
     """A column of texts as distinct names and their numbers; NumPy's functions take it for the array of texts.
 
     Parameters
@@ -38,7 +38,7 @@ class RepeatedNames:
 
     def __getitem__(self, rows: Any) -> Any:
         number = self.number[rows]
-        return RepeatedNames(self.names, number) if isinstance(number, np.ndarray) else self.names[number]
+        return NameColumn(self.names, number) if isinstance(number, np.ndarray) else self.names[number]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         texts = self.names[self.number]
@@ -64,9 +64,9 @@ class RepeatedNames:
         return [names[number] for number in self.number.tolist()]
 
 
-def unique_ids(ids: np.ndarray | RepeatedNames) -> tuple[np.ndarray, np.ndarray]:
+def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct ids, sorted, and the index of each row's id; quick where equal ids stand together."""
-    if isinstance(ids, RepeatedNames):
+    if isinstance(ids, NameColumn):
         used = np.zeros(len(ids.names), dtype=bool)
         used[ids.number] = True
         distinct, place = np.unique(ids.names[used], return_inverse=True)
@@ -80,19 +80,19 @@ def unique_ids(ids: np.ndarray | RepeatedNames) -> tuple[np.ndarray, np.ndarray]
     return distinct, inverse.astype(np.int64)[np.cumsum(head) - 1]
 
 
-def isin(ids: np.ndarray | RepeatedNames, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
+def isin(ids: np.ndarray | NameColumn, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
     """Return which rows have one of the wanted names: (n,) bool."""
-    if isinstance(ids, RepeatedNames):
+    if isinstance(ids, NameColumn):
         return np.isin(ids.names, wanted)[ids.number]
     return np.isin(ids, wanted)
 
 
-def join_names(columns: Sequence[np.ndarray | RepeatedNames]) -> Any:
+def join_names(columns: Sequence[np.ndarray | NameColumn]) -> Any:
     """Return columns of names under each other; numbered where one of them is."""
-    if not any(isinstance(column, RepeatedNames) for column in columns):
+    if not any(isinstance(column, NameColumn) for column in columns):
         return np.concatenate(columns)
-    parts = [unique_ids(column) for column in columns]
+    parts = [find_unique_ids(column) for column in columns]
     names, place = np.unique(np.concatenate([distinct for distinct, _ in parts]), return_inverse=True)
     ends = np.cumsum([len(distinct) for distinct, _ in parts])
     number = [place[end - len(distinct) : end][inverse] for end, (distinct, inverse) in zip(ends, parts, strict=True)]
-    return RepeatedNames(names, np.concatenate(number))
+    return NameColumn(names, np.concatenate(number))

@@ -37,7 +37,7 @@ STRIP_SHARE, STRIP_M, SMOOTH_M = 0.65, 100e3, 7e3
 LEAST_DRIFT = 3e-5
 
 
-class PublishedAccuracy(NamedTuple):
+class SensorAccuracy(NamedTuple):
     """What is published of a sensor.
 
     ce90_m : without ground control; source : where
@@ -60,7 +60,7 @@ _KOMPSAT = "SI Imaging Services, white paper: Geolocation accuracy of KOMPSAT, Q
 _DRIFTS = {"IKONOS": (0.5 / 11_000.0, _HANLEY)}
 #: By title. Names in files begin where no letter or digit stands before them.
 PUBLISHED = tuple(
-    PublishedAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})", _DRIFTS.get(title))
+    SensorAccuracy(title, ce90_m, source, rf"(?<![a-z0-9])(?:{told_by})", _DRIFTS.get(title))
     for title, ce90_m, source, told_by in (
         ("IKONOS", 15.0, "GeoInformatics 2/2008, p. 53: Geo Ortho Kit, 15 m CE90", r"ikonos|ik0?[12](?!\d)|po_\d{5}"),
         ("QuickBird", 17.5, f"{_SMILEY}: 14 to 21 m", r"quickbird|qb_?0?2(?!\d)"),
@@ -113,7 +113,7 @@ class Pointing:
     reason: str
 
 
-def find_published(*names: str) -> PublishedAccuracy | None:
+def find_sensor(*names: str) -> SensorAccuracy | None:
     """Return what is published of the sensor that one of some names tells, the first one first; None: unknown."""
     for name in names:
         if name and _TOLD_BY_ANY.search(name.lower()):
@@ -121,9 +121,9 @@ def find_published(*names: str) -> PublishedAccuracy | None:
     return None
 
 
-def believed_pointing(image: Image) -> Pointing:
+def estimate_pointing(image: Image) -> Pointing:
     """Return what is believed of an image: by its RPC, by what is published of its sensor, or in general."""
-    published = find_published(image.sensor, os.path.basename(image.path), image.id)
+    published = find_sensor(image.sensor, os.path.basename(image.path), image.id)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
     reasons, sigma_m, drift = [published.title if published else "unknown sensor"], None, LEAST_DRIFT
     if stated:
@@ -135,7 +135,7 @@ def believed_pointing(image: Image) -> Pointing:
     else:
         reasons.append(f"{UNKNOWN_PX:g} px taken for its pointing")
     if sigma_m is not None:
-        length_m = float(2.0 * image.camera_half_size_px.max() + 1.0) * middle_gsd_m(image)
+        length_m = float(2.0 * image.camera_half_size_px.max() + 1.0) * compute_gsd_m(image)
         if varying:
             drift = np.sqrt(12.0) * varying / length_m
             reasons.append(f"ERR_RAND {varying:.3g} m")
@@ -149,13 +149,13 @@ def believed_pointing(image: Image) -> Pointing:
     return Pointing(sigma_m, drift, f"{', '.join(reasons)}; drift {drift:.1e} px/px")
 
 
-def middle_gsd_m(image: Image) -> float:
+def compute_gsd_m(image: Image) -> float:
     """Return the size of a pixel on the ground in the middle of what the RPC was made for, the mean of both axes."""
-    return float(middle_gsds_m([image])[0])
+    return float(compute_gsds_m([image])[0])
 
 
-def middle_gsds_m(images: Sequence[Image]) -> np.ndarray:
-    """Return `middle_gsd_m` of many images, ``(images,)``."""
+def compute_gsds_m(images: Sequence[Image]) -> np.ndarray:
+    """Return `compute_gsd_m` of many images, ``(images,)``."""
     if not images:
         return np.empty(0)
     stack = stack_of(images)

@@ -159,7 +159,7 @@ class ImagePoints(Columns):
     Parameters
     ----------
     ids, image_ids : (n,) ndarray of str
-        The point's and the image's name; from files `names.RepeatedNames`, which stand for such an array.
+        The point's and the image's name; from files `names.NameColumn`, which stand for such an array.
     xy : (n, 2) ndarray
         Sample, line in pixels.
     sigma_px : (n,) ndarray
@@ -244,7 +244,7 @@ class Measurements(Columns):
         return len(self.point)
 
 
-def lie_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Tell where two positions of one id are two places on the ground, wherever on Earth.
 
     Parameters

@@ -19,35 +19,35 @@ from ..ground.geodesy import ground_difference_m
 LEAST_PART_M, PARTS_A_SIDE = 500.0, 4  # least side of the parts of an area, and most of them along a side
 
 
-class SharedAccuracy(NamedTuple):
+class ErrorShares(NamedTuple):
     """Shares of a source's standard deviation: of what all its observations share, and those of a part of the area."""
 
     by_all: float
     by_part: float
 
     @property
-    def own(self) -> float:
+    def independent(self) -> float:
         """Share of the standard deviation that each observation has by itself."""
         return float(np.sqrt(1.0 - self.by_all**2 - self.by_part**2))
 
-    def of_each(self, sigma_m: float, ground: np.ndarray) -> float:
+    def compute_equivalent_sigma(self, sigma_m: float, ground: np.ndarray) -> float:
         """Return a sigma for each of the places ``ground (k, 3)`` where nothing knows what they share.
 
         With it, as independent observations, all of them together count as they do in truth: as well as the mean of
         what they share and what each has by itself.
         """
-        parts = np.unique(parts_of_area(ground)[0], return_counts=True)[1]
+        parts = np.unique(divide_area(ground)[0], return_counts=True)[1]
         count = len(ground)
         if not count:
             return sigma_m
         shared = count * self.by_all**2 + float(np.sum(parts**2)) / count * self.by_part**2
-        return sigma_m * float(np.sqrt(shared + self.own**2))
+        return sigma_m * float(np.sqrt(shared + self.independent**2))
 
 
-ORTHOIMAGE, DEM = SharedAccuracy(0.8, 0.4), SharedAccuracy(0.4, 0.4)
+ORTHOIMAGE, DEM = ErrorShares(0.8, 0.4), ErrorShares(0.4, 0.4)
 
 
-def parts_of_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def divide_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the part of the area that each place of ``ground (k, 3)`` lies in, and what the parts are called."""
     if not len(ground):
         return np.zeros(0, dtype=np.int64), ()

@@ -29,16 +29,16 @@ _SPELLINGS = (
 _SLIGHT = dict.fromkeys([*map(ord, "-_.0"), *(code for code in range(0x3001) if chr(code).isspace())])
 
 
-def plain_spellings(ids: Iterable[str]) -> list[str]:
+def normalise_spellings(ids: Iterable[str]) -> list[str]:
     """Return each id in a spelling that it shares with those that look alike."""
     listed = list(ids)
-    text = _in_one(listed)
+    text = _join_lower_case(listed)
     for pattern, plain in _SPELLINGS:
         text = re.sub(pattern, plain, text)
     return text.split(_APART) if listed else []
 
 
-def _in_one(ids: Iterable[str]) -> str:
+def _join_lower_case(ids: Iterable[str]) -> str:
     """Return ids as one text in small letters, because a call for each of a million ids takes seconds."""
     text = _APART.join(str(name).replace(_APART, "") for name in ids)
     if not text.isascii():
@@ -46,12 +46,12 @@ def _in_one(ids: Iterable[str]) -> str:
     return text.casefold()
 
 
-def _bones(ids: Iterable[str]) -> list[str]:
+def _strip_separators(ids: Iterable[str]) -> list[str]:
     """Return what is left of each id without all that spellings differ in: found ten times as fast as these."""
-    return _in_one(ids).translate(_SLIGHT).split(_APART)
+    return _join_lower_case(ids).translate(_SLIGHT).split(_APART)
 
 
-def resembling(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
+def find_similar_ids(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
     """Return which known ids look like strangers, by stranger; without those that look like none."""
     by_spelling: dict[str, list[str]] = {}
     waiting = map(str, strangers)
@@ -59,12 +59,12 @@ def resembling(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list
     known = list(map(str, known)) if names else []  # all ids of a large block may be known: nothing is spelt
     if not known:
         return {}
-    for name, spelling in zip(known, plain_spellings(known), strict=True):
+    for name, spelling in zip(known, normalise_spellings(known), strict=True):
         by_spelling.setdefault(spelling, []).append(name)
-    found, bones = dict[str, list[str]](), set(_bones(known))
+    found, bones = dict[str, list[str]](), set(_strip_separators(known))
     while names:
-        names = [name for name, own in zip(names, _bones(names), strict=True) if own in bones]
-        spelt = zip(names, plain_spellings(names), strict=True)
+        names = [name for name, own in zip(names, _strip_separators(names), strict=True) if own in bones]
+        spelt = zip(names, normalise_spellings(names), strict=True)
         found |= {name: by_spelling[spelling] for name, spelling in spelt if spelling in by_spelling}
         names = list(islice(waiting, _AT_ONCE))
     return found

@@ -18,7 +18,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from ..block.block import Role
-from ..block.footprints import ring_of
+from ..block.footprints import list_corners
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import LocalFrame, continuous_longitudes
 from .arrows import arrow_path, round_length
@@ -162,7 +162,7 @@ def drawn_map(data: BlockMap, name: str = "") -> DrawnMap:
     DrawnMap
         SVG and figures.
     """
-    rings = {image: ring_of(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
+    rings = {image: list_corners(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
     here = np.flatnonzero(finite_rows(data.lonlat))
     ties = data.ties.lonlat if data.ties is not None else np.empty((0, 2))
     places = np.vstack([*rings.values(), data.lonlat[here], ties[finite_rows(ties)]])

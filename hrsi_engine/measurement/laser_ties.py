@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.block import Image
-from ..block.imaging_geometry import rays_up
+from ..block.imaging_geometry import compute_view_directions
 from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
@@ -95,7 +95,7 @@ def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray)
         size = np.array(image.known_size, dtype=np.float64)
         with np.errstate(invalid="ignore"):
             inside = ((place[number] > WINDOW_MARGIN_PX) & (place[number] < size - WINDOW_MARGIN_PX)).all(axis=1)
-        steep[number, inside] = rays_up(image.rpc, ground[inside])[:, 2]
+        steep[number, inside] = compute_view_directions(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
     seen = np.isfinite(steep).sum(axis=0) >= 2
     windows = []

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import middle_gsds_m
+from ..block.pointing import compute_gsds_m
 
 UNKNOWN_SIGMA_PX, UNKNOWN_SIGMA_M = 12.0, 15.0  # of a shift, where the product says nothing
 LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
@@ -47,13 +47,13 @@ class ImageAccuracy:
     drift: float
 
 
-def image_accuracies(
+def estimate_accuracies(
     images: Sequence[Image], sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
 ) -> list[ImageAccuracy]:
     """Return what can be expected of images, by RPCs' ERR_BIAS or their resolution, or what the user expects."""
     return [
         _accuracy(image, gsd, sigma_shift_px, sigma_drift)
-        for image, gsd in zip(images, middle_gsds_m(images).tolist(), strict=True)
+        for image, gsd in zip(images, compute_gsds_m(images).tolist(), strict=True)
     ]
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from ..block.block import Block
 from ..foundation.reasons import Level, Reason
 from ..surface.dem import HeightSurface
-from .accuracy import image_accuracies
-from .control import control_of
-from .control_reasons import OF_HEIGHTS, control_reasons
-from .identities import spelling_reasons
-from .places import crop_reasons, dem_reasons, duplicate_reasons, height_reasons, outside_reasons
-from .survey import independence_reasons, rounding_reasons
-from .ties import tie_reasons
+from .accuracy import estimate_accuracies
+from .control import collect_control
+from .control_reasons import OF_HEIGHTS, find_control_reasons
+from .identities import find_spelling_reasons
+from .places import find_crops, find_dem_reasons, find_duplicate_images, find_height_reasons, find_points_outside
+from .survey import find_dependent_check_points, find_rounding_reasons
+from .ties import find_tie_reasons
 
 #: Slips of image coordinates or heights that explain why points lie outside an image, or heights outside a range.
 OF_PIXELS = {
@@ -45,16 +45,16 @@ def check_block(
     list of Reason
         Worst first; empty where all is plausible.
     """
-    accuracies = image_accuracies(block.images, sigma_shift_px, sigma_drift)
-    control = control_of(block, accuracies)
-    reasons = [] if control is None else control_reasons(control)
-    reasons += rounding_reasons(block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)]))
-    reasons += independence_reasons(block) + spelling_reasons(block, accuracies)
-    reasons += height_reasons(block, contradicted=bool(reasons))
-    reasons += tie_reasons(block, accuracies)
-    reasons += [] if surface is None else dem_reasons(block, surface)
-    reasons += outside_reasons(block) + crop_reasons(block)
-    reasons += duplicate_reasons(block)
+    accuracies = estimate_accuracies(block.images, sigma_shift_px, sigma_drift)
+    control = collect_control(block, accuracies)
+    reasons = [] if control is None else find_control_reasons(control)
+    reasons += find_rounding_reasons(block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)]))
+    reasons += find_dependent_check_points(block) + find_spelling_reasons(block, accuracies)
+    reasons += find_height_reasons(block, contradicted=bool(reasons))
+    reasons += find_tie_reasons(block, accuracies)
+    reasons += [] if surface is None else find_dem_reasons(block, surface)
+    reasons += find_points_outside(block) + find_crops(block)
+    reasons += find_duplicate_images(block)
     return sorted(_without_consequences(reasons), key=lambda reason: -reason.level)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
 from .accuracy import ImageAccuracy
-from .sights import Sights, sights
+from .sightlines import Sightlines, compute_sightlines
 
 LEAST_NOISE_PX = 0.3  # nobody measures and surveys better
 BELONG = 0.7  # share of an image's points that must fit for the image to fit
@@ -34,7 +34,7 @@ MEDIAN_LENGTH = 1.1774  # median length of a normal vector in the plane, in its 
 
 
 @dataclass(frozen=True, eq=False)
-class SurveyedRows:
+class ControlMeasurements:
     """Measurements of surveyed points.
 
     point, image : (n,) indices into the block's points and images
@@ -48,7 +48,7 @@ class SurveyedRows:
     image: np.ndarray
     xy: np.ndarray
     ground: np.ndarray
-    sights: Sights
+    sights: Sightlines
     noise_m: np.ndarray
     expected_m: np.ndarray
     accuracies: Sequence[ImageAccuracy]
@@ -66,11 +66,11 @@ class SurveyedRows:
         """Indices of the surveyed points that are measured."""
         return np.unique(self.point)
 
-    def of_images(self, name: str) -> np.ndarray:
+    def get_figures(self, name: str) -> np.ndarray:
         """Return a figure of every image of the block, ``(images,)``."""
         return np.array([getattr(accuracy, name) for accuracy in self.accuracies])
 
-    def select(self, rows: np.ndarray) -> SurveyedRows:
+    def select(self, rows: np.ndarray) -> ControlMeasurements:
         """Return some of the measurements."""
         columns = ("point", "image", "xy", "ground", "noise_m", "expected_m")
         chosen = {name: getattr(self, name)[rows] for name in columns}
@@ -85,7 +85,7 @@ class SurveyedRows:
         return tuple(self.block.images[index].id for index in images)
 
 
-def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> SurveyedRows | None:
+def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> ControlMeasurements | None:
     """Return the measurements of surveyed points of a block; None where there are none."""
     covariance = block.points.survey_covariance_m2()
     sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
@@ -95,7 +95,7 @@ def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> SurveyedRow
         return None
     measured = block.measurements
     point, image, xy = measured.point[rows], measured.image[rows], measured.xy[rows]
-    seen = sights(block.images, image, xy)
+    seen = compute_sightlines(block.images, image, xy)
     gsd = np.array([accuracy.gsd_m for accuracy in accuracies])[image]
     noise = np.sqrt(
         (gsd * np.maximum(measured.sigma_px[rows], LEAST_NOISE_PX)) ** 2
@@ -105,11 +105,11 @@ def control_of(block: Block, accuracies: Sequence[ImageAccuracy]) -> SurveyedRow
     centre = np.array([one.centre_px for one in block.images])[image]
     drift = np.array([accuracy.drift for accuracy in accuracies])[image]
     expected = np.hypot(noise, drift * gsd * np.hypot(*(xy - centre).T))
-    return SurveyedRows(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
+    return ControlMeasurements(block, point, image, xy, block.points.ground[point], seen, noise, expected, accuracies)
 
 
 @dataclass(frozen=True, eq=False)
-class RowFit:
+class ControlFit:
     """Surveyed points under one reading of the numbers.
 
     distance_m : (n, 2) east, north; shift_m : (images, 2) of each image, NaN without points
@@ -117,7 +117,7 @@ class RowFit:
     scatter : (images,) robust sigma of a misfit, in units of the expected one; 0 for fewer than two points
     """
 
-    control: SurveyedRows
+    control: ControlMeasurements
     distance_m: np.ndarray
     shift_m: np.ndarray
     misfit_m: np.ndarray
@@ -126,12 +126,12 @@ class RowFit:
     @cached_property
     def shift_sigmas(self) -> np.ndarray:
         """Size of each image's shift in sigmas of its RPC ``(images,)``, 0 without points."""
-        return np.asarray(np.hypot(*np.nan_to_num(self.shift_m).T) / self.control.of_images("sigma_m"))
+        return np.asarray(np.hypot(*np.nan_to_num(self.shift_m).T) / self.control.get_figures("sigma_m"))
 
     @cached_property
     def belongs(self) -> np.ndarray:
         """Which measurements fit their image, up to the worst measuring and drift, ``(n,)``."""
-        limit = np.maximum(self.control.of_images("misfit_m")[self.control.image], 8.0 * self.control.expected_m)
+        limit = np.maximum(self.control.get_figures("misfit_m")[self.control.image], 8.0 * self.control.expected_m)
         return np.asarray(np.hypot(*self.misfit_m.T) <= limit)
 
     @cached_property
@@ -140,7 +140,7 @@ class RowFit:
         control = self.control
         count = np.bincount(control.image, minlength=len(control.accuracies))
         agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
-        near = np.hypot(*np.nan_to_num(self.shift_m).T) <= control.of_images("far_m")
+        near = np.hypot(*np.nan_to_num(self.shift_m).T) <= control.get_figures("far_m")
         return np.asarray((agree >= np.where(count < 4, count, BELONG * count)) & near)
 
     @property
@@ -160,7 +160,9 @@ class RowFit:
         return float(by_scatter.sum() + by_shift.sum())
 
 
-def fit(control: SurveyedRows, ground: np.ndarray | None = None, seen: Sights | None = None) -> RowFit:
+def fit_control(
+    control: ControlMeasurements, ground: np.ndarray | None = None, seen: Sightlines | None = None
+) -> ControlFit:
     """Return how surveys ``ground (n, 3)`` fit rays, by default both as they are given."""
     surveyed = control.ground if ground is None else ground
     distance = (control.sights if seen is None else seen).distance_m(surveyed)
@@ -172,4 +174,4 @@ def fit(control: SurveyedRows, ground: np.ndarray | None = None, seen: Sights | 
         if (count := int(rows.sum())) > 1:  # the shift takes one point's misfit: of k points k - 1 tell the scatter
             relative = np.hypot(*(distance[rows] - shift[index]).T) / control.expected_m[rows]
             scatter[index] = np.median(relative) * np.sqrt(count / (count - 1.0)) / MEDIAN_LENGTH
-    return RowFit(control, distance, shift, distance - shift[control.image], scatter)
+    return ControlFit(control, distance, shift, distance - shift[control.image], scatter)

@@ -14,11 +14,11 @@ import numpy as np
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from .control import BELONG, USUAL_SCATTER, RowFit, SurveyedRows, fit
-from .groups import Disagreement, disagreement
-from .identities import permuted_images, permuted_points
-from .sights import sights
-from .slips import PIXEL_SLIPS, Slip, common_lift, ground_readings
+from .control import BELONG, USUAL_SCATTER, ControlFit, ControlMeasurements, fit_control
+from .groups import Disagreement, find_disagreement
+from .identities import find_image_permutation, find_point_permutation
+from .sightlines import compute_sightlines
+from .slips import PIXEL_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 
 SURE = 50.0  # cost that a slip saves from which on the input is wrong beyond doubt
 WORTH = 22.0  # cost that a slip saves to be named at all: a chance of one in ten thousand among all slips
@@ -33,11 +33,11 @@ UNTOLD_OF_FEW = {"height-offset", "height-datum", "height-unit", "horizontal-dat
 
 
 @dataclass(frozen=True, eq=False)
-class Undone:
+class SlipHypothesis:
     """A slip undone: how everything fits then; ``points``, ``images`` (indices) that it concerns, None for all."""
 
     slip: Slip
-    fit: RowFit
+    fit: ControlFit
     points: np.ndarray | None = None
     images: np.ndarray | None = None
 
@@ -47,47 +47,47 @@ class Undone:
         return self.fit.cost + self.slip.burden
 
 
-def control_reasons(control: SurveyedRows) -> list[Reason]:
+def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     """Return what is wrong with the surveyed points of a block, nothing where they fit."""
-    given = fit(control)
-    apart = disagreement(given)
-    if not _suspicious(given) and apart is None:
+    given = fit_control(control)
+    apart = find_disagreement(given)
+    if not _is_suspicious(given) and apart is None:
         return []
-    named_slip = _named_slip(control, given)
+    named_slip = _find_best_slip(control, given)
     if named_slip is not None:
-        return [_slip_reason(control, given, named_slip)]
+        return [_make_slip_reason(control, given, named_slip)]
     if apart is not None:
-        single = _slip_of_points(control, given, apart)
-        return [_apart_reason(control, given, apart) if single is None else single]
+        single = _find_slip_of_points(control, given, apart)
+        return [_make_disagreement_reason(control, given, apart) if single is None else single]
     if not given.fits:
-        return [_misfit_reason(control, given)]
-    return [*_large_shift(control, given), *_common_height(control, given)]
+        return [_make_misfit_reason(control, given)]
+    return [*_find_large_shifts(control, given), *_find_common_height_offset(control, given)]
 
 
-def _suspicious(given: RowFit) -> bool:
+def _is_suspicious(given: ControlFit) -> bool:
     """Whether a slip is worth looking for: a right block hardly ever is."""
     return (
         not given.fits
         or bool((given.scatter > USUAL_SCATTER).any())
         or bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
-        or abs(_lift_sigmas(given)) > SUSPICIOUS_SIGMAS
+        or abs(_compute_lift_sigmas(given)) > SUSPICIOUS_SIGMAS
     )
 
 
-def _lift_sigmas(given: RowFit) -> float:
-    lift, sigma = common_lift(given.control, given.shift_m)
+def _compute_lift_sigmas(given: ControlFit) -> float:
+    lift, sigma = estimate_common_lift(given.control, given.shift_m)
     return lift / sigma if sigma > 0.0 else 0.0
 
 
 # ---- the slip that explains ----------------------------------------------------------------------------------------
 
 
-def _named_slip(control: SurveyedRows, given: RowFit) -> Undone | None:
+def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypothesis | None:
     """Return the slip that explains the misfit, clearly better than every other; None without."""
-    best: dict[str, Undone] = {}
-    for reading in _readings(control, given):
+    best: dict[str, SlipHypothesis] = {}
+    for reading in _iterate_hypotheses(control, given):
         saved = given.cost - reading.cost
-        if saved > WORTH and _explains(reading.fit, given):
+        if saved > WORTH and _is_explanation(reading.fit, given):
             code = reading.slip.code
             if code not in best or reading.cost < best[code].cost:
                 best[code] = reading
@@ -98,7 +98,7 @@ def _named_slip(control: SurveyedRows, given: RowFit) -> Undone | None:
     return ranked[0]
 
 
-def _explains(read: RowFit, given: RowFit) -> bool:
+def _is_explanation(read: ControlFit, given: ControlFit) -> bool:
     """Whether everything fits as a right block does, and what was wrong has become clearly less."""
     largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
     good_shift = largest < max(EXPLAINED_SIGMAS, 0.02 * before)
@@ -106,55 +106,61 @@ def _explains(read: RowFit, given: RowFit) -> bool:
     return read.fits and good_shift and bool(good_scatter)
 
 
-def _readings(control: SurveyedRows, given: RowFit) -> Iterator[Undone]:
+def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
     """Yield every slip, undone; those of image coordinates on all images, or on those that do not fit alone."""
     far = bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
-    for slip, ground in ground_readings(control, given.shift_m, far):
-        yield Undone(slip, fit(control, ground))
+    for slip, ground in iterate_ground_slips(control, given.shift_m, far):
+        yield SlipHypothesis(slip, fit_control(control, ground))
     wrong = control.images[~given.fitting[control.images]]
     for some in (None, wrong) if 0 < len(wrong) < len(control.images) else (None,):
         for slip, undo in PIXEL_SLIPS:
-            yield Undone(slip, _read_pixels(control, undo, some), images=some)
+            yield SlipHypothesis(slip, _fit_without_pixel_slip(control, undo, some), images=some)
     suspects = wrong if len(wrong) > 1 else control.images
-    images = permuted_images(control, suspects)
+    images = find_image_permutation(control, suspects)
     if images is not None:
         changed = np.unique(control.image[images[0] != control.image])
-        slip = Slip("image-ids-permuted", _image_exchange(control, images[0]), "correct the field 'image'", 4.0)
-        yield Undone(slip, fit(replace(control, image=images[0], sights=images[1])), images=changed)
-    owners = permuted_points(control)
+        slip = Slip(
+            "image-ids-permuted", _describe_image_exchange(control, images[0]), "correct the field 'image'", 4.0
+        )
+        yield SlipHypothesis(slip, fit_control(replace(control, image=images[0], sights=images[1])), images=changed)
+    owners = find_point_permutation(control)
     if owners is not None:
         points = control.points
         survey = control.block.points.ground[points[owners]]
         moved = owners != np.arange(len(points))
         slip = Slip(
             "point-ids-permuted",
-            _point_exchange(control.block.points.ids[points], owners),
+            _describe_point_exchange(control.block.points.ids[points], owners),
             "correct the ids of these points",
             4.0,
         )
-        yield Undone(slip, fit(control, survey[np.searchsorted(points, control.point)]), points=points[moved])
+        yield SlipHypothesis(
+            slip, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[moved]
+        )
 
 
-def _read_pixels(control: SurveyedRows, undo: Callable[..., np.ndarray], some: np.ndarray | None) -> RowFit:
+def _fit_without_pixel_slip(
+    control: ControlMeasurements, undo: Callable[..., np.ndarray], some: np.ndarray | None
+) -> ControlFit:
     xy = control.xy.copy()
     for index in control.images if some is None else some:
         rows = control.image == index
         xy[rows] = undo(control.xy[rows], control.block.images[index])
     rows = np.any(xy != control.xy, axis=1)
     if not rows.any():
-        return fit(control)
-    fresh = sights(control.block.images, control.image[rows], xy[rows])
-    return fit(control, seen=control.sights.replace(rows, fresh))
+        return fit_control(control)
+    fresh = compute_sightlines(control.block.images, control.image[rows], xy[rows])
+    return fit_control(control, seen=control.sights.replace(rows, fresh))
 
 
-def _image_exchange(control: SurveyedRows, owner: np.ndarray) -> str:
+def _describe_image_exchange(control: ControlMeasurements, owner: np.ndarray) -> str:
     pairs = sorted({(int(a), int(b)) for a, b in zip(control.image, owner, strict=True) if a != b})
     ids = control.block.images
     text = ", ".join(f"{ids[a].id} are of {ids[b].id}" for a, b in pairs[:4])
     return f"measurements belong to other images: those said to be on {text}"
 
 
-def _point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
+def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
     moved = np.flatnonzero(owners != np.arange(len(owners)))
     text = ", ".join(f"{ids[a]} is {ids[owners[a]]}" for a in moved[:4])
     return f"ids of ground points are mixed up: what is measured as {text}{' …' if len(moved) > 4 else ''}"
@@ -163,7 +169,7 @@ def _point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
 # ---- reasons -------------------------------------------------------------------------------------------------------
 
 
-def _slip_reason(control: SurveyedRows, given: RowFit, found: Undone) -> Reason:
+def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: SlipHypothesis) -> Reason:
     sure = not given.fits or given.cost - found.cost > SURE
     points = control.points if found.points is None else found.points
     images = control.images if found.images is None else found.images
@@ -171,36 +177,36 @@ def _slip_reason(control: SurveyedRows, given: RowFit, found: Undone) -> Reason:
     return Reason(
         found.slip.code,
         Level.UNUSABLE if sure else Level.DOUBTFUL,
-        f"{found.slip.what}{where}: the ground points lie {_typical(given)} from where the RPCs put them, and "
-        f"{_typical(found.fit)} when this is undone",
+        f"{found.slip.what}{where}: the ground points lie {_format_median_distance(given)} from where the RPCs put "
+        f"them, and {_format_median_distance(found.fit)} when this is undone",
         found.slip.advice,
         control.image_ids(images),
         control.point_ids(points),
     )
 
 
-def _typical(read: RowFit) -> str:
+def _format_median_distance(read: ControlFit) -> str:
     """Return the median distance of points from their places, ``1.2 km (2400 px)``."""
     away = np.hypot(*read.distance_m.T)
-    pixels = away / read.control.of_images("gsd_m")[read.control.image]
-    return f"{_metres(float(np.median(away)))} ({float(np.median(pixels)):.3g} px)"
+    pixels = away / read.control.get_figures("gsd_m")[read.control.image]
+    return f"{_format_distance(float(np.median(away)))} ({float(np.median(pixels)):.3g} px)"
 
 
-def _metres(distance: float) -> str:
+def _format_distance(distance: float) -> str:
     return f"{distance / 1e3:.4g} km" if distance >= 2e3 else f"{distance:.3g} m"
 
 
-def _slip_of_points(control: SurveyedRows, given: RowFit, apart: Disagreement) -> Reason | None:
+def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart: Disagreement) -> Reason | None:
     """Return the slip of the points that disagree, where they alone have one."""
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
-    shift = fit(rest).shift_m
-    limit = np.maximum(control.of_images("misfit_m")[control.image], 8.0 * control.expected_m)[rows] / 3.0
+    shift = fit_control(rest).shift_m
+    limit = np.maximum(control.get_figures("misfit_m")[control.image], 8.0 * control.expected_m)[rows] / 3.0
     before = np.hypot(*(given.distance_m - shift[control.image])[rows].T)
     if np.median(before / limit) < 3.0:
         return None
     fitting: dict[str, Slip] = {}
-    owners = permuted_points(control.select(rows))
+    owners = find_point_permutation(control.select(rows))
     if owners is not None:
         points = control.block.points
         survey = points.ground[apart.points[owners]][np.searchsorted(apart.points, control.point[rows])]
@@ -208,15 +214,15 @@ def _slip_of_points(control: SurveyedRows, given: RowFit, apart: Disagreement) -
         if (away < limit).all():
             fitting["point-ids-permuted"] = Slip(
                 "point-ids-permuted",
-                _point_exchange(points.ids[apart.points], owners),
+                _describe_point_exchange(points.ids[apart.points], owners),
                 "correct the ids of these points",
             )
-    for slip, ground in ground_readings(control, shift, False):
+    for slip, ground in iterate_ground_slips(control, shift, False):
         away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
         if (away < limit).all() and slip.code not in UNTOLD_OF_FEW:
             fitting.setdefault(slip.code, slip)
     for slip, undo in PIXEL_SLIPS:
-        read = _read_pixels(control, undo, None)
+        read = _fit_without_pixel_slip(control, undo, None)
         if (np.hypot(*(read.distance_m - shift[control.image])[rows].T) < limit).all():
             fitting.setdefault(slip.code, slip)
     if len(fitting) != 1:
@@ -224,12 +230,12 @@ def _slip_of_points(control: SurveyedRows, given: RowFit, apart: Disagreement) -
     slip = next(iter(fitting.values()))
     ids = control.point_ids(apart.points)
     return Reason(
-        slip.code, _level(control, apart.points), f"of ground point {list_ids(ids)}: {slip.what}", slip.advice,
+        slip.code, _choose_level(control, apart.points), f"of ground point {list_ids(ids)}: {slip.what}", slip.advice,
         control.image_ids(np.unique(control.image[rows])), ids,
     )  # fmt: skip
 
 
-def _level(control: SurveyedRows, points: np.ndarray) -> Level:
+def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
     """A few wrong points are left out or outvoted; a quarter of the GCPs, or of all, is too much to trust any."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
     wrong = np.isin(gcps, points)
@@ -238,7 +244,7 @@ def _level(control: SurveyedRows, points: np.ndarray) -> Level:
     return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
 
 
-def _apart_reason(control: SurveyedRows, given: RowFit, apart: Disagreement) -> Reason:
+def _make_disagreement_reason(control: ControlMeasurements, given: ControlFit, apart: Disagreement) -> Reason:
     ids = control.point_ids(apart.points)
     east, north, up = apart.step_m
     rows = np.isin(control.point, apart.points)
@@ -250,45 +256,47 @@ def _apart_reason(control: SurveyedRows, given: RowFit, apart: Disagreement) -> 
         off = f"{abs(up):.3g} m {'above' if up > 0.0 else 'below'}"
     if apart.group:
         return Reason(
-            "control-groups", _level(control, apart.points),
+            "control-groups", _choose_level(control, apart.points),
             f"{count} ({list_ids(ids)}) lie {off} of where the others put them, all alike: two surveys that disagree",
             "find out which of the two is right (datum, base station, epoch) and leave the other out", images, ids,
         )  # fmt: skip
     return Reason(
-        "control-outliers", _level(control, apart.points),
+        "control-outliers", _choose_level(control, apart.points),
         f"{count} ({list_ids(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more",
         "check where these points are measured, their coordinates and their ids", images, ids,
     )  # fmt: skip
 
 
-def _misfit_reason(control: SurveyedRows, given: RowFit) -> Reason:
+def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reason:
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
     rows = np.isin(control.image, wrong)
-    far = (np.hypot(*np.nan_to_num(given.shift_m).T) > control.of_images("far_m"))[control.image]
+    far = (np.hypot(*np.nan_to_num(given.shift_m).T) > control.get_figures("far_m"))[control.image]
     points = np.unique(control.point[rows & (far | ~given.belongs)])
     return Reason(
         "control-implausible", Level.UNUSABLE,
-        f"the ground points lie {_typical(given)} from where the RPCs of {list_ids(control.image_ids(wrong))} put "
-        f"them, which no error of these RPCs explains (about {sigma:.3g} m); none of the usual slips does either"
-        + (f" (all alike: {_pixels(control, wrong)})" if given.belongs[rows].mean() > BELONG else ""),
+        f"the ground points lie {_format_median_distance(given)} from where the RPCs of "
+        f"{list_ids(control.image_ids(wrong))} put them, which no error of these RPCs explains "
+        f"(about {sigma:.3g} m); none of the usual slips does either"
+        + (f" (all alike: {_format_shifts(control, wrong)})" if given.belongs[rows].mean() > BELONG else ""),
         "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together: a "
         "crop and its whole scene have different ones",
         control.image_ids(wrong), control.point_ids(points),
     )  # fmt: skip
 
 
-def _large_shift(control: SurveyedRows, given: RowFit) -> list[Reason]:
+def _find_large_shifts(control: ControlMeasurements, given: ControlFit) -> list[Reason]:
     size = np.hypot(*np.nan_to_num(given.shift_m).T)
-    large = np.flatnonzero(size > control.of_images("large_m"))
+    large = np.flatnonzero(size > control.get_figures("large_m"))
     if not len(large):
         return []
     sigma = max(control.accuracies[index].sigma_m for index in large)
     return [
         Reason(
             "control-far", Level.DOUBTFUL,
-            f"the ground points on {list_ids(control.image_ids(large))} lie {_metres(float(size[large].max()))} from "
-            f"where the RPCs put them, which is much for RPCs of about {sigma:.3g} m ({_pixels(control, large)})",
+            f"the ground points on {list_ids(control.image_ids(large))} lie "
+            f"{_format_distance(float(size[large].max()))} from where the RPCs put them, which is much for RPCs of "
+            f"about {sigma:.3g} m ({_format_shifts(control, large)})",
             "check the datum of the ground points, and that RPC and image points are of these pixels, not of a crop or "
             "the whole scene",
             control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)])),
@@ -296,7 +304,7 @@ def _large_shift(control: SurveyedRows, given: RowFit) -> list[Reason]:
     ]  # fmt: skip
 
 
-def _pixels(control: SurveyedRows, images: np.ndarray) -> str:
+def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:
     """Return shifts of images in words, ``-200 px in sample, 300 px in line on img``: what a crop's origin would be."""
     told = []
     for index in images[:3].tolist():
@@ -307,8 +315,8 @@ def _pixels(control: SurveyedRows, images: np.ndarray) -> str:
     return "; ".join(told)
 
 
-def _common_height(control: SurveyedRows, given: RowFit) -> list[Reason]:
-    lift, sigma = common_lift(control, given.shift_m)
+def _find_common_height_offset(control: ControlMeasurements, given: ControlFit) -> list[Reason]:
+    lift, sigma = estimate_common_lift(control, given.shift_m)
     if sigma <= 0.0 or abs(lift) < LIFT_SIGMAS * sigma:
         return []
     return [

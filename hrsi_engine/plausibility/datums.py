@@ -26,7 +26,7 @@ class DatumShift(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
+def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
     """Return the datums in use at a place that PROJ can transform and that are not WGS84 in disguise."""
     area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
     known = pyproj.database.query_crs_info(

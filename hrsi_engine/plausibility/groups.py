@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .control import LEAST_NOISE_PX, MEDIAN_LENGTH, RowFit
+from .control import LEAST_NOISE_PX, MEDIAN_LENGTH, ControlFit
 
 HEAPS_APART = 8.0  # gap between two groups, and distance of a single point, over the spread within
 LEAST_APART_SIGMAS = 8.0  # of the expected misfit
@@ -33,28 +33,28 @@ class Disagreement:
     group: bool
 
 
-def disagreement(given: RowFit) -> Disagreement | None:
+def find_disagreement(given: ControlFit) -> Disagreement | None:
     """Return the smaller part of the surveyed points that disagrees with the larger; None where all agree."""
     control = given.control
     points = control.points
     if len(points) < LEAST_SURVEYS:
         return None
-    vector, expected = point_vectors(given)
-    least = np.maximum(LEAST_APART_SIGMAS * expected, LEAST_GAP_PX * _gsd(given))
-    two = _two_heaps(vector, expected, float(least.max()))
+    vector, expected = compute_point_misfits(given)
+    least = np.maximum(LEAST_APART_SIGMAS * expected, LEAST_GAP_PX * _compute_median_gsd(given))
+    two = _find_two_clusters(vector, expected, float(least.max()))
     if two is not None:
         smaller, gap = two
-        return _describe(given, points, vector, smaller, gap, group=True)
+        return _describe_disagreement(given, points, vector, smaller, gap, group=True)
     middle = np.median(vector, axis=0)
     away = np.abs(vector - middle).max(axis=1)
     spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
     off = (away > HEAPS_APART * spread) & (away > least)
     if not off.any() or off.sum() > len(points) / 2:
         return None
-    return _describe(given, points, vector, off, float((away / spread)[off].min()), group=False)
+    return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)
 
 
-def point_vectors(given: RowFit) -> tuple[np.ndarray, np.ndarray]:
+def compute_point_misfits(given: ControlFit) -> tuple[np.ndarray, np.ndarray]:
     """Return each point's mean misfit and its difference between rays from both sides ``(p, 3)``, and its noise.
 
     The third column is in metres on the ground too: the misfit of an image times the direction in which its rays lean,
@@ -72,15 +72,15 @@ def point_vectors(given: RowFit) -> tuple[np.ndarray, np.ndarray]:
     along[length < 0.02] = 0.0
     parallax = np.bincount(place, along) / count
     expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
-    return np.column_stack([mean, parallax]), np.maximum(expected, LEAST_NOISE_PX * _gsd(given))
+    return np.column_stack([mean, parallax]), np.maximum(expected, LEAST_NOISE_PX * _compute_median_gsd(given))
 
 
-def _gsd(given: RowFit) -> float:
+def _compute_median_gsd(given: ControlFit) -> float:
     control = given.control
-    return float(np.median(control.of_images("gsd_m")[control.images]))
+    return float(np.median(control.get_figures("gsd_m")[control.images]))
 
 
-def _two_heaps(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
+def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
     """Return the smaller of two heaps of points (mask), and the gap between them over their spread."""
     best: tuple[np.ndarray, float] | None = None
     angles = np.pi * np.arange(TRIED_DIRECTIONS) / TRIED_DIRECTIONS
@@ -97,7 +97,9 @@ def _two_heaps(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tupl
         if step[cut] < least_m:
             continue
         low, high = order[: cut + 1], order[cut + 1 :]
-        within = max(_width(along[low]), _width(along[high]), float(np.median(expected)))
+        within = max(
+            _compute_cluster_width(along[low]), _compute_cluster_width(along[high]), float(np.median(expected))
+        )
         gap = float(step[cut] / within)
         if gap > HEAPS_APART and (best is None or gap > best[1]):
             smaller = np.zeros(count, dtype=bool)
@@ -106,14 +108,14 @@ def _two_heaps(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tupl
     return best
 
 
-def _width(along: np.ndarray) -> float:
+def _compute_cluster_width(along: np.ndarray) -> float:
     """Return the standard deviation within a heap; of two or three points their range says little: it is doubled."""
     spread = float(np.std(along, ddof=1))
     return 2.0 * spread if len(along) < 4 else spread
 
 
-def _describe(
-    given: RowFit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
+def _describe_disagreement(
+    given: ControlFit, points: np.ndarray, vector: np.ndarray, off: np.ndarray, gap: float, group: bool
 ) -> Disagreement:
     step = -(np.median(vector[off], axis=0) - np.median(vector[~off], axis=0))
     control = given.control

@@ -13,12 +13,12 @@ from scipy.optimize import linear_sum_assignment
 
 from ..block.block import Block
 from ..block.points import GroundPoints, Role
-from ..block.similar_ids import resembling
+from ..block.similar_ids import find_similar_ids
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from .accuracy import ImageAccuracy
-from .control import SurveyedRows
-from .sights import Sights, sights
+from .control import ControlMeasurements
+from .sightlines import Sightlines, compute_sightlines
 
 MOST_PERMUTED_POINTS = 400  # the costs grow with their square
 MOST_PERMUTED_IMAGES = 12
@@ -26,7 +26,7 @@ TRIED_PER_IMAGE = 12
 AT_ITS_PLACE_SIGMAS = 5.0  # of the RPC's shift: what is measured so near to where a survey lies may be that point
 
 
-def spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
+def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
     """Return whether surveyed points take no part because their ids are spelt otherwise where they are measured.
 
     Likeness alone tells nothing: tie points are numbered too. The look-alikes must also be measured where the surveys
@@ -37,7 +37,7 @@ def spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if not len(meant):
         return []
     held = bool((block.points.role == Role.GCP).any())
-    pairs = _measured_at_their_places(block, accuracies, meant)
+    pairs = _match_spellings_by_position(block, accuracies, meant)
     if pairs:
         listed = ", ".join(f"{surveyed!r} is measured as {name!r}" for surveyed, name in list(pairs.items())[:4])
         return [
@@ -60,11 +60,11 @@ def spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     ]  # fmt: skip
 
 
-def _measured_at_their_places(
+def _match_spellings_by_position(
     block: Block, accuracies: Sequence[ImageAccuracy], surveyed: GroundPoints
 ) -> dict[str, str]:
     """Return which surveyed points are measured under a like id where they lie; nothing where most are elsewhere."""
-    alike = resembling(surveyed.ids, block.points.ids[~block.known])
+    alike = find_similar_ids(surveyed.ids, block.points.ids[~block.known])
     alike = {name: others for name, others in alike.items() if len(others) == 1}
     if not alike:
         return {}
@@ -72,7 +72,7 @@ def _measured_at_their_places(
     index_of = {name: index for index, name in enumerate(block.points.ids.tolist())}
     first = np.searchsorted(block.measurements.point, [index_of[others[0]] for others in alike.values()])
     image = block.measurements.image[first]
-    seen = sights(block.images, image, block.measurements.xy[first])
+    seen = compute_sightlines(block.images, image, block.measurements.xy[first])
     away = np.hypot(*seen.distance_m(surveyed.ground[[row[name] for name in alike]]).T)
     near = away < AT_ITS_PLACE_SIGMAS * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
     if 2 * near.sum() < len(near):
@@ -80,7 +80,7 @@ def _measured_at_their_places(
     return {name: others[0] for (name, others), there in zip(alike.items(), near, strict=True) if there}
 
 
-def permuted_images(control: SurveyedRows, wrong: np.ndarray) -> tuple[np.ndarray, Sights] | None:
+def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> tuple[np.ndarray, Sightlines] | None:
     """Return the image that each measurement was really made on ``(n,)``, and its rays.
 
     ``wrong`` are the images that do not fit; only these are exchanged. None where they stay as they are.
@@ -93,7 +93,7 @@ def permuted_images(control: SurveyedRows, wrong: np.ndarray) -> tuple[np.ndarra
         some = np.flatnonzero(control.image == label)
         some = some[:: max(1, len(some) // TRIED_PER_IMAGE)]
         for column, owner in enumerate(wrong):
-            seen = sights(images, np.full(len(some), owner), control.xy[some])
+            seen = compute_sightlines(images, np.full(len(some), owner), control.xy[some])
             away = np.hypot(*seen.distance_m(control.ground[some]).T) / control.accuracies[owner].sigma_m
             cost[row, column] = np.mean(np.log1p(away**2))
     owners = wrong[linear_sum_assignment(cost)[1]]
@@ -102,11 +102,11 @@ def permuted_images(control: SurveyedRows, wrong: np.ndarray) -> tuple[np.ndarra
     image = control.image.copy()
     for label, owner in zip(wrong, owners, strict=True):
         image[control.image == label] = owner
-    return image, sights(images, image, control.xy)
+    return image, compute_sightlines(images, image, control.xy)
 
 
-def permuted_points(control: SurveyedRows) -> np.ndarray | None:
-    """Return for every surveyed point of `SurveyedRows.points` the one whose survey fits its measurements, ``(p,)``.
+def find_point_permutation(control: ControlMeasurements) -> np.ndarray | None:
+    """Return, for each of `ControlMeasurements.points`, the point whose survey fits its measurements, ``(p,)``.
 
     None for a single point, for too many, and where every point fits its own survey best.
     """
@@ -115,7 +115,7 @@ def permuted_points(control: SurveyedRows) -> np.ndarray | None:
         return None
     survey = control.block.points.ground[points]
     place = np.searchsorted(points, control.point)
-    sigma = control.of_images("sigma_m")
+    sigma = control.get_figures("sigma_m")
     # squared distance of every measurement from every survey, in sigmas of the image's shift
     cost = np.zeros((len(points), len(points)))
     for owner in range(len(points)):

@@ -47,7 +47,7 @@ class LaserLimits:
     canopy_m: float = 3.0
 
 
-def laser_reasons(points: LaserPoints, limits: LaserLimits | None = None) -> np.ndarray:
+def find_laser_reasons(points: LaserPoints, limits: LaserLimits | None = None) -> np.ndarray:
     """Return why each laser point is left out.
 
     Parameters
@@ -75,12 +75,12 @@ def laser_reasons(points: LaserPoints, limits: LaserLimits | None = None) -> np.
     for wrong, why in tests:
         reason = np.where((reason == "") & wrong, why, reason)
     good = np.flatnonzero(reason == "")
-    lonely = good[standing_out(points.select(good))]
+    lonely = good[find_track_outliers(points.select(good))]
     reason[lonely] = "stands out from its neighbours on the track"
     return reason
 
 
-def standing_out(points: LaserPoints) -> np.ndarray:
+def find_track_outliers(points: LaserPoints) -> np.ndarray:
     """Tell which points lie off the middle of their neighbours on the same track, by more than slopes explain.
 
     Parameters
@@ -98,11 +98,11 @@ def standing_out(points: LaserPoints) -> np.ndarray:
     names = points.track[order]
     for rows in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1 if len(order) else []):
         if len(rows) > 3:
-            result[rows] = _off_middle(points.ground[rows], points.sigma_m[rows])
+            result[rows] = _is_off_neighbours(points.ground[rows], points.sigma_m[rows])
     return result
 
 
-def _off_middle(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+def _is_off_neighbours(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     away = ground[:, :2] - ground[0, :2]
     away[:, 0] = wrap_degrees(away[:, 0])
     metres = away * metres_per_degree(ground[:1])[:, :2]

@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 
 from ..block.block import Block, Image
-from ..block.imaging_geometry import looks_cropped
+from ..block.imaging_geometry import is_crop
 from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..ground import height_datum
 from ..surface.dem import HeightSurface, surface_heights
-from .slips import FEET_M, undulations
+from .slips import FEET_M, find_undulations
 
 FAR_OUTSIDE = 0.5  # of an image's size: a point so far outside was not measured on it
 EDGE_SLACK_PX = 1.5  # an edge, and a count from 1
@@ -30,7 +30,7 @@ TAKEN_FROM_DEM_M = 1e-3
 DEM_DIFFERENCE_M = 20.0  # trees, houses and a coarse DEM do less
 
 
-def outside_reasons(block: Block) -> list[Reason]:
+def find_points_outside(block: Block) -> list[Reason]:
     """Return images on which points are measured far outside, or most of them outside."""
     measured = block.measurements
     reasons = []
@@ -60,9 +60,9 @@ def outside_reasons(block: Block) -> list[Reason]:
     return reasons
 
 
-def crop_reasons(block: Block) -> list[Reason]:
+def find_crops(block: Block) -> list[Reason]:
     """Return images that are much smaller than the scene of their RPC, which begins at 0: crops of unknown origin."""
-    ids = tuple(image.id for image in block.images if looks_cropped(image))
+    ids = tuple(image.id for image in block.images if is_crop(image))
     if not ids:
         return []
     return [
@@ -75,7 +75,7 @@ def crop_reasons(block: Block) -> list[Reason]:
     ]  # fmt: skip
 
 
-def height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
+def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
     """Return surveyed heights that no image of the point was made for, and heights that are all the same.
 
     ``contradicted`` tells whether the images contradict the survey: then heights that are all the same were lost.
@@ -87,7 +87,7 @@ def height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
     ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
     slack = np.maximum(RANGE_SHARE * (ranges[:, 1] - ranges[:, 0]), RANGE_SLACK_M)
     height = points.ground[measured.point[rows], 2]
-    wrong = _outside(height, ranges, slack)
+    wrong = _is_outside_range(height, ranges, slack)
     reasons = []
     if wrong.any():
         which = np.unique(measured.point[rows[wrong]])
@@ -98,7 +98,7 @@ def height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
             f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) is "
             f"outside the {low:.0f} to {high:.0f} m that the RPCs were made for"
         )
-        in_feet = wrong.mean() > MOST_HEIGHTS and not _outside(height * FEET_M, ranges, slack).any()
+        in_feet = wrong.mean() > MOST_HEIGHTS and not _is_outside_range(height * FEET_M, ranges, slack).any()
         reasons.append(
             Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they lie within", "give metres", images, ids)
             if in_feet
@@ -121,14 +121,14 @@ def height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
     return reasons
 
 
-def _outside(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray) -> np.ndarray:
+def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray) -> np.ndarray:
     return np.asarray((height < ranges[:, 0] - slack) | (height > ranges[:, 1] + slack))
 
 
-def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
+def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     """Return whether a DEM leaves out a part of the block, and whether its heights and the surveyed ones disagree."""
     reasons = []
-    covered = np.array([_cover(image, block, surface) for image in block.images])
+    covered = np.array([_compute_coverage(image, block, surface) for image in block.images])
     if covered.mean() < COVERED:
         ids = tuple(image.id for image, share in zip(block.images, covered, strict=True) if share < COVERED)
         reasons.append(
@@ -143,7 +143,7 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     ground = block.points.ground[known]
     of_dem = surface_heights(surface, ground[:, :2])
     of_dem[np.abs(ground[:, 2] - of_dem) < TAKEN_FROM_DEM_M] = np.nan  # they tell nothing
-    geoid = undulations(ground)
+    geoid = find_undulations(ground)
     found = height_datum.height_difference(
         ground[:, 2], of_dem, np.full(len(ground), np.nan) if geoid is None else geoid[1]
     )
@@ -175,7 +175,7 @@ def dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     return reasons
 
 
-def _cover(image: Image, block: Block, surface: HeightSurface) -> float:
+def _compute_coverage(image: Image, block: Block, surface: HeightSurface) -> float:
     """Return the share of an image's ground at which a DEM has a height."""
     known = block.points.ground[block.known, 2]
     height = float(np.median(known)) if len(known) else image.middle_height_m
@@ -186,7 +186,7 @@ def _cover(image: Image, block: Block, surface: HeightSurface) -> float:
     return float(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
 
 
-def duplicate_reasons(block: Block) -> list[Reason]:
+def find_duplicate_images(block: Block) -> list[Reason]:
     """Return images that are the same scene under two names: one RPC, or the same pixels measured everywhere."""
     groups: dict[RPC, list[int]] = {}
     for index, image in enumerate(block.images):

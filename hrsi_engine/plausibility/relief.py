@@ -31,7 +31,7 @@ MOST_COMPARED = 20_000
 MOST_STEPS = 12
 
 
-def relief_reasons(
+def find_relief_reasons(
     ground: np.ndarray,
     surface: HeightSurface,
     sigma_plan_m: float = 0.0,
@@ -81,7 +81,7 @@ def relief_reasons(
             )
         ]  # fmt: skip
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
-    east, north, left = _displacement(ground, surface)
+    east, north, left = _estimate_displacement(ground, surface)
     away = float(np.hypot(east, north))
     if left < min(MOST_LEFT * scatter, MOST_UNLIKE * relief) and away > max(
         LEAST_CELLS * cell_size_m(surface, ground[0]), LEAST_SIGMAS * sigma_plan_m
@@ -107,7 +107,7 @@ def relief_reasons(
     return []
 
 
-def _displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[float, float, float]:
+def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[float, float, float]:
     """Return metres by which a DEM lies too far east and north, and the scatter of the differences without that."""
     cell = cell_size_m(surface, ground[0])
     degrees = 1.0 / metres_per_degree(ground)[:, :2]

@@ -19,8 +19,8 @@ from ..block.block import Image
 from ..foundation.errors import InputError
 from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, wrap_degrees
 from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
-from .control import SurveyedRows
-from .datums import datum_shifts
+from .control import ControlMeasurements
+from .datums import find_datum_shifts
 
 FEET_M = 0.3048
 DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
@@ -46,18 +46,18 @@ class Slip:
 UndoPixels = Callable[[np.ndarray, Image], np.ndarray]
 
 
-def _mirror(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
+def _mirror_axis(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
     turned = xy.copy()
     turned[:, axis] = 2.0 * image.centre_px[axis] - xy[:, axis]
     return turned
 
 
-def _scale(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
+def _scale_pixels(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
     """Return coordinates of larger or smaller pixels; both images have their corner in common."""
     return (xy + 0.5) * factor - 0.5
 
 
-def _turn(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
+def _turn_image(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
     """Return coordinates of the image of which this one is a copy turned clockwise by quarters of a circle."""
     across, down = (2.0 * image.centre_px) if quarters % 2 == 0 else (2.0 * image.centre_px)[::-1]
     sample, line = xy.T
@@ -78,7 +78,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     ),
     (
         Slip("lines-from-below", "lines are counted from below", "subtract the lines from the image's last line"),
-        lambda xy, image: _mirror(xy, image, 1),
+        lambda xy, image: _mirror_axis(xy, image, 1),
     ),
     (
         Slip("lines-from-below", "lines are negative, counted upwards", "change the sign of the lines"),
@@ -86,7 +86,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     ),
     (
         Slip("samples-from-right", "samples are counted from the right", "subtract the samples from the last sample"),
-        lambda xy, image: _mirror(xy, image, 0),
+        lambda xy, image: _mirror_axis(xy, image, 0),
     ),
     *(
         (
@@ -94,7 +94,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
                 "image-turned", f"image coordinates are those of a copy that is turned by {90 * quarters} degrees",
                 "measure on the image as its RPC has it, or turn the coordinates back",
             ),
-            partial(_turn, quarters=quarters),
+            partial(_turn_image, quarters=quarters),
         )
         for quarters in (1, 2, 3)
     ),
@@ -104,7 +104,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
                 "image-scale", f"image coordinates are those of an image with pixels {text}",
                 "measure on the image itself, or multiply the coordinates", length=factor,
             ),
-            partial(_scale, factor=factor),
+            partial(_scale_pixels, factor=factor),
         )
         for factor, text in SCALES
     ),
@@ -113,10 +113,12 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
 
 # ---- ground coordinates --------------------------------------------------------------------------------------------
 
-GroundReading = tuple[Slip, np.ndarray]
+GroundHypothesis = tuple[Slip, np.ndarray]
 
 
-def ground_readings(control: SurveyedRows, shift_m: np.ndarray, suspicious_shift: bool) -> Iterator[GroundReading]:
+def iterate_ground_slips(
+    control: ControlMeasurements, shift_m: np.ndarray, suspicious_shift: bool
+) -> Iterator[GroundHypothesis]:
     """Yield the slips of ground coordinates with the points ``(n, 3)`` as they would be without.
 
     ``shift_m (images, 2)`` are the shifts of the numbers as given. Datums are looked up only where the shifts are
@@ -124,16 +126,16 @@ def ground_readings(control: SurveyedRows, shift_m: np.ndarray, suspicious_shift
     """
     ground = control.ground
     near = np.nanmedian(control.sights.ground, axis=0)
-    yield from _exchange(ground)
-    yield from _other_zone(ground, near)
-    yield from _other_hemisphere(ground, near)
-    yield from _other_projection(ground, near)
-    yield from _other_heights(control, shift_m)
+    yield from _iterate_axis_exchanges(ground)
+    yield from _iterate_zones(ground, near)
+    yield from _iterate_hemispheres(ground, near)
+    yield from _iterate_projections(ground, near)
+    yield from _iterate_height_slips(control, shift_m)
     if suspicious_shift:
-        yield from _other_datum(ground, near)
+        yield from _iterate_datums(ground, near)
 
 
-def _exchange(ground: np.ndarray) -> Iterator[GroundReading]:
+def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
     yield (
         Slip("lon-lat-swapped", "longitude and latitude are exchanged", "exchange the columns of the ground points"),
         ground[:, [1, 0, 2]],
@@ -154,7 +156,7 @@ def _exchange(ground: np.ndarray) -> Iterator[GroundReading]:
         )  # fmt: skip
 
 
-def _other_zone(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     """Coordinates of a zone read in another one: the zones are alike, so that only the longitude changes."""
     away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
     for width, code, what in ((6.0, "utm-zone", "UTM zone"), (3.0, "utm-zone", "3 degree zone")):
@@ -172,13 +174,13 @@ def _other_zone(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]
             )  # fmt: skip
 
 
-def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     """Northings of one hemisphere read as those of the other, perhaps in another zone too."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
     own = utm_zone(float(near[0]), float(near[1]))
     for zone, south in itertools.product((own, own % 60 + 1, (own - 2) % 60 + 1), (False, True)):
-        moved = _as_meant(ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)))
+        moved = _reproject_misread(ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)))
         if moved is None:
             continue
         # the zone may be wrong too: zones are alike, so that only the longitude changes
@@ -194,7 +196,7 @@ def _other_hemisphere(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
         )  # fmt: skip
 
 
-def _other_projection(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     """Numbers of one kind of CRS read in another: Web Mercator, as web maps show it, UTM, and degrees."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
@@ -202,7 +204,7 @@ def _other_projection(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
     own = f"{'UPS' if utm in (UPS_SOUTH, UPS_NORTH) else 'UTM'} (EPSG:{utm})"
     names = {WEB_MERCATOR: "Web Mercator", utm: own, DEGREES: "degrees of longitude and latitude"}
     for read, meant in ((utm, WEB_MERCATOR), (WEB_MERCATOR, utm), (utm, DEGREES), (WEB_MERCATOR, DEGREES)):
-        moved = _as_meant(ground, read, meant)
+        moved = _reproject_misread(ground, read, meant)
         if moved is not None:
             yield (
                 Slip(
@@ -213,7 +215,7 @@ def _other_projection(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundRe
             )  # fmt: skip
 
 
-def _as_meant(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
+def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
     """Return points ``(n, 3)`` whose coordinates were read in one CRS (EPSG) and meant in another, or None."""
     try:
         there = np.array(pyproj.Transformer.from_crs(DEGREES, read, always_xy=True).transform(*ground[:, :2].T))
@@ -226,14 +228,14 @@ def _as_meant(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
     return moved if np.isfinite(moved).all() else None
 
 
-def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[GroundReading]:
+def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
     ground = control.ground
     for factor, what in ((FEET_M, "are in feet"), (1.0 / FEET_M, "were converted from feet though they were metres")):
         yield (
             Slip("height-unit", f"the heights of the ground points {what}", "give heights in metres"),
             ground * [1.0, 1.0, factor],
         )
-    found = undulations(ground)
+    found = find_undulations(ground)
     if found is not None:  # the models of the geoid differ by less than images can tell: any will do
         name, undulation = found
         middle = float(np.median(undulation))
@@ -255,7 +257,7 @@ def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[Groun
             ),
             ground - up,
         )  # fmt: skip
-    lift, _ = common_lift(control, shift_m)
+    lift, _ = estimate_common_lift(control, shift_m)
     side = "high" if lift > 0.0 else "low"
     yield (
         Slip(
@@ -266,7 +268,7 @@ def _other_heights(control: SurveyedRows, shift_m: np.ndarray) -> Iterator[Groun
     )  # fmt: skip
 
 
-def common_lift(control: SurveyedRows, shift_m: np.ndarray) -> tuple[float, float]:
+def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:
     """Return by how much all surveyed heights are too high, from the images' shifts, and its standard deviation.
 
     A survey too high by h moves every image by h times the slope of its rays. The images' own errors, of their sigma
@@ -292,7 +294,7 @@ def common_lift(control: SurveyedRows, shift_m: np.ndarray) -> tuple[float, floa
     return float(solved[2]), float(np.sqrt(max(inverse[2, 2], 0.0)))
 
 
-def undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
+def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
     """Return a model of the geoid whose grid is installed, and its heights (m) at points; None where there is none."""
     if not len(ground) or not (np.abs(ground[:, 1]) <= 90.0).all():
         return None
@@ -302,9 +304,9 @@ def undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
     return None
 
 
-def _other_datum(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundReading]:
+def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     degrees = 1.0 / metres_per_degree(near[None])[0]
-    candidates = datum_shifts(round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1))
+    candidates = find_datum_shifts(round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1))
     for sign, what in (
         (1.0, "refer to {} but count as WGS84"),
         (-1.0, "were converted from {} though they were WGS84"),

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.block import Block
-from ..block.points import Role, lie_apart
+from ..block.points import Role, are_apart
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
@@ -23,7 +23,7 @@ COPIED_SHARE = 0.5  # of the check points measured where GCPs are, from which on
 TARGETS_APART_PX = 1.5  # between two measurements of one target; two targets are farther apart
 
 
-def rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
+def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
     """Return whether longitudes and latitudes were cut to few decimals: worse than their sigmas and half a pixel.
 
     An error that is uniform within one step of the last decimal has a standard deviation of step / sqrt(12).
@@ -56,7 +56,7 @@ def rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: L
     ]  # fmt: skip
 
 
-def independence_reasons(block: Block) -> list[Reason]:
+def find_dependent_check_points(block: Block) -> list[Reason]:
     """Return whether check points lie where GCPs lie, on the ground or on the images: they tell nothing then.
 
     Copies of GCPs, with a little noise or surveyed again, are measured at the same pixels of every image, most of them.
@@ -69,8 +69,8 @@ def independence_reasons(block: Block) -> list[Reason]:
         return []
     ground = block.points.ground
     _, nearest = cKDTree(to_ecef(ground[gcps])).query(to_ecef(ground[checks]))
-    same = ~lie_apart(ground[checks], ground[gcps[nearest]])
-    alike = _measured_alike(block, checks, gcps[nearest])
+    same = ~are_apart(ground[checks], ground[gcps[nearest]])
+    alike = _are_copies(block, checks, gcps[nearest])
     if alike.mean() > COPIED_SHARE:  # a few may stand beside a GCP by chance
         same |= alike
     if not same.any():
@@ -87,7 +87,7 @@ def independence_reasons(block: Block) -> list[Reason]:
     ]  # fmt: skip
 
 
-def _measured_alike(block: Block, points: np.ndarray, others: np.ndarray) -> np.ndarray:
+def _are_copies(block: Block, points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Tell of pairs of points whether they are measured at the same pixels of every image that has both."""
     rows = block.measurements
     compared = np.flatnonzero(np.isin(rows.point, np.concatenate([points, others])))  # not the ties, which are many

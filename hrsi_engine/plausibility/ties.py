@@ -21,7 +21,7 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..ground.geodesy import moved_ground
 from .accuracy import ImageAccuracy
-from .sights import Sights, sights
+from .sightlines import Sightlines, compute_sightlines
 from .slips import PIXEL_SLIPS, Slip
 
 SAMPLE_PER_PAIR = 60  # points looked at
@@ -48,7 +48,7 @@ MOST_SUSPECTS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class SampledPairs:
+class PairSample:
     """Sampled points on pairs of images.
 
     image : (n, 2) indices of the two images; xy : (n, 2, 2); sigma_px : (n,); pair : (n,) which pair of images
@@ -73,7 +73,7 @@ class SampledPairs:
         """The two images of each pair, ``(pairs, 2)``."""
         return self.image[self.starts]
 
-    def select(self, some: np.ndarray) -> SampledPairs:
+    def select(self, some: np.ndarray) -> PairSample:
         """Return some pairs (mask), numbered anew."""
         rows = some[self.pair]
         number = np.cumsum(some) - 1
@@ -83,7 +83,7 @@ class SampledPairs:
         )  # fmt: skip
 
 
-def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> SampledPairs | None:
+def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSample | None:
     """Return a sample of the tie points of every pair of images; None without tie points."""
     measured = block.measurements
     tie = (block.points.role == Role.TIE)[measured.point]
@@ -107,7 +107,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> SampledPa
     known = block.points.ground[block.known, 2]
     height = known[np.isfinite(known)] if len(known) else np.empty(0)
     middle = float(np.median(height)) if len(height) else float(np.median([i.middle_height_m for i in block.images]))
-    return SampledPairs(
+    return PairSample(
         block, accuracies, measured.point[rows], np.column_stack([measured.image[rows], measured.image[rows + 1]]),
         np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
         np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]), pair[chosen], middle,
@@ -115,7 +115,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> SampledPa
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class PairConsistency:
     """How well pairs meet: ``wrong (n,)`` which points do not; ``share`` of them over all pairs that tell something;
     ``good (pairs,)`` share of each pair's points that agree, NaN where they are too few to tell."""
 
@@ -124,22 +124,22 @@ class Joint:
     good: np.ndarray
 
     @classmethod
-    def of(cls, pairs: SampledPairs, wrong: np.ndarray, good: np.ndarray) -> Joint:
+    def from_points(cls, pairs: PairSample, wrong: np.ndarray, good: np.ndarray) -> PairConsistency:
         """Return it from what is known of each point and of each pair."""
         telling = np.isfinite(good)[pairs.pair]
         return cls(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
 
 
-def joint(
-    pairs: SampledPairs, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0
-) -> Joint:
+def judge_pairs(
+    pairs: PairSample, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0
+) -> PairConsistency:
     """Return how well the pairs meet, with their own or other images and coordinates, stretched by a slip."""
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
     images = pairs.block.images
-    flat = sights(images, image.ravel(), xy.reshape(-1, 2))
-    at_height = _at_height(flat, pairs.height_m)
-    apart = at_height.distance_m(_other_ends(at_height.ground))[::2]
+    flat = compute_sightlines(images, image.ravel(), xy.reshape(-1, 2))
+    at_height = _move_to_height(flat, pairs.height_m)
+    apart = at_height.distance_m(_swap_pairs(at_height.ground))[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
     length = np.hypot(*slope.T)
     starts = pairs.starts
@@ -159,19 +159,19 @@ def joint(
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK_SLOPE)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~possible | ~np.isfinite(across)
-    bulk = _modes(across, starts, sizes)
+    bulk = _compute_modes(across, starts, sizes)
     away = across - np.repeat(bulk, sizes)
     off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
     for start, size in zip(*(column[off / sizes > FEW_OFF].tolist() for column in (starts, sizes)), strict=True):
         rows = slice(start, start + size)
-        away[rows] = _without_drift(away[rows], xy[rows, 0], tolerance[rows], MOST_RELATIVE_DRIFT * gsd[start])
+        away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], MOST_RELATIVE_DRIFT * gsd[start])
     wrong |= np.abs(away) > tolerance
     wrong |= np.repeat(np.abs(bulk) > 8.0 * sigma[starts], sizes)
     share = np.add.reduceat(wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
-    return Joint.of(pairs, wrong, np.where(sizes >= LEAST_OF_PAIR, 1.0 - share, np.nan))
+    return PairConsistency.from_points(pairs, wrong, np.where(sizes >= LEAST_OF_PAIR, 1.0 - share, np.nan))
 
 
-def _without_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
+def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
     """Return misses of a pair's points ``(n,)`` without the drift of its RPCs, where that explains nearly all of them.
 
     A drift is linear in the position ``xy (n, 2)``, by ``most`` (m/px) at the utmost. Wrong points follow none.
@@ -189,63 +189,63 @@ def _without_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, 
     return left if fits.mean() >= 1.0 - FEW_OFF else away_m
 
 
-def _other_ends(ground: np.ndarray) -> np.ndarray:
+def _swap_pairs(ground: np.ndarray) -> np.ndarray:
     """Return the other point of each pair; the two follow each other."""
     return ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)
 
 
-def _at_height(flat: Sights, height_m: float) -> Sights:
+def _move_to_height(flat: Sightlines, height_m: float) -> Sightlines:
     """Return the rays with their points at one height."""
     climb = height_m - flat.ground[:, 2]
     step = np.column_stack([flat.slope * climb[:, None], climb])
-    return Sights(moved_ground(flat.ground, step), flat.slope)
+    return Sightlines(moved_ground(flat.ground, step), flat.slope)
 
 
-def _modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return `_mode` of each pair's numbers, which begin at ``starts``; pairs of equal size together."""
+def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return `_compute_mode` of each pair's numbers, which begin at ``starts``; pairs of equal size together."""
     modes = np.empty(len(starts))
     for size in np.unique(sizes).tolist():
         same = np.flatnonzero(sizes == size)
         ordered = np.sort(values[starts[same, None] + np.arange(size)], axis=1)
-        number = _bulk(size)
+        number = _compute_bulk_size(size)
         width = ordered[:, number - 1 :] - ordered[:, : size - number + 1]
         middle = np.argmin(width, axis=1) + number // 2
         own = np.arange(len(same))
         modes[same] = ordered[own, middle] if number % 2 else 0.5 * (ordered[own, middle - 1] + ordered[own, middle])
         for lost in np.flatnonzero(~finite_rows(ordered)).tolist():
-            modes[same[lost]] = _mode(ordered[lost])
+            modes[same[lost]] = _compute_mode(ordered[lost])
     return modes
 
 
-def _bulk(size: int) -> int:
+def _compute_bulk_size(size: int) -> int:
     """Return how many of so many numbers are their bulk."""
     return min(max(5, round(MODE_SHARE * size)), size)
 
 
-def _mode(values: np.ndarray) -> float:
+def _compute_mode(values: np.ndarray) -> float:
     """Return the middle of the narrowest interval that holds a share of the numbers: where their bulk is."""
     ordered = np.sort(values[np.isfinite(values)])
     if not len(ordered):
         return 0.0
-    number = _bulk(len(ordered))
+    number = _compute_bulk_size(len(ordered))
     width = ordered[number - 1 :] - ordered[: len(ordered) - number + 1]
     begin = int(np.argmin(width))
     middle = begin + number // 2
     return float(ordered[middle] if number % 2 else 0.5 * (ordered[middle - 1] + ordered[middle]))  # their median
 
 
-def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
+def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
     """Return what is wrong with a block's tie points; nothing where most of them join their images."""
     pairs = sample_pairs(block, accuracies)
     if pairs is None:
         return []
-    given = joint(pairs)
+    given = judge_pairs(pairs)
     failing = np.flatnonzero(given.good < JOINED)
     share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
     if not len(failing) and (share < MANY_WRONG or given.wrong.sum() < LEAST_CURED):
         return []
-    suspects = _suspects(pairs, given, failing)
-    found = _named_slip(pairs, given, suspects)
+    suspects = _select_suspects(pairs, given, failing)
+    found = _find_best_slip(pairs, given, suspects)
     if found is not None:
         (slip, *alike), images, cured = found
         ids = tuple(block.images[index].id for index in images)
@@ -260,7 +260,7 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
                 slip.advice, ids,
             )
         ]  # fmt: skip
-    ids = tuple(block.images[index].id for index in _blamed(pairs.ends[failing]))
+    ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
     unusable = share >= MOST_WRONG or bool((given.good < 0.25).any())
     return [
@@ -274,7 +274,7 @@ def tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reaso
     ]  # fmt: skip
 
 
-def _blamed(ends: np.ndarray) -> list[int]:
+def _select_common_images(ends: np.ndarray) -> list[int]:
     """Return few images that failing pairs ``(k, 2)`` have in common; both of a pair that shares none with others."""
     blamed: list[int] = []
     ends = np.unique(np.sort(ends, axis=1), axis=0)
@@ -288,23 +288,25 @@ def _blamed(ends: np.ndarray) -> list[int]:
     return sorted(blamed)
 
 
-def _suspects(pairs: SampledPairs, given: Joint, failing: np.ndarray) -> np.ndarray:
+def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndarray) -> np.ndarray:
     """Return the images most of whose pairs fail, those with most failures first."""
     ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(given.good)
-    all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
+    compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
     failed = np.bincount(ends[failing].ravel(), minlength=count)
-    bad = np.flatnonzero(failed >= np.maximum(0.5 * all_pairs, 1))
-    return bad[np.argsort(-failed[bad] / all_pairs[bad], kind="stable")][:MOST_SUSPECTS]
+    bad = np.flatnonzero(failed >= np.maximum(0.5 * compute_all_pairs, 1))
+    return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][:MOST_SUSPECTS]
 
 
-def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tuple[list[Slip], np.ndarray, float] | None:
+def _find_best_slip(
+    pairs: PairSample, given: PairConsistency, suspects: np.ndarray
+) -> tuple[list[Slip], np.ndarray, float] | None:
     """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong.
 
     Behind the slip stand those of `ALIKE_FOR_TIES` that do it as well.
     """
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
-    for slip, images, share in _readings(pairs, given, suspects):
+    for slip, images, share in _iterate_hypotheses(pairs, given, suspects):
         cured = (given.share - share) * len(pairs.pair) >= LEAST_CURED and share * CURED_BY < given.share
         if share < CURED and cured and (slip.code not in best or share < best[slip.code][0]):
             best[slip.code] = share, slip, images
@@ -320,8 +322,8 @@ def _named_slip(pairs: SampledPairs, given: Joint, suspects: np.ndarray) -> tupl
     return [slip, *(other for _, other, of in others if np.array_equal(of, images))], images, share
 
 
-def _readings(
-    pairs: SampledPairs, given: Joint, suspects: np.ndarray
+def _iterate_hypotheses(
+    pairs: PairSample, given: PairConsistency, suspects: np.ndarray
 ) -> Iterator[tuple[Slip, np.ndarray, float]]:  # fmt: skip
     """Yield every slip undone, on all images or a suspected one, with the images and the share of points wrong.
 
@@ -330,13 +332,13 @@ def _readings(
     if given.share >= MANY_WRONG:
         every = np.arange(len(pairs.block.images))
         for slip, undo in PIXEL_SLIPS:
-            yield slip, every, joint(pairs, xy=_read_pixels(pairs, undo, every), stretch=slip.length).share
+            yield slip, every, judge_pairs(pairs, xy=_undo_pixel_slip(pairs, undo, every), stretch=slip.length).share
     for images in (suspects[k : k + 1] for k in range(len(suspects))):
         some = np.isin(pairs.ends, images).any(axis=1)
         own = pairs.select(some)
         for slip, undo in PIXEL_SLIPS:
-            read = joint(own, xy=_read_pixels(own, undo, images), stretch=slip.length)
-            yield slip, images, _with(pairs, given, some, read)
+            read = judge_pairs(own, xy=_undo_pixel_slip(own, undo, images), stretch=slip.length)
+            yield slip, images, _compute_share_with(pairs, given, some, read)
     for some in (2, 3):
         for group in combinations(suspects.tolist(), some):
             for owners in ((group[1:] + group[:1]),) if some == 2 else (group[1:] + group[:1], group[2:] + group[:2]):
@@ -352,17 +354,17 @@ def _readings(
                 image = own.image.copy()
                 for label, owner in zip(group, owners, strict=True):
                     image[own.image == label] = owner
-                yield slip, np.array(group), _with(pairs, given, touched, joint(own, image=image))
+                yield slip, np.array(group), _compute_share_with(pairs, given, touched, judge_pairs(own, image=image))
 
 
-def _with(pairs: SampledPairs, given: Joint, some: np.ndarray, read: Joint) -> float:
+def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndarray, read: PairConsistency) -> float:
     """Return the share of points wrong where some pairs (mask) meet otherwise, the rest as they were."""
     wrong, good = given.wrong.copy(), given.good.copy()
     wrong[some[pairs.pair]], good[some] = read.wrong, read.good
-    return Joint.of(pairs, wrong, good).share
+    return PairConsistency.from_points(pairs, wrong, good).share
 
 
-def _read_pixels(pairs: SampledPairs, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
+def _undo_pixel_slip(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
     """Return the coordinates as they would be without a slip on some images."""
     xy = pairs.xy.reshape(-1, 2).copy()
     rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))

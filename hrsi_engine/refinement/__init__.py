@@ -23,5 +23,5 @@ from ..foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
-    {"model": "Equations Priors RefinedRPC RefinementModel priors_of", "models": "BLOCK_MODELS MODELS"},
+    {"model": "Equations Priors RefitRPC RefinementModel select_priors", "models": "BLOCK_MODELS MODELS"},
 )

@@ -23,8 +23,8 @@
 
 from .model import Equations as Equations
 from .model import Priors as Priors
-from .model import RefinedRPC as RefinedRPC
 from .model import RefinementModel as RefinementModel
-from .model import priors_of as priors_of
+from .model import RefitRPC as RefitRPC
+from .model import select_priors as select_priors
 from .models import BLOCK_MODELS as BLOCK_MODELS
 from .models import MODELS as MODELS

@@ -25,20 +25,20 @@ from ..camera.compiled_rpc import project_compiled, rpc_tables
 from ..foundation.compiled_code import OPTIONS, Arrays, register
 from ..ground import ellipsoid
 from . import corrected_rays, pseudo_rays
-from .corrected_rays import see_by_rays
+from .corrected_rays import linearise_by_rays
 from .image_space import ImagePolynomial, correct_in_image
 from .model import Structure
 from .object_coordinates import GroundPolynomial, correct_by_ground
-from .object_space import GroundCorrection, move, turn_by_frame
+from .object_space import GroundCorrection, move_position, rotate_derivatives
 from .pseudo_rays import COLUMNS, draw_ray, ends_of_rays, place_in_frame, sensor_frame
 from .pseudo_sensor import PseudoSensor
 
-register(correct_in_image, correct_by_ground, move, turn_by_frame)
+register(correct_in_image, correct_by_ground, move_position, rotate_derivatives)
 register(*corrected_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
 
 
 @njit(**OPTIONS)
-def _image_polynomials(
+def _linearise_image_polynomials(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
@@ -62,7 +62,7 @@ def _image_polynomials(
 
 
 @njit(**OPTIONS)
-def _ground_polynomials(
+def _linearise_ground_polynomials(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
@@ -88,7 +88,7 @@ def _ground_polynomials(
 
 
 @njit(**OPTIONS)
-def _ground_corrections(
+def _linearise_ground_corrections(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
@@ -104,18 +104,18 @@ def _ground_corrections(
         row = first[point]
         for a in range(place[number], place[number + 1]):
             i = image[row]
-            x, y, z = move(constants, coefficients, i, position, terms, a)
+            x, y, z = move_position(constants, coefficients, i, position, terms, a)
             lon, lat, height = ellipsoid.geodetic(x, y, z)
             east, north = ellipsoid.metres_of_a_degree(lat, height)
             project_compiled(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
-            turn_by_frame(constants, coefficients, i, ellipsoid.axes(lon, lat), here, by_ground, by_frame, a)
+            rotate_derivatives(constants, coefficients, i, ellipsoid.axes(lon, lat), here, by_ground, by_frame, a)
             residual[a, 0] = xy[row, 0] - residual[a, 0]
             residual[a, 1] = xy[row, 1] - residual[a, 1]
             row += 1
 
 
 @njit(**OPTIONS)
-def _pseudo_sensors(
+def _linearise_pseudo_sensors(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
@@ -129,7 +129,7 @@ def _pseudo_sensors(
         axes = ellipsoid.axes(ground[point, 0], ground[point, 1])
         row = first[point]
         for a in range(place[number], place[number + 1]):
-            see_by_rays(
+            linearise_by_rays(
                 used, constants, coefficients, image[row], rays, xy, row, position, axes,
                 residual, by_ground, by_quantity, terms, a,
             )  # fmt: skip
@@ -146,15 +146,15 @@ def _draw_rays(
     """Write the rays ``(n, 18)`` of the image points ``rows`` of one image from their ground at three heights."""
     scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
     for a in range(len(rows)):
-        low = _place(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
-        high = _place(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
+        low = _place_ray_end(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
+        high = _place_ray_end(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
         position = ellipsoid.geocentric(middle[a, 0], middle[a, 1], middle[a, 2])
         between, _, _ = place_in_frame(constants, 0, position, ellipsoid.axes(middle[a, 0], middle[a, 1]), by_ground, 0)
         draw_ray(constants, 0, xy[rows[a], 1], low, between, high, rays, rows[a])
 
 
 @njit(**OPTIONS)
-def _place(
+def _place_ray_end(
     rpcs: Arrays, constants: np.ndarray, lon: float, lat: float, height: float, scratch: np.ndarray,
     computed: np.ndarray, by_ground: np.ndarray,
 ) -> Any:  # fmt: skip
@@ -165,7 +165,7 @@ def _place(
     return place_in_frame(constants, 0, position, axes, by_ground, 0)
 
 
-def _rays_of(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray) -> None:
+def _write_rays(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray) -> None:
     """Write the rays of some image points to their rows of a table, as `pseudo_rays.pseudo_rays` computes them."""
     constants = sensor_frame(image).constants[None]
     _draw_rays(rpc_tables([image.rpc]), constants, *ends_of_rays(image.rpc, xy[rows]), xy, rows, rays)
@@ -185,10 +185,14 @@ class Family(NamedTuple):
 
 
 FAMILIES: dict[type, Family] = {
-    ImagePolynomial: Family(_image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
-    GroundPolynomial: Family(_ground_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)),
-    GroundCorrection: Family(_ground_corrections, lambda model: model.entries),
-    PseudoSensor: Family(_pseudo_sensors, lambda model: model.used, COLUMNS, _rays_of),
+    ImagePolynomial: Family(
+        _linearise_image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)
+    ),
+    GroundPolynomial: Family(
+        _linearise_ground_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)
+    ),
+    GroundCorrection: Family(_linearise_ground_corrections, lambda model: model.entries),
+    PseudoSensor: Family(_linearise_pseudo_sensors, lambda model: model.used, COLUMNS, _write_rays),
 }
 
 
@@ -202,7 +206,7 @@ class CameraTables:
         """Take the images, the image points of each, and the columns that all loops share."""
         family = FAMILIES[type(model)]
         self.structure: Structure = model.structure
-        self.dear = family.columns > 0  # to evaluate: worth keeping
+        self.is_costly = family.columns > 0  # to evaluate: worth keeping
         self._model, self._loop, self._table = model, family.loop, family.table(model)
         self._rpcs = rpc_tables([one.rpc for one in images])
         self._constants = np.stack([model.constants(one) for one in images])
@@ -215,7 +219,7 @@ class CameraTables:
         """Return the coefficients ``(images, …)`` of the formula for the images' values ``(images, p)``."""
         return np.asarray(self._model.coefficients(values))
 
-    def write(
+    def write_equations(
         self, points: np.ndarray, place: np.ndarray, coefficients: np.ndarray, ground: np.ndarray, out: Arrays
     ) -> None:
         """Write the linearised equations of some points; the module's docstring says what."""

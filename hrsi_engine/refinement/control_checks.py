@@ -51,7 +51,7 @@ def _require_numbers(image: Image, control: Control) -> None:
             f"{image.id}: GCP {list_ids(ids[count > 1])} is given more than once: keep one measurement of it"
         )
     wild = (np.abs(control.ground[:, 0]) > 540.0) | (np.abs(control.ground[:, 1]) > 90.0)
-    if wild.any() and not _find_swapped(image, control.ground)[wild].all():
+    if wild.any() and not _has_swapped_axes(image, control.ground)[wild].all():
         raise InputError(
             f"{image.id}: GCP {list_ids(control.ids[wild])} is at no longitude and latitude "
             f"({control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
@@ -59,12 +59,12 @@ def _require_numbers(image: Image, control: Control) -> None:
 
 
 def _require_near(image: Image, control: Control) -> None:
-    swapped = _find_swapped(image, control.ground)
+    swapped = _has_swapped_axes(image, control.ground)
     if swapped.any():
         raise InputError(
             f"{image.id}: longitude and latitude of GCP {list_ids(control.ids[swapped])} are swapped: exchange them"
         )
-    distance = _distance_m(image, control.ground)
+    distance = _compute_distance_m(image, control.ground)
     far = distance > FARTHEST_M
     if far.any():
         raise InputError(
@@ -73,20 +73,22 @@ def _require_near(image: Image, control: Control) -> None:
         )
 
 
-def _distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
+def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
     middle = np.broadcast_to(ground_area(image).middle, ground.shape)
     return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
 
 
-def _find_swapped(image: Image, ground: np.ndarray) -> np.ndarray:
+def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:
     """Return which points come to the image when longitude and latitude are exchanged, and are far off without."""
-    return (_distance_m(image, ground) > FARTHEST_M) & (_distance_m(image, ground[:, [1, 0, 2]]) < FARTHEST_M)
+    return (_compute_distance_m(image, ground) > FARTHEST_M) & (
+        _compute_distance_m(image, ground[:, [1, 0, 2]]) < FARTHEST_M
+    )
 
 
 # ---- warnings ------------------------------------------------------------------------------------------------------
 
 
-def _same_place(image: Image, control: Control) -> list[str]:
+def _warn_of_same_place(image: Image, control: Control) -> list[str]:
     first, second = np.triu_indices(len(control), 1)
     near = distances_m(control.ground[first], control.ground[second]) < SAME_PLACE_M
     pairs = zip(first[near], second[near], strict=True)
@@ -96,7 +98,7 @@ def _same_place(image: Image, control: Control) -> list[str]:
     ]
 
 
-def _on_a_line(image: Image, control: Control) -> list[str]:
+def _warn_of_alignment(image: Image, control: Control) -> list[str]:
     if len(control) < 3:
         return []
     along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
@@ -110,6 +112,6 @@ def _on_a_line(image: Image, control: Control) -> list[str]:
 
 
 WARNINGS: tuple[Callable[[Image, Control], list[str]], ...] = (
-    _same_place,
-    _on_a_line,
+    _warn_of_same_place,
+    _warn_of_alignment,
 )

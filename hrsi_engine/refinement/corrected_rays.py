@@ -28,18 +28,18 @@ def _rotate(angle: Number, first: Number, second: Number) -> Couple[Number]:
     return cos * first + sin * second, cos * second - sin * first
 
 
-def _rotation_slope(angle: Number, first: Number, second: Number) -> Couple[Number]:
+def _differentiate_rotation(angle: Number, first: Number, second: Number) -> Couple[Number]:
     """Return the derivative of `_rotate` by the angle."""
     cos, sin = np.cos(angle), np.sin(angle)
     return cos * second - sin * first, -cos * first - sin * second
 
 
-def _slope(change: Triple[Number], x: Number, y: Number, down: Number) -> Couple[Number]:
+def _differentiate_tangents(change: Triple[Number], x: Number, y: Number, down: Number) -> Couple[Number]:
     """Return the change of a direction's tangents x, y for a ``change`` of the direction, ``down`` its -z."""
     return (change[0] + x * change[2]) / down, (change[1] + y * change[2]) / down
 
 
-def _turn(roll: Number, pitch: Number, yaw: Number, x: Number, y: Number, z: Number) -> Triple[Number]:
+def _rotate_direction(roll: Number, pitch: Number, yaw: Number, x: Number, y: Number, z: Number) -> Triple[Number]:
     """Return a direction turned by pitch in the plane (z, y), roll in (z, x) and yaw in (x, y), in this order.
 
     With a direction's z = -1, positive roll and pitch raise its tangents in x and y.
@@ -50,7 +50,7 @@ def _turn(roll: Number, pitch: Number, yaw: Number, x: Number, y: Number, z: Num
     return x, y, z
 
 
-def meet_height(
+def intersect_frame_height(
     constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, row: RowIndex,
     sample: Number, line: Number, z: Number, ahead: Couple[Number],
 ) -> Any:  # fmt: skip
@@ -88,17 +88,19 @@ def meet_height(
     x, y = _rotate(yaw, rolled_x, pitched_y)
     down = -rolled_z
     x, y = x / down, y / down
-    roll_z, roll_x = _rotation_slope(roll, pitched_z, tx)
+    roll_z, roll_x = _differentiate_rotation(roll, pitched_z, tx)
     roll_x, roll_y = _rotate(yaw, roll_x, 0.0)
-    by_roll = _slope((roll_x, roll_y, roll_z), x, y, down)
-    pitch_z, pitch_y = _rotation_slope(pitch, -1.0, ty)
+    by_roll = _differentiate_tangents((roll_x, roll_y, roll_z), x, y, down)
+    pitch_z, pitch_y = _differentiate_rotation(pitch, -1.0, ty)
     pitch_z, pitch_x = _rotate(roll, pitch_z, 0.0)
     pitch_x, pitch_y = _rotate(yaw, pitch_x, pitch_y)
-    by_pitch = _slope((pitch_x, pitch_y, pitch_z), x, y, down)
-    yaw_x, yaw_y = _rotation_slope(yaw, rolled_x, pitched_y)
+    by_pitch = _differentiate_tangents((pitch_x, pitch_y, pitch_z), x, y, down)
+    yaw_x, yaw_y = _differentiate_rotation(yaw, rolled_x, pitched_y)
     by_yaw = yaw_x / down, yaw_y / down
-    by_sample = _slope(_turn(roll, pitch, yaw, rays[row, 8], rays[row, 10], 0.0), x, y, down)
-    by_line = _slope(_turn(roll, pitch, yaw, rays[row, 9], rays[row, 11], 0.0), x, y, down)
+    by_sample = _differentiate_tangents(
+        _rotate_direction(roll, pitch, yaw, rays[row, 8], rays[row, 10], 0.0), x, y, down
+    )
+    by_line = _differentiate_tangents(_rotate_direction(roll, pitch, yaw, rays[row, 9], rays[row, 11], 0.0), x, y, down)
 
     # from the station down to z, then turned about the middle of the image by psi_z
     drop = rays[row, 16] + rays[row, 17] * to_line + dh - z
@@ -145,7 +147,7 @@ def meet_height(
     return xy, x_by, y_by, (xs, xl, ys, yl), by_z, (1.0, u, v)
 
 
-def see_by_rays(
+def linearise_by_rays(
     used: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, xy: np.ndarray,
     row: RowIndex, position: Triple[Number], axes: tuple[Triple[Number], Triple[Number], Triple[Number]],
     computed: np.ndarray, by_ground: np.ndarray, by_quantity: np.ndarray, terms: np.ndarray, a: RowIndex,
@@ -155,7 +157,7 @@ def see_by_rays(
     Parameters
     ----------
     used : (q,) the quantities that are corrected
-    constants, coefficients, i, rays, row : as in `meet_height`; xy : (n, 2) observed, px
+    constants, coefficients, i, rays, row : as in `intersect_frame_height`; xy : (n, 2) observed, px
     position, axes : of the ground point: geocentric, and the unit vectors east, north, up there
     computed, by_ground, by_quantity, terms : where the equations are written; a : in which row, or all of them
     """
@@ -165,7 +167,7 @@ def see_by_rays(
     place_y = c[i, 3] * x + c[i, 4] * y + c[i, 5] * z
     place_z = c[i, 6] * x + c[i, 7] * y + c[i, 8] * z
     none = 0.0 * place_z
-    meeting, _, _, by_image, _, _ = meet_height(
+    meeting, _, _, by_image, _, _ = intersect_frame_height(
         constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, (none, none)
     )
     xs, xl, ys, yl = by_image
@@ -173,7 +175,7 @@ def see_by_rays(
     miss_x, miss_y = place_x - meeting[0], place_y - meeting[1]
     ahead = (yl * miss_x - xl * miss_y) / determinant, (xs * miss_y - ys * miss_x) / determinant
     # where the step ends, the derivatives are those of the projection also if the residual is large
-    meeting, x_by, y_by, by_image, by_z, basis = meet_height(
+    meeting, x_by, y_by, by_image, by_z, basis = intersect_frame_height(
         constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, ahead
     )
     xs, xl, ys, yl = by_image
@@ -198,4 +200,11 @@ def see_by_rays(
 
 
 #: What compiled loops call.
-CORRECTION_FORMULAS = (_rotate, _rotation_slope, _slope, _turn, meet_height, see_by_rays)
+CORRECTION_FORMULAS = (
+    _rotate,
+    _differentiate_rotation,
+    _differentiate_tangents,
+    _rotate_direction,
+    intersect_frame_height,
+    linearise_by_rays,
+)

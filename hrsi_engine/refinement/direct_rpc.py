@@ -41,7 +41,7 @@ from ..camera.rpc import RPC
 from ..camera.rpc_fit import virtual_grid
 from ..camera.rpc_terms import monomials
 from ..foundation.errors import InputError
-from .model import Equations, Linearise, Priors, RefinedRPC
+from .model import Equations, Linearise, Priors, RefitRPC
 
 COEFFICIENTS = 78
 SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice(39, 59), "line_den": slice(59, 78)}
@@ -101,22 +101,22 @@ class DirectRPC:
         root = self._root(image)
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            rpc = correct(image.rpc, root @ values)
+            rpc = correct_coefficients(image.rpc, root @ values)
             computed, by_ground = rpc.project_with_metric_jacobian(ground)
             image_points = computed if derived_at_px is None else derived_at_px
-            return Equations(computed, by_coefficients(rpc, ground, image_points) @ root, by_ground)
+            return Equations(computed, differentiate_by_coefficients(rpc, ground, image_points) @ root, by_ground)
 
         return linearise
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the projection with the new coefficients."""
-        return self.refined_rpc(image, values).rpc.project(ground)
+        return self.compute_refined_rpc(image, values).rpc.project(ground)
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Return the RPC with the new coefficients: exact."""
         if not np.any(values):
-            return RefinedRPC(image.rpc, 0.0)
-        return RefinedRPC(correct(image.rpc, self._root(image) @ values), 0.0)
+            return RefitRPC(image.rpc, 0.0)
+        return RefitRPC(correct_coefficients(image.rpc, self._root(image) @ values), 0.0)
 
     def _root(self, image: Image) -> np.ndarray:
         """Return L; kept, because every pass asks for it again."""
@@ -128,7 +128,7 @@ class DirectRPC:
         return self.roots[key]
 
 
-def correct(rpc: RPC, change: np.ndarray) -> RPC:
+def correct_coefficients(rpc: RPC, change: np.ndarray) -> RPC:
     """Return an RPC with its coefficients changed by ``(78,)``, in the order of `SLICES`."""
     new = {}
     for name, where in SLICES.items():
@@ -138,7 +138,7 @@ def correct(rpc: RPC, change: np.ndarray) -> RPC:
     return replace(rpc, **new)
 
 
-def by_coefficients(rpc: RPC, ground: np.ndarray, xy: np.ndarray) -> np.ndarray:
+def differentiate_by_coefficients(rpc: RPC, ground: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Return the derivatives ``(n, 2, 78)`` of image points ``xy (n, 2)`` by the coefficients, px."""
     terms = monomials(rpc.normalise(ground)).T
     ratios = (xy - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
@@ -157,7 +157,9 @@ def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarra
     """Return the normal matrix of the coefficients from a virtual grid over the image."""
     xy, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
     sigma_px = SYSTEMATIC_PX * np.sqrt(np.count_nonzero(converged))
-    matrix = by_coefficients(image.rpc, ground[converged], xy[converged]).reshape(-1, COEFFICIENTS) / sigma_px
+    matrix = (
+        differentiate_by_coefficients(image.rpc, ground[converged], xy[converged]).reshape(-1, COEFFICIENTS) / sigma_px
+    )
     return np.asarray(matrix.T @ matrix)
 
 

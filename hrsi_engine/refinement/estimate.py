@@ -138,7 +138,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class _Whitened:
+class _WeightedEquations:
     """Equations at one state.
 
     values : (p,); roots : (n, 2, 2) of P; matrix : (2n, p) by scaled parameters; right : (2n,); residual : (n, 2) px
@@ -163,12 +163,12 @@ class _Equations:
     linearise: Linearise
     sigmas: np.ndarray
 
-    def of_one(self, index: int) -> _Equations:
+    def select_point(self, index: int) -> _Equations:
         """Return the equations of one control point."""
         control = self.control.select(np.array([index]))
         return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
 
-    def at(self, values: np.ndarray, roots: np.ndarray | None = None) -> _Whitened:
+    def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> _WeightedEquations:
         """Return the linearised equations in units of sigmas; ``roots`` of P are those of the state if not given."""
         control = self.control
         at = self.linearise(values, control.ground)
@@ -183,19 +183,19 @@ class _Equations:
             survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
             covariance = survey @ survey.transpose(0, 2, 1) + control.sigma_px[:, None, None] ** 2 * np.eye(2)
             roots = np.linalg.inv(np.linalg.cholesky(covariance))
-        matrix = self._whitened(roots, at.by_values)
+        matrix = self._normalize(roots, at.by_values)
         right = np.einsum("nij,nj->ni", roots, residual).ravel()
         cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
-        return _Whitened(values, roots, matrix, right, residual, cost)
+        return _WeightedEquations(values, roots, matrix, right, residual, cost)
 
-    def _whitened(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
+    def _normalize(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
         return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
 
-    def gradient(self, at: _Whitened) -> np.ndarray:
+    def gradient(self, at: _WeightedEquations) -> np.ndarray:
         """Return the downward slope of the cost by the scaled parameters, ``(p,)``."""
         return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
 
-    def curved_normal(self, at: _Whitened) -> np.ndarray:
+    def compute_hessian(self, at: _WeightedEquations) -> np.ndarray:
         """Return the second derivatives ``(p, p)`` of the cost by the scaled parameters, made positive.
 
         With A the matrix and r the residuals they are ``A' A + I - sum_i r_i (second derivatives of i)``; the sum by
@@ -210,7 +210,7 @@ class _Equations:
             change = np.zeros(p)
             change[k] = reach * self.sigmas[k]
             ahead, behind = (self.linearise(at.values + to, self.control.ground).by_values for to in (change, -change))
-            second[k] = self._whitened(at.roots, ahead - behind).T @ at.right / (2.0 * reach)
+            second[k] = self._normalize(at.roots, ahead - behind).T @ at.right / (2.0 * reach)
         half = np.linalg.cholesky(normal)
         inverse = np.linalg.inv(half)
         bends, vectors = np.linalg.eigh(np.eye(p) - inverse @ (0.5 * (second + second.T)) @ inverse.T)
@@ -225,11 +225,13 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     """
     sigmas = model.prior_sigmas(image, priors)
     equations = _Equations(model, image, control, model.equations(image, control.xy), sigmas)
-    values, iterations, status = UPDATES.get(model.name, iterate)(equations)
-    return _finish(equations.at(values), sigmas, iterations, status)
+    values, iterations, status = UPDATES.get(model.name, iterate_least_squares)(equations)
+    return _compute_estimate(equations.linearise_at(values), sigmas, iterations, status)
 
 
-def iterate(equations: _Equations, values: np.ndarray | None = None, steps: int = 0) -> tuple[np.ndarray, int, str]:
+def iterate_least_squares(
+    equations: _Equations, values: np.ndarray | None = None, steps: int = 0
+) -> tuple[np.ndarray, int, str]:
     """Batch iterative least squares, damped where a step makes the fit worse; return values, steps and status.
 
     ``values`` are where to begin, after so many ``steps``; by default those of the vendor.
@@ -242,38 +244,38 @@ def iterate(equations: _Equations, values: np.ndarray | None = None, steps: int 
     sigmas = equations.sigmas
     lost: list[SolveError] = []
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
-    curved_normal = lru_cache(maxsize=1)(equations.curved_normal)  # a refused step begins at the same place again
+    compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a refused step begins at the same place again
 
-    def by_slopes(at: _Whitened, damping: float) -> Step[_Whitened]:
-        return go(at, _solve(at.matrix, at.right, at.values, sigmas, damping), damping)
+    def by_slopes(at: _WeightedEquations, damping: float) -> Step[_WeightedEquations]:
+        return try_step(at, _solve(at.matrix, at.right, at.values, sigmas, damping), damping)
 
-    def by_curvature(at: _Whitened, damping: float) -> Step[_Whitened]:
-        normal = curved_normal(at) + damping * np.diag(_diagonal(at.matrix))
-        return go(at, np.linalg.solve(normal, equations.gradient(at)), damping)
+    def by_curvature(at: _WeightedEquations, damping: float) -> Step[_WeightedEquations]:
+        normal = compute_hessian(at) + damping * np.diag(_diagonal(at.matrix))
+        return try_step(at, np.linalg.solve(normal, equations.gradient(at)), damping)
 
-    def go(at: _Whitened, by_values: np.ndarray, damping: float) -> Step[_Whitened]:
+    def try_step(at: _WeightedEquations, by_values: np.ndarray, damping: float) -> Step[_WeightedEquations]:
         braked = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
         promised = 0.5 * float(by_values @ equations.gradient(at)) + braked
         try:
-            return Step(equations.at(at.values + sigmas * by_values, at.roots), promised, braked)
+            return Step(equations.linearise_at(at.values + sigmas * by_values, at.roots), promised, braked)
         except SolveError as error:
             lost.append(error)
             return Step(replace(at, cost=np.inf), promised, braked)
 
-    def variance(at: _Whitened) -> float:
+    def variance(at: _WeightedEquations) -> float:
         return max(1.0, 2.0 * at.cost / freedom)
 
-    at = equations.at(np.zeros(len(sigmas)) if values is None else values)
+    at = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
     first = steps
     while steps < first + FROM_AFAR and (misfit := float(np.sqrt(np.mean(at.right**2)))) > AFAR:
-        nearer = go(at, _solve(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
+        nearer = try_step(at, _solve(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
         steps += 1
         if not nearer.cost < at.cost:
             break
         at = nearer
     values, slopes_do, settled = at.values, True, np.inf
     for _ in range(WEIGHED):
-        at = equations.at(values)
+        at = equations.linearise_at(values)
         unsettled = at.cost > UNSETTLED * settled
         if slopes_do:
             ended = descend(at, by_slopes, variance, min(SLOPES_ONLY, ESTIMATE_MAX_ITERATIONS - steps))
@@ -291,55 +293,55 @@ def iterate(equations: _Equations, values: np.ndarray | None = None, steps: int 
 
 
 def iterate_from_linear(equations: _Equations) -> tuple[np.ndarray, int, str]:
-    """Begin with what is linear in the coefficients of a rational function, then iterate."""
+    """Begin with what is linear in the coefficients of a rational function, then iterate_least_squares."""
     model, sigmas = equations.model, equations.sigmas
     if not isinstance(model, DirectRPC):
         raise ValueError(f"{type(model).__name__} is no rational function of which the coefficients are estimated")
     linear = replace(equations, linearise=model.linear_equations(equations.image, equations.control.xy))
-    at = best = linear.at(np.zeros(len(sigmas)))
+    at = best = linear.linearise_at(np.zeros(len(sigmas)))
     for _ in range(LINEAR_STEPS):
-        at = linear.at(at.values + sigmas * _solve(at.matrix, at.right, at.values, sigmas), at.roots)
+        at = linear.linearise_at(at.values + sigmas * _solve(at.matrix, at.right, at.values, sigmas), at.roots)
         best = min(best, at, key=lambda place: place.cost)
-    return iterate(equations, best.values, LINEAR_STEPS)
+    return iterate_least_squares(equations, best.values, LINEAR_STEPS)
 
 
-def update_once(equations: _Equations) -> tuple[np.ndarray, int, str]:
+def estimate_in_one_step(equations: _Equations) -> tuple[np.ndarray, int, str]:
     """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
     sigmas = equations.sigmas
     values = np.zeros(len(sigmas))
-    at = equations.at(values)
+    at = equations.linearise_at(values)
     values = sigmas * _solve(at.matrix, at.right, values, sigmas)
-    return values, 1, _passed_once(equations, values)
+    return values, 1, _describe_single_pass(equations, values)
 
 
-def update_one_by_one(equations: _Equations) -> tuple[np.ndarray, int, str]:
+def estimate_by_kalman_filter(equations: _Equations) -> tuple[np.ndarray, int, str]:
     """Incremental discrete Kalman filter: each GCP updates state and covariance, linearised at the state before it."""
     sigmas = equations.sigmas
     values, covariance = np.zeros(len(sigmas)), np.eye(len(sigmas))
     for index in range(len(equations.control)):
-        at = equations.of_one(index).at(values)
+        at = equations.select_point(index).linearise_at(values)
         innovation = at.matrix @ covariance @ at.matrix.T + np.eye(2)
         gain = np.linalg.solve(innovation, at.matrix @ covariance).T
         values = values + sigmas * (gain @ at.right)
         covariance = covariance - gain @ at.matrix @ covariance
         covariance = (covariance + covariance.T) / 2.0
-    return values, len(equations.control), _passed_once(equations, values)
+    return values, len(equations.control), _describe_single_pass(equations, values)
 
 
-def _passed_once(equations: _Equations, values: np.ndarray) -> str:
+def _describe_single_pass(equations: _Equations, values: np.ndarray) -> str:
     """Return the status of a method that passes over the points once: converged where that leads to the minimum."""
-    at = equations.at(values)
+    at = equations.linearise_at(values)
     step = _solve(at.matrix, at.right, values, equations.sigmas)
     freedom = max(2 * len(equations.control) - len(values), 1)
     away = float(np.sqrt(max(step @ equations.gradient(at), 0.0) / max(1.0, 2.0 * at.cost / freedom)))
     return CONVERGED if away < HARMLESS else f"passed over the points once, {away:.2g} sigma from the minimum"
 
 
-#: How the models that are not estimated by `iterate` are: by the name of the model.
+#: How the models that are not estimated by `iterate_least_squares` are: by the name of the model.
 UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, str]]] = {
     **dict.fromkeys(("direct", "bils", "pg", "upoe"), iterate_from_linear),
-    "slss": update_once,
-    "idkf": update_one_by_one,
+    "slss": estimate_in_one_step,
+    "idkf": estimate_by_kalman_filter,
 }
 
 
@@ -366,7 +368,7 @@ def _solve(
     return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
 
 
-def _finish(at: _Whitened, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
+def _compute_estimate(at: _WeightedEquations, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
     """Return precision, redundancy and leave-one-out residuals at the solution."""
     count, p = len(at.residual), len(sigmas)
     triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")

@@ -20,8 +20,8 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import fold_affine
-from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefinedRPC, RowIndex, Structure
-from .refit import refit
+from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .refit import refit_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class ImagePolynomial:
         """Return the correction at projected positions, ``(n, 2)`` px."""
         return np.asarray(self._terms(projected - image.camera_centre_px) @ (self.mixing @ values).T)
 
-    def squares(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def compute_normal(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Return the squares of the correction's derivatives by the parameters, weighted by ``(n,)``, ``(p, p)``."""
         terms = self._terms(projected - image.camera_centre_px)
         own = (terms.T * weight) @ terms
@@ -101,19 +101,17 @@ class ImagePolynomial:
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
-        return self._corrected(image, values, image.rpc.project(ground))
+        projected = image.rpc.project(ground)
+        return projected + self.correction(image, values, projected)
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fold the correction into the coefficients where that is exact, else fit a new RPC."""
         if not np.any(values):
-            return RefinedRPC(image.rpc, 0.0)
-        folded = self._folded(image, values)
+            return RefitRPC(image.rpc, 0.0)
+        folded = self._fold_affine(image, values)
         if folded is not None:
-            return RefinedRPC(folded, 0.0)
-        return refit(image, lambda ground: self.project(image, values, ground))
-
-    def _corrected(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
-        return projected + self.correction(image, values, projected)
+            return RefitRPC(folded, 0.0)
+        return refit_camera(image, lambda ground: self.project(image, values, ground))
 
     def _terms(self, offset: np.ndarray) -> np.ndarray:
         """Return the monomials of centred positions, ``(n, m)``."""
@@ -122,7 +120,7 @@ class ImagePolynomial:
             np.multiply(of_axes[:, power - 1], offset.T, out=of_axes[:, power])
         return np.asarray((of_axes[0, self.powers[:, 0]] * of_axes[1, self.powers[:, 1]]).T)
 
-    def _folded(self, image: Image, values: np.ndarray) -> RPC | None:
+    def _fold_affine(self, image: Image, values: np.ndarray) -> RPC | None:
         """Return the exact RPC of a correction of first degree, None where there is none."""
         if self.powers.sum(axis=1).max(initial=0) > 1:
             return None
@@ -173,7 +171,7 @@ def correct_in_image(
         by_ground[a, 1, k] += more_line
 
 
-def with_drift(model: ImagePolynomial) -> ImagePolynomial:
+def add_drift_parameters(model: ImagePolynomial) -> ImagePolynomial:
     """Return the model with the parameters it lacks of an affine correction behind its own.
 
     What a correction of few parameters cannot follow of a camera's drift is an error that all points of an image
@@ -181,7 +179,7 @@ def with_drift(model: ImagePolynomial) -> ImagePolynomial:
     """
     affine = IMAGE_SPACE["affine"]
     powers = np.unique(np.concatenate([model.powers, affine.powers]), axis=0)
-    own, every = _spread_over(model, powers), _spread_over(affine, powers)
+    own, every = _express_in_monomials(model, powers), _express_in_monomials(affine, powers)
     mixing, names = own, list(model.parameters)
     for column in range(every.shape[2]):
         wider = np.concatenate([mixing, every[:, :, column : column + 1]], axis=2)
@@ -191,7 +189,7 @@ def with_drift(model: ImagePolynomial) -> ImagePolynomial:
     return ImagePolynomial(model.name, model.title, tuple(names), powers, mixing)
 
 
-def _spread_over(model: ImagePolynomial, powers: np.ndarray) -> np.ndarray:
+def _express_in_monomials(model: ImagePolynomial, powers: np.ndarray) -> np.ndarray:
     """Return a model's mixing ``(2, m, p)`` over other monomials, its own among them."""
     mixing = np.zeros((2, len(powers), len(model.parameters)))
     for index, own in enumerate(model.powers):

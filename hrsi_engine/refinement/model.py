@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import UNKNOWN_PX, believed_pointing, middle_gsd_m
+from ..block.pointing import UNKNOWN_PX, compute_gsd_m, estimate_pointing
 from ..camera.rpc import RPC
 
 
@@ -69,15 +69,15 @@ class Structure:
         """Return blocks ``(b, m m, q q)`` of a matrix of the coefficients as those of the parameters, ``(b, p, p)``."""
         q, m = self.size, self.terms
         by_coefficient = blocks.reshape(len(blocks), m, m, q, q).transpose(0, 3, 1, 4, 2)
-        return self._mixed(by_coefficient.reshape(len(blocks), q * m, q * m), self.mixing)
+        return self._mix(by_coefficient.reshape(len(blocks), q * m, q * m), self.mixing)
 
     def unfold(self, blocks: np.ndarray) -> np.ndarray:
         """Return blocks ``(b, p, p)`` of a cofactor matrix of the parameters as ``(b, m m, q q)`` of coefficients."""
         q, m = self.size, self.terms
-        by_coefficient = self._mixed(blocks, self.mixing.T).reshape(len(blocks), q, m, q, m)
+        by_coefficient = self._mix(blocks, self.mixing.T).reshape(len(blocks), q, m, q, m)
         return np.ascontiguousarray(by_coefficient.transpose(0, 2, 4, 1, 3).reshape(len(blocks), m * m, q * q))
 
-    def _mixed(self, blocks: np.ndarray, mixing: np.ndarray) -> np.ndarray:
+    def _mix(self, blocks: np.ndarray, mixing: np.ndarray) -> np.ndarray:
         if mixing.shape[0] == mixing.shape[1] and np.array_equal(mixing, np.eye(len(mixing))):
             return blocks
         return np.asarray(mixing.T @ blocks @ mixing)
@@ -95,7 +95,7 @@ ALL_ROWS = slice(None)
 ImageIndex = int | np.ndarray
 
 
-class RefinedRPC(NamedTuple):
+class RefitRPC(NamedTuple):
     """A new RPC and how far it is from its model.
 
     Parameters
@@ -156,7 +156,7 @@ CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=replace(LOOSE_ORIENT
 UNCONTROLLED = Priors(shift_px=UNKNOWN_PX, drift=1e-4)
 
 
-def priors_of(image: Image, controlled: bool) -> Priors:
+def select_priors(image: Image, controlled: bool) -> Priors:
     """Return the priors of an image; without GCPs what is believed of its sensor, where that is known.
 
     Parameters
@@ -173,11 +173,11 @@ def priors_of(image: Image, controlled: bool) -> Priors:
     """
     if controlled:
         return CONTROLLED
-    believed = believed_priors(image)
+    believed = estimate_priors(image)
     return replace(believed, drift=max(believed.drift, UNCONTROLLED.drift))
 
 
-def believed_priors(image: Image) -> Priors:
+def estimate_priors(image: Image) -> Priors:
     """Return how large the errors of an image's RPC are believed to be.
 
     Parameters
@@ -190,8 +190,8 @@ def believed_priors(image: Image) -> Priors:
     Priors
         Standard deviations of its shift and of its change across the image.
     """
-    pointing = believed_pointing(image)
-    shift_px = UNKNOWN_PX if pointing.sigma_m is None else pointing.sigma_m / middle_gsd_m(image)
+    pointing = estimate_pointing(image)
+    shift_px = UNKNOWN_PX if pointing.sigma_m is None else pointing.sigma_m / compute_gsd_m(image)
     return Priors(shift_px, pointing.drift)
 
 
@@ -273,7 +273,7 @@ class RefinementModel(Protocol):
             Sample, line in pixels.
         """
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Return an RPC that does the same as RPC and correction together, over the image and its height range.
 
         Parameters
@@ -285,6 +285,6 @@ class RefinementModel(Protocol):
 
         Returns
         -------
-        RefinedRPC
+        RefitRPC
             The RPC, and how well it does so.
         """

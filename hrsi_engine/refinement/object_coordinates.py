@@ -17,8 +17,8 @@ from ..block.block import Image
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number
 from .ground_area import ground_area
-from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefinedRPC, RowIndex, Structure
-from .refit import refit
+from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .refit import refit_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +83,11 @@ class GroundPolynomial:
         terms = np.prod(ground_area(image).normalise(ground)[:, None, :] ** self.powers, axis=2)
         return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T)
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fit a new RPC."""
         if not np.any(values):
-            return RefinedRPC(image.rpc, 0.0)
-        return refit(image, lambda ground: self.project(image, values, ground))
+            return RefitRPC(image.rpc, 0.0)
+        return refit_camera(image, lambda ground: self.project(image, values, ground))
 
 
 def correct_by_ground(

@@ -21,8 +21,8 @@ from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
 from .ground_area import ground_area, px_per_m
-from .model import ALL_ROWS, Equations, Linearise, Priors, RefinedRPC, RowIndex, Structure
-from .refit import refit
+from .model import ALL_ROWS, Equations, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .refit import refit_camera
 
 GROUND_AXES = ("east", "north", "up")
 UP = 2
@@ -66,11 +66,11 @@ class GroundCorrection:
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
             coefficients, terms = self.coefficients(values)[None], np.empty((len(ground), 4))
             lon, lat, height = ground.T
-            moved = move(constants, coefficients, 0, ellipsoid.geocentric(lon, lat, height), terms, ALL_ROWS)
+            moved = move_position(constants, coefficients, 0, ellipsoid.geocentric(lon, lat, height), terms, ALL_ROWS)
             moved_ground = np.column_stack(ellipsoid.geodetic(*moved)) if np.any(values) else ground
             computed, by_ground = image.rpc.project_with_metric_jacobian(moved_ground)
             by_frame = np.empty((len(ground), 2, 3))
-            turn_by_frame(
+            rotate_derivatives(
                 constants, coefficients, 0, ellipsoid.axes(*moved_ground.T[:2]), ellipsoid.axes(lon, lat),
                 by_ground, by_frame, ALL_ROWS,
             )  # fmt: skip
@@ -80,7 +80,7 @@ class GroundCorrection:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return what `move` needs of an image, ``(13,)``: the frame's axes and origin, and half the extent R in m."""
+        """Return the constants of an image ``(13,)``: axes (9) and origin (3) of its frame, half its extent R in m."""
         # The frame about the middle of the image, and half its extent in metres
         area = ground_area(image)
         frame, reach = LocalFrame(*(float(value) for value in area.middle)), area.reach_m
@@ -106,17 +106,17 @@ class GroundCorrection:
             return image.rpc.project(ground)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         terms = np.empty((len(ground), 4))
-        moved = move(constants, coefficients, 0, ellipsoid.geocentric(*ground.T), terms, ALL_ROWS)
+        moved = move_position(constants, coefficients, 0, ellipsoid.geocentric(*ground.T), terms, ALL_ROWS)
         return image.rpc.project(np.column_stack(ellipsoid.geodetic(*moved)))
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fit a new RPC."""
         if not np.any(values):
-            return RefinedRPC(image.rpc, 0.0)
-        return refit(image, lambda ground: self.project(image, values, ground))
+            return RefitRPC(image.rpc, 0.0)
+        return refit_camera(image, lambda ground: self.project(image, values, ground))
 
 
-def move(
+def move_position(
     constants: np.ndarray, coefficients: np.ndarray, i: int, position: Triple[Number], terms: np.ndarray, a: RowIndex
 ) -> Triple[Number]:
     """Return geocentric positions, corrected for image i; write the terms 1, E/R, N/R, U/R.
@@ -146,7 +146,7 @@ def move(
     return x, y, z
 
 
-def turn_by_frame(
+def rotate_derivatives(
     constants: np.ndarray, coefficients: np.ndarray, i: int, there: Any, here: Any,
     by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
@@ -154,7 +154,7 @@ def turn_by_frame(
 
     Parameters
     ----------
-    constants, coefficients, i : as in `move`
+    constants, coefficients, i : as in `move_position`
     there, here : geocentric unit vectors east, north, up at the corrected and at the given position
     by_ground : (n, 2, 3) px per m at the corrected position; it becomes that at the given one
     by_frame : (n, 2, 3), where those by the frame's east, north, up are written; a : in which row, or all of them

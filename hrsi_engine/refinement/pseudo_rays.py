@@ -104,10 +104,10 @@ def sensor_frame(image: Image) -> SensorFrame:
     rays = pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
-    return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_meeting_heights(rays))
+    return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_estimate_sensor_heights(rays))
 
 
-def _meeting_heights(rays: np.ndarray) -> tuple[float, float, float]:
+def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
     """Return z where the rays of both ends of three lines are nearest to each other: where the sensor was."""
     apart = rays[1::2, STATION] - rays[::2, STATION]
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]

@@ -18,8 +18,9 @@ Position and attitude are nearly collinear; all corrections are estimated togeth
 out with few GCPs, as the thesis does below 50.
 
 The observation equation in metres, (x, y)(image point, values, z) = ground, is brought to pixels by Newton steps
-towards the corrected camera's projection, of which `corrected_rays.see_by_rays` takes two. `project` takes as many as
-are needed, with the rays of where they lead. Both always go image -> ray -> ground, because under a large
+towards the corrected camera's projection, of which
+`corrected_rays.linearise_by_rays` takes two. `project` takes as many as are needed, with the rays of where they lead.
+Both always go image -> ray -> ground, because under a large
 attitude error the ground lies where the vendor's RPC extrapolates badly.
 """
 
@@ -35,9 +36,9 @@ from ..block.block import Image
 from ..camera.rpc_fit import FIT_CHECK_GRID, FIT_GRID, best_fit, image_grid
 from ..foundation.large_arrays import finite_rows
 from ..ground import ellipsoid
-from .corrected_rays import meet_height, see_by_rays
+from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import ground_area, px_per_m
-from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefinedRPC, Structure
+from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
 from .pseudo_rays import pseudo_rays, sensor_frame
 
 #: The corrected quantities; the first three are metres, the others radians.
@@ -48,7 +49,7 @@ MAX_STEPS = 20
 HEIGHT_CLOSURE_M = 1e-6
 
 
-class Hit(NamedTuple):
+class RayIntersection(NamedTuple):
     """Where corrected rays pass given frame heights, ``xy (n, 2)`` m, and ``by_image (n, 2, 2)`` m per px."""
 
     xy: np.ndarray
@@ -78,7 +79,7 @@ class PseudoSensor:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres and radians; drifts are the change from the middle of the image to its edge."""
-        orientation = priors.orientation or _orientation_of(image, priors)
+        orientation = priors.orientation or _derive_orientation(image, priors)
         share = self.drift_factor * ground_area(image).reach_m / orientation.reach_m
         position, drift = orientation.position_m, share * orientation.position_drift_m
         angle, angle_drift = orientation.attitude_rad, share * orientation.attitude_drift_rad
@@ -96,7 +97,7 @@ class PseudoSensor:
             computed, by_ground = np.empty((count, 2)), np.empty((count, 2, 3))
             by_quantity, terms = np.empty((count, 2, len(used))), np.empty((count, structure.terms))
             lon, lat, height = ground.T
-            see_by_rays(
+            linearise_by_rays(
                 used, constants, self.coefficients(values)[None], 0, rays, observed_px, ALL_ROWS,
                 ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
                 computed, by_ground, by_quantity, terms, ALL_ROWS,
@@ -106,7 +107,7 @@ class PseudoSensor:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return what `see_by_rays` needs of an image, ``(19,)``: `SensorFrame.constants`."""
+        """Return what `linearise_by_rays` needs of an image, ``(19,)``: `SensorFrame.constants`."""
         return sensor_frame(image).constants
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -138,7 +139,7 @@ class PseudoSensor:
         position = np.tile(image.camera_centre_px, (len(ground), 1))
         for _ in range(MAX_STEPS):
             rays = pseudo_rays(image.rpc, frame, position)
-            hit = self._hit(constants, coefficients, rays, position, place[:, 2])
+            hit = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # 2 x 2 matrices with NaN ones replaced by the identity; what they meet is NaN already
             bad = ~np.isfinite(hit.by_image).all(axis=(1, 2))
             regular = np.where(bad[:, None, None], np.eye(2), hit.by_image)
@@ -149,14 +150,17 @@ class PseudoSensor:
         position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * RAY_CLOSURE_PX)] = np.nan
         return position
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fit an RPC to a grid of corrected rays at several heights (thesis 4.3, steps 4 and 5)."""
         if not np.any(values):
-            return RefinedRPC(image.rpc, 0.0)
-        fit = best_fit(self.corrected_grid(image, values, FIT_GRID), self.corrected_grid(image, values, FIT_CHECK_GRID))
-        return RefinedRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
+            return RefitRPC(image.rpc, 0.0)
+        fit = best_fit(
+            self.compute_corrected_grid(image, values, FIT_GRID),
+            self.compute_corrected_grid(image, values, FIT_CHECK_GRID),
+        )
+        return RefitRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
 
-    def corrected_grid(
+    def compute_corrected_grid(
         self, image: Image, values: np.ndarray, shape: tuple[int, int, int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return ground ``(n, 3)`` and image points ``(n, 2)`` of corrected rays over the image and its heights."""
@@ -168,7 +172,7 @@ class PseudoSensor:
         rays = pseudo_rays(image.rpc, frame, position)
         z = heights.copy()
         for _ in range(MAX_STEPS):  # the Earth curves away under the frame: find the frame height of each height
-            xy = self._hit(constants, coefficients, rays, position, z).xy
+            xy = self._intersect(constants, coefficients, rays, position, z).xy
             ground = frame.to_ground(np.column_stack([xy, z]))
             z = z + heights - ground[:, 2]
             if not np.nanmax(np.abs(heights - ground[:, 2])) > HEIGHT_CLOSURE_M:
@@ -176,16 +180,18 @@ class PseudoSensor:
         known = finite_rows(ground)
         return ground[known], position[known]
 
-    def _hit(
+    def _intersect(
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
-    ) -> Hit:
+    ) -> RayIntersection:
         """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
         here = np.zeros_like(z), np.zeros_like(z)
-        hit = meet_height(constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, here)
-        return Hit(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
+        hit = intersect_frame_height(
+            constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, here
+        )
+        return RayIntersection(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
 
 
-def _orientation_of(image: Image, priors: Priors) -> Orientation:
+def _derive_orientation(image: Image, priors: Priors) -> Orientation:
     """Return the position and attitude errors that move the image by the priors' pixels."""
     metres, height, reach = 1.0 / float(px_per_m([image])[0]), sensor_frame(image).height_m, ground_area(image).reach_m
     shift, drift = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres

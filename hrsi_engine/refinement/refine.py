@@ -10,17 +10,17 @@ from typing import Protocol
 import numpy as np
 
 from ..block.block import Image, assemble
-from ..block.default_sigmas import Defaults
+from ..block.default_sigmas import DefaultSigmas
 from ..block.points import GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
 from ..plausibility import check_block
 from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate
-from .model import RefinedRPC, RefinementModel
+from .model import RefinementModel, RefitRPC
 from .models import MODELS
 from .options import RefineOptions
-from .selection import RULES, Choice, SuspectGcp, find_suspects
+from .selection import RULES, ModelChoice, SuspectGcp, find_suspects
 
 UNCERTAIN_PX = 10.0  # standard deviation of the corrected image at its edges beyond which a warning says so
 UNDETERMINED_PX = 1e3  # beyond which the control determines nothing there
@@ -51,7 +51,7 @@ class Refinement:
     estimate: Estimate
     control: Control
     left_out: tuple[SuspectGcp, ...] = ()
-    choice: Choice | None = None
+    choice: ModelChoice | None = None
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -61,9 +61,9 @@ class Refinement:
         )
 
     @cached_property
-    def refined(self) -> RefinedRPC:
+    def refined(self) -> RefitRPC:
         """The new RPC, and how far it is from its model (px)."""
-        return self.model.refined_rpc(self.image, self.estimate.values)
+        return self.model.compute_refined_rpc(self.image, self.estimate.values)
 
     @property
     def rpc(self) -> RPC:
@@ -81,8 +81,8 @@ def refine_rpc(
     xy: np.ndarray,
     *,
     ids: np.ndarray | None = None,
-    sigma_px: np.ndarray | float = Defaults.sigma_image_px,
-    sigma_m: np.ndarray | tuple[float, float] = (Defaults.sigma_gcp_xy_m, Defaults.sigma_gcp_h_m),
+    sigma_px: np.ndarray | float = DefaultSigmas.sigma_image_px,
+    sigma_m: np.ndarray | tuple[float, float] = (DefaultSigmas.sigma_gcp_xy_m, DefaultSigmas.sigma_gcp_h_m),
     model: str = RefineOptions.model,
     leave_out: bool = RefineOptions.leave_out,
 ) -> Refinement:
@@ -140,23 +140,23 @@ def refine_image(image: Image, control: Control, options: RefineOptions | None =
     warnings = check_control(image, control)
     choice = RULES[model]([(image, control)]) if model in RULES else None
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
-    used, said = _without_suspects(control, suspects, options.leave_out)
+    used, said = _leave_out_suspects(control, suspects, options.leave_out)
     warnings += [*(choice.warnings if choice else ()), *said]
-    chosen = model_named(choice.model if choice else model)
-    found = solve(chosen, image, used)
+    chosen = get_model(choice.model if choice else model)
+    found = solve_refinement(chosen, image, used)
     return Refinement(
-        image, chosen, found, used, tuple(suspects), choice, (*warnings, *_uncertainty(chosen, image, found))
+        image, chosen, found, used, tuple(suspects), choice, (*warnings, *_warn_of_uncertainty(chosen, image, found))
     )
 
 
-def model_named(name: str) -> RefinementModel:
+def get_model(name: str) -> RefinementModel:
     """Return an entry of `MODELS`; raises `InputError` that lists the names."""
     if name not in MODELS:
         raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *MODELS])}")
     return MODELS[name]
 
 
-def solve(model: RefinementModel, image: Image, control: Control) -> Estimate:
+def solve_refinement(model: RefinementModel, image: Image, control: Control) -> Estimate:
     """Return the estimate of a model; raises `InputError` for too few points, `SolveError` where they are no good."""
     if len(control) < model.least_points:
         raise InputError(
@@ -192,7 +192,7 @@ def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> floa
     return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(found.sigma0, 1e-12)))
 
 
-def _without_suspects(control: Control, suspects: Iterable[SuspectGcp], leave_out: bool) -> tuple[Control, list[str]]:
+def _leave_out_suspects(control: Control, suspects: Iterable[SuspectGcp], leave_out: bool) -> tuple[Control, list[str]]:
     """Return the control without the suspects, and a warning for each."""
     listed = list(suspects)
     what = "it is left out" if leave_out else "it is kept"
@@ -205,7 +205,7 @@ def _without_suspects(control: Control, suspects: Iterable[SuspectGcp], leave_ou
     return (control.select(keep) if leave_out else control), said
 
 
-def _uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[str]:
+def _warn_of_uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[str]:
     said = []
     if not found.converged:
         said.append(f"{image.id}: model {model.name} {found.status}: its parameters are not to be trusted")
@@ -252,7 +252,7 @@ def compare_models(
     table = {}
     for name, model in models.items():
         try:
-            refinement = Refinement(image, model, solve(model, image, control), control)
+            refinement = Refinement(image, model, solve_refinement(model, image, control), control)
             table[name] = ModelComparison(
                 refinement.residuals_px(control), refinement.residuals_px(check), refinement,
                 "" if refinement.estimate.converged else refinement.estimate.status,

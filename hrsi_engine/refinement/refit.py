@@ -8,25 +8,25 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import image_grid, refit_rpc
-from .model import RefinedRPC
+from .model import RefitRPC
 
 Project = Callable[[np.ndarray], np.ndarray]
 PASSES = 6
 REFIT_SETTLED_PX = 0.1
 
 
-def refit(image: Image, project: Project) -> RefinedRPC:
+def refit_camera(image: Image, project: Project) -> RefitRPC:
     """Return the RPC that does what ``project`` (ground ``(n, 3)`` to image ``(n, 2)``) does over the image.
 
     Raises `SolveError` where the vendor's RPC has no ground positions there.
     """
     fit = refit_rpc(
-        image.rpc, lambda vendors, ground: project(ground), _vendors_area(image, project), image.rpc.height_range
+        image.rpc, lambda vendors, ground: project(ground), _find_vendor_area(image, project), image.rpc.height_range
     )
-    return RefinedRPC(fit.rpc, fit.max_px)
+    return RefitRPC(fit.rpc, fit.max_px)
 
 
-def _vendors_area(image: Image, project: Project) -> tuple[float, float, float, float]:
+def _find_vendor_area(image: Image, project: Project) -> tuple[float, float, float, float]:
     """Return where, in the vendor's image coordinates, the corrected camera sees the image area.
 
     A correction of many pixels moves the ground that the image shows out of the vendor's area: an RPC fitted there

@@ -69,7 +69,7 @@ class SuspectGcp(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Choice:
+class ModelChoice:
     """A model and why.
 
     scores : root mean square prediction error of each candidate (px, 2D), None where it could not be judged
@@ -87,16 +87,16 @@ class Choice:
 Controls = Sequence[tuple[Image, Control]]
 
 
-def controls_of(block: Block) -> list[tuple[Image, Control]]:
+def collect_controls(block: Block) -> list[tuple[Image, Control]]:
     """Return the images of a block that have GCPs, with these; GCPs of height or of position only say too little."""
     rows, points = block.measurements, block.points
     located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]
     with_gcps = np.unique(rows.image[located])
     few = block.with_measurements(located)  # of millions that are ties
-    return [(block.images[index], control_on(few, index, Role.GCP)) for index in with_gcps.tolist()]
+    return [(block.images[index], select_control(few, index, Role.GCP)) for index in with_gcps.tolist()]
 
 
-def control_on(block: Block, image: int, role: Role) -> Control:
+def select_control(block: Block, image: int, role: Role) -> Control:
     """Return the points of a role that were measured on an image (index)."""
     rows, points = block.measurements, block.points
     here = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
@@ -104,7 +104,7 @@ def control_on(block: Block, image: int, role: Role) -> Control:
     return Control(points.ids[point], points.ground[point], rows.xy[here], rows.sigma_px[here], points.sigma_m[point])
 
 
-def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> Choice:
+def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> ModelChoice:
     """Return the model for a block; a shift where no GCP tells more.
 
     Parameters
@@ -118,22 +118,22 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> C
 
     Returns
     -------
-    Choice
+    ModelChoice
         The model, and what spoke for it.
     """
-    choice = RULES[rule](controls_of(block))
-    if drift_held and rule == "auto" and choice.model in FOLLOWED and _drift_shows(block):
+    choice = RULES[rule](collect_controls(block))
+    if drift_held and rule == "auto" and choice.model in FOLLOWED and _can_follow_drift(block):
         reason = f"how much the images drift is estimated with the block, and followed so far; {choice.reason}"
         return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
     return choice
 
 
-def drift_is_estimated(measurements: int, images: int) -> bool:
+def can_estimate_drift(measurements: int, images: int) -> bool:
     """Return whether the size of the images' drift is estimated; with more an image it would be overrated."""
     return measurements <= DRIFTS_ESTIMATED * images
 
 
-def _drift_shows(block: Block) -> bool:
+def _can_follow_drift(block: Block) -> bool:
     """Return whether a block has points enough for its images' drift, and not so many that its size is not asked."""
     rows = block.measurements
     rays, known = block.rays_per_point(), block.points.role == Role.GCP
@@ -143,57 +143,63 @@ def _drift_shows(block: Block) -> bool:
     observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
     unknown = 3 * int(holds.sum()) + len(BLOCK_MODELS[DRIFTING].parameters) * len(block.images)
     enough = (per_image >= LEAST_ON_IMAGE).all() and observed >= unknown
-    return bool(enough and drift_is_estimated(len(rows), len(block.images)))
+    return bool(enough and can_estimate_drift(len(rows), len(block.images)))
 
 
-def choose_by_number(controls: Controls) -> Choice:
+def choose_by_number(controls: Controls) -> ModelChoice:
     """Rule ``generic``: by the number of GCPs on the image that has fewest, simpler where they predict better so."""
-    suspects, warnings, clean = _judge(controls)
+    suspects, warnings, clean = _exclude_suspects(controls)
     count = min((len(control) for _, control in clean), default=0)
     if count < FEW:
-        reason = f"{_gcps(count)}: below {FEW} only constants of position, roll and pitch"
-        return Choice("generic-shift", reason, {}, suspects, warnings)
+        reason = f"{_count_gcps(count)}: below {FEW} only constants of position, roll and pitch"
+        return ModelChoice("generic-shift", reason, {}, suspects, warnings)
     most = "generic-affine" if count < MANY else "generic-full"
-    reason = f"{_gcps(count)}: from {FEW if count < MANY else MANY} corrections linear in the image"
-    errors = {name: _predict(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
+    reason = f"{_count_gcps(count)}: from {FEW if count < MANY else MANY} corrections linear in the image"
+    errors = {name: _predict_if_redundant(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
     if errors[most] is None:
-        return Choice(most, reason, {}, suspects, warnings)
-    model, said = _simplest(errors)
-    return Choice(model, f"{reason}; {said}", _scores(errors), suspects, warnings)
+        return ModelChoice(most, reason, {}, suspects, warnings)
+    model, said = _select_simplest(errors)
+    return ModelChoice(model, f"{reason}; {said}", _compute_scores(errors), suspects, warnings)
 
 
-def choose_by_prediction(controls: Controls) -> Choice:
+def choose_by_prediction(controls: Controls) -> ModelChoice:
     """Rule ``auto``: see the module's docstring."""
     if not controls:
-        return Choice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
-    suspects, warnings, clean = _judge(controls)
+        return ModelChoice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
+    suspects, warnings, clean = _exclude_suspects(controls)
     count = min(len(control) for _, control in clean)
     found: dict[str, Prediction] = {}
     for name in CANDIDATE_MODELS:
         enough = name == DISTORTED and any(one.sigmas < AS_STATED for one in found.values())
-        found[name] = Prediction(None) if enough else _predict(name, clean, BLOCK_MODELS[name].least_points)
+        found[name] = (
+            Prediction(None) if enough else _predict_if_redundant(name, clean, BLOCK_MODELS[name].least_points)
+        )
     errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
-        reason = f"{_gcps(count)} on an image: too few to tell more than a shift"
-        return Choice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
-    model, reason = _simplest(errors)
+        reason = f"{_count_gcps(count)} on an image: too few to tell more than a shift"
+        return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
+    model, reason = _select_simplest(errors)
     refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
     sigmas = found[model].sigmas
     # Only what could not be judged for want of GCPs may be taken unjudged, not what has no minimum.
     unjudged = errors[DISTORTED] is None and not found[DISTORTED].refused
     if unjudged and count >= FEW and sigmas > DISAGREEMENT:
-        distorted, simple = _left_out(DISTORTED, clean).squared, errors[model]
+        distorted, simple = _predict_by_leave_one_out(DISTORTED, clean).squared, errors[model]
         if distorted is not None and simple is not None and distorted.sum() < simple.sum():
-            reason = f"{_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
+            reason = (
+                f"{_count_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
+            )
             model = DISTORTED
-    return Choice(model, reason, _scores(errors), suspects, warnings)
+    return ModelChoice(model, reason, _compute_scores(errors), suspects, warnings)
 
 
-def _judge(controls: Controls) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
+def _exclude_suspects(
+    controls: Controls,
+) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
     """Return suspects, warnings, and the controls without the suspects."""
     suspects = [suspect for image, control in controls for suspect in find_suspects(image, control)]
-    warnings = [warning for image, control in controls for warning in _doubts(image, control)]
+    warnings = [warning for image, control in controls for warning in _warn_of_few_gcps(image, control)]
     bad = {(suspect.image, suspect.id) for suspect in suspects}
     clean = [
         (image, control.select(np.array([(image.id, name) not in bad for name in control.ids.tolist()])))
@@ -202,12 +208,12 @@ def _judge(controls: Controls) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...],
     return tuple(suspects), tuple(warnings), clean
 
 
-def _scores(errors: Mapping[str, np.ndarray | None]) -> dict[str, float | None]:
+def _compute_scores(errors: Mapping[str, np.ndarray | None]) -> dict[str, float | None]:
     return {name: None if e is None else float(np.sqrt(np.mean(e))) for name, e in errors.items()}
 
 
 #: Rules that choose a model, by the name of the option `model`.
-RULES: dict[str, Callable[[Controls], Choice]] = {"auto": choose_by_prediction, "generic": choose_by_number}
+RULES: dict[str, Callable[[Controls], ModelChoice]] = {"auto": choose_by_prediction, "generic": choose_by_number}
 
 
 # ---- prediction ----------------------------------------------------------------------------------------------------
@@ -224,15 +230,15 @@ class Prediction(NamedTuple):
     sigmas: float = np.inf
 
 
-def _predict(name: str, controls: Controls, spare: int) -> Prediction:
+def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Prediction:
     """Return how a model predicts each GCP; it is not judged with fewer than ``spare`` GCPs more than it needs."""
     least = BLOCK_MODELS[name].least_points + max(spare, 1)
     if any(len(control) < least for _, control in controls):
         return Prediction(None)
-    return _left_out(name, controls)
+    return _predict_by_leave_one_out(name, controls)
 
 
-def _left_out(name: str, controls: Controls) -> Prediction:
+def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
     """Return how a model predicts each GCP from the others, and its priors where these are too few."""
     errors, in_sigmas = [], []
     for image, control in controls:
@@ -243,11 +249,11 @@ def _left_out(name: str, controls: Controls) -> Prediction:
         if not found.converged:
             return Prediction(None, f"{found.status} on {image.id}")
         errors.append(np.sum(found.left_out_px**2, axis=1))
-        in_sigmas.append(_in_sigmas(found))
+        in_sigmas.append(_normalize_errors(found))
     return Prediction(np.concatenate(errors), "", float(np.sqrt(np.mean(np.concatenate(in_sigmas) ** 2))))
 
 
-def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
+def _select_simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
     """Return the simplest model that predicts as well as the best, and why it was taken."""
     judged = {name: e for name, e in errors.items() if e is not None}
     best = min(judged, key=lambda name: float(np.mean(judged[name])))
@@ -266,7 +272,7 @@ def _simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
     raise AssertionError("the best model is as good as itself")
 
 
-def _gcps(count: int) -> str:
+def _count_gcps(count: int) -> str:
     return f"{count} GCP" + ("" if count == 1 else "s")
 
 
@@ -277,7 +283,7 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
     """Return the GCPs of an image that every model with enough redundancy takes for blunders, worst first."""
     verdicts = []
     for name in JUDGES:
-        found = _outliers(name, image, control)
+        found = _find_outliers(name, image, control)
         if found == {}:  # this one finds nothing strange: no need to ask the others, which take longer
             return []
         verdicts += [found] if found else []
@@ -290,7 +296,7 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
     return sorted(suspects, key=lambda suspect: -suspect.deviation_px)
 
 
-def _outliers(name: str, image: Image, control: Control) -> dict[int, tuple[float, float]] | None:
+def _find_outliers(name: str, image: Image, control: Control) -> dict[int, tuple[float, float]] | None:
     """Return index -> (deviation px, statistic over critical value) of the outliers of one model.
 
     None where the model has too little redundancy to judge.
@@ -302,10 +308,10 @@ def _outliers(name: str, image: Image, control: Control) -> dict[int, tuple[floa
         found = _estimate_or_none(name, image, control.select(left))
         if found is None or found.redundancy - 2.0 < LEAST_REDUNDANCY_LEFT:
             break
-        worst, ratio = _worst(found, len(control))
+        worst, ratio = _find_worst(found, len(control))
         deviation = float(np.linalg.norm(found.left_out_px[worst]))
         removed.append((int(left[worst]), (deviation, ratio)))
-        if ratio > 1.0 and _in_sigmas(found)[worst] > LEAST_DEVIATION:
+        if ratio > 1.0 and _normalize_errors(found)[worst] > LEAST_DEVIATION:
             failed = len(removed)
         left = np.delete(left, worst)
     return dict(removed[:failed]) if removed else None
@@ -321,7 +327,7 @@ def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | N
     return found if found.converged else None
 
 
-def _worst(found: Estimate, tests: int) -> tuple[int, float]:
+def _find_worst(found: Estimate, tests: int) -> tuple[int, float]:
     """Return the GCP with the largest F statistic, and that over its critical value."""
     whitened = np.einsum("nij,nj->ni", found.roots, found.residual_px)
     predicted = np.einsum("nij,nj->ni", found.roots, found.left_out_px)
@@ -332,18 +338,18 @@ def _worst(found: Estimate, tests: int) -> tuple[int, float]:
     return worst, float(q[worst] / 2.0 / rest[worst] / critical)
 
 
-def _in_sigmas(found: Estimate) -> np.ndarray:
+def _normalize_errors(found: Estimate) -> np.ndarray:
     return np.linalg.norm(np.einsum("nij,nj->ni", found.roots, found.left_out_px), axis=1)
 
 
-def _doubts(image: Image, control: Control) -> list[str]:
+def _warn_of_few_gcps(image: Image, control: Control) -> list[str]:
     """Return warnings where too few GCPs are there to tell whether one is wrong."""
     if len(control) == 1:
         return [f"{image.id}: the only GCP {control.ids[0]} is checked by no other: a mistake in it goes unnoticed"]
     if len(control) > FEW:
         return []
     found = _estimate_or_none("shift", image, control)
-    if found is None or _in_sigmas(found).max() <= DISAGREEMENT:
+    if found is None or _normalize_errors(found).max() <= DISAGREEMENT:
         return []
     apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
     return [

@@ -25,7 +25,7 @@ from .model import ALL_ROWS, Equations, RefinementModel
 from .object_coordinates import GroundPolynomial, correct_by_ground
 
 
-def equations_of_images(
+def linearise_images(
     model: RefinementModel, images: Sequence[Image], which: np.ndarray, xy: np.ndarray, values: np.ndarray,
     ground: np.ndarray,
 ) -> Equations:  # fmt: skip
@@ -41,14 +41,14 @@ def equations_of_images(
         return stacked(model, images, which, values, ground)
     n, p = len(ground), len(model.parameters)
     found = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
-    for index, rows in _by_image(which):
+    for index, rows in _group_by_image(which):
         own = model.equations(images[index], xy[rows])(values[index], ground[rows])
         for whole, part in zip(found, own, strict=True):
             whole[rows] = part
     return found
 
 
-def project_by_images(
+def project_to_images(
     model: RefinementModel, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
     """Return the image points ``(n, 2)`` of ground points by the corrected cameras; see `RefinementModel.project`."""
@@ -56,12 +56,12 @@ def project_by_images(
     if stacked is not None:
         return stacked(model, images, which, values, ground).computed
     found = np.empty((len(ground), 2))
-    for index, rows in _by_image(which):
+    for index, rows in _group_by_image(which):
         found[rows] = model.project(images[index], values[index], ground[rows])
     return found
 
 
-def inverse_2x2(matrices: np.ndarray) -> np.ndarray:
+def invert_2x2(matrices: np.ndarray) -> np.ndarray:
     """Return the inverses of matrices ``(n, 2, 2)``, infinite or NaN where there are none: LAPACK is far slower."""
     a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
     adjugate = np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2)
@@ -69,36 +69,36 @@ def inverse_2x2(matrices: np.ndarray) -> np.ndarray:
         return np.asarray(adjugate / (a * d - b * c)[:, None, None])
 
 
-def _by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+def _group_by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Yield each image's number and its points."""
     order = np.argsort(which, kind="stable")
     numbers, first = np.unique(which[order], return_index=True)
     yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(which) else ()
 
 
-def _constants_and_terms(
+def _prepare_formula(
     model: ImagePolynomial | GroundPolynomial, images: Sequence[Image], points: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the images' offsets and scales, and room for the terms of all points."""
     return np.array([model.constants(image) for image in images]), np.empty((points, len(model.powers)))
 
 
-def _image_polynomials(
+def _linearise_image_polynomials(
     model: ImagePolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> Equations:
     """Return the equations of `image_space.ImagePolynomial`."""
     computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
-    constants, terms = _constants_and_terms(model, images, len(ground))
+    constants, terms = _prepare_formula(model, images, len(ground))
     correct_in_image(model.powers, constants, model.coefficients(values), which, computed, by_ground, terms, ALL_ROWS)
     return Equations(computed, np.einsum("nm,cmp->ncp", terms, model.mixing), by_ground)
 
 
-def _ground_polynomials(
+def _linearise_ground_polynomials(
     model: GroundPolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> Equations:
     """Return the equations of `object_coordinates.GroundPolynomial`."""
     computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
-    constants, terms = _constants_and_terms(model, images, len(ground))
+    constants, terms = _prepare_formula(model, images, len(ground))
     lon, lat, height = ground.T
     correct_by_ground(
         model.powers, constants, model.coefficients(values), which, lon, lat, height,
@@ -110,6 +110,6 @@ def _ground_polynomials(
 
 #: What linearises many images of a family at once.
 STACKED: dict[type, Callable[[Any, Sequence[Image], np.ndarray, np.ndarray, np.ndarray], Equations]] = {
-    ImagePolynomial: _image_polynomials,
-    GroundPolynomial: _ground_polynomials,
+    ImagePolynomial: _linearise_image_polynomials,
+    GroundPolynomial: _linearise_ground_polynomials,
 }

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Image
-from ..block.columns import rows_by_number
-from ..block.footprints import footprint, footprints
+from ..block.columns import group_by_number
+from ..block.footprints import compute_footprint, compute_footprints
 from ..block.points import ROLE_LABELS, Role
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
@@ -184,7 +184,7 @@ def _map(
     )  # fmt: skip
     residual = left.ground_m[shown.points]
     return BlockMap(
-        footprints={image.id: area for image, area in zip(images, footprints(images, height), strict=True)},
+        footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
         lonlat=place[shown.points, :2],
         roles=block.points.role[shown.points],
         residual_en_m=residual[:, :2],
@@ -204,7 +204,7 @@ def _cards(result: Adjustment, shown: _Shown) -> list[ImageCard]:
     here = np.flatnonzero(finite_rows(shown.residual_px))
     if not len(here):
         return []
-    order, bounds = rows_by_number(rows.image[here], len(result.block.images))
+    order, bounds = group_by_number(rows.image[here], len(result.block.images))
     here = here[order]
     parts = {index: here[bounds[index] : bounds[index + 1]] for index in range(len(result.block.images))}
     size = {
@@ -295,7 +295,7 @@ def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m:
         ground = image.rpc.localize(corners, height_m).ground[:, :2]
         if not np.isfinite(ground).all():
             continue
-        area = footprint(image, height_m)
+        area = compute_footprint(image, height_m)
         new = area if covered is None else area.difference(covered)
         adds = new.area > COVERING_SHARE * area.area
         covered = area if covered is None else covered.union(area)

@@ -11,8 +11,8 @@ import numpy as np
 from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..adjustment.statistics.precision import errors_90, predicted_accuracy
 from ..block.block import GroundPoints, Role
-from ..block.pointing import believed_pointing
-from ..refinement.model import RefinedRPC
+from ..block.pointing import estimate_pointing
+from ..refinement.model import RefitRPC
 from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
@@ -21,7 +21,7 @@ GROSS_SIGMAS = 10.0  # beyond, an error is worth a warning of its own
 NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
-def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedRPC]) -> dict[str, Any]:
+def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC]) -> dict[str, Any]:
     """Return the report's entries about the adjustment; paths, times and settings are the caller's.
 
     Parameters
@@ -30,7 +30,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefinedR
         The adjustment.
     left : Residuals
         What it left over.
-    refined : sequence of RefinedRPC
+    refined : sequence of RefitRPC
         The RPCs that are written, one an image.
 
     Returns
@@ -133,7 +133,7 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
 
 
 def _image_entry(
-    result: Adjustment, left: Residuals, index: int, here: np.ndarray, refined: RefinedRPC
+    result: Adjustment, left: Residuals, index: int, here: np.ndarray, refined: RefitRPC
 ) -> dict[str, Any]:
     values = zip(result.model.parameters, result.values[index], result.values_sigma[index], strict=True)
     return {
@@ -145,7 +145,7 @@ def _image_entry(
         "rpc_fit_max_px": refined.fit_max_px,
         "err_bias_m": refined.rpc.err_bias,
         "err_rand_m": refined.rpc.err_rand,
-        "pointing": asdict(believed_pointing(result.block.images[index])),
+        "pointing": asdict(estimate_pointing(result.block.images[index])),
         "parameters": {name: {"value": float(value), "sigma": float(sigma)} for name, value, sigma in values},
     }
 

@@ -23,8 +23,8 @@ from ..adjustment.result import Adjustment
 from ..block.stack import stack_of
 from ..foundation.errors import list_ids
 from ..ground.map_crs import middle_position
-from ..refinement.model import RefinedRPC
-from ..refinement.stacked_cameras import equations_of_images, inverse_2x2, project_by_images
+from ..refinement.model import RefitRPC
+from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
 from .tables import positions
 
 NODES = 5  # of the grid over an image, along each axis
@@ -33,19 +33,19 @@ MOST_IDS = 20
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
 
-def state_accuracy(result: Adjustment, refined: Sequence[RefinedRPC]) -> list[RefinedRPC]:
+def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[RefitRPC]:
     """Return refined RPCs with ERR_BIAS and ERR_RAND as the adjustment predicts them.
 
     Parameters
     ----------
     result : Adjustment
         The adjustment.
-    refined : sequence of RefinedRPC
+    refined : sequence of RefitRPC
         One an image. An RPC keeps its vendor's figures where nothing was estimated, or no covariance is known.
 
     Returns
     -------
-    list of RefinedRPC
+    list of RefitRPC
         In the same order.
     """
     height = float(middle_position(positions(result))[2])
@@ -74,9 +74,9 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     xy = np.concatenate([image.grid_px(NODES, NODES) for image in chosen])
     which = np.repeat(np.arange(len(chosen)), NODES**2)
     ground = stack_of(chosen).localize(which, xy, height)
-    at = equations_of_images(cameras.model, chosen, which, xy, values[known], ground)
-    delivered = project_by_images(result.model, chosen, which, result.values[of_part][known], ground)
-    to_ground = inverse_2x2(at.by_ground[:, :, :2])
+    at = linearise_images(cameras.model, chosen, which, xy, values[known], ground)
+    delivered = project_to_images(result.model, chosen, which, result.values[of_part][known], ground)
+    to_ground = invert_2x2(at.by_ground[:, :, :2])
     by_values = (to_ground @ at.by_values).reshape(len(chosen), NODES**2, 2, -1)
     drift_m = (to_ground @ (at.computed - delivered)[:, :, None]).reshape(len(chosen), NODES**2, 2)
     mean, mean_drift = by_values.mean(axis=1), drift_m.mean(axis=1)

@@ -22,12 +22,12 @@ from ..adjustment.intersection import image_residuals, intersect
 from ..adjustment.observations import subset
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
-from ..block.columns import rows_by_number
+from ..block.columns import group_by_number
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
-from ..refinement.stacked_cameras import equations_of_images, project_by_images
+from ..refinement.stacked_cameras import linearise_images, project_to_images
 
 KNOWN_AT_ONCE = 20_000  # measurements of known points
 
@@ -118,7 +118,7 @@ def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray
     """Yield each image's index and its measurements among the ``chosen`` (mask), images without any left out."""
     rows = np.flatnonzero(chosen)
     image = block.measurements.image[rows]
-    order, bounds = rows_by_number(image, len(block.images))
+    order, bounds = group_by_number(image, len(block.images))
     for index in range(len(block.images)):
         if bounds[index] < bounds[index + 1]:
             yield index, rows[order[bounds[index] : bounds[index + 1]]]
@@ -209,8 +209,8 @@ def _known_covariances(
         here = by_images[first : first + KNOWN_AT_ONCE]
         points, (seen, which) = rows.point[here], np.unique(rows.image[here], return_inverse=True)
         images, ground = [block.images[index] for index in seen.tolist()], block.points.ground[points]
-        at = equations_of_images(cameras.model, images, which, rows.xy[here], cameras.values[seen], ground)
-        projected = project_by_images(cameras.model, images, which, cameras.values[seen], ground)
+        at = linearise_images(cameras.model, images, which, rows.xy[here], cameras.values[seen], ground)
+        projected = project_to_images(cameras.model, images, which, cameras.values[seen], ground)
         drift = rows.xy[here] - projected - at_known[here]
         covariance = sigma[here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
         survey = unit_sigma(result) ** 2 * result.survey_covariance_m2(points)

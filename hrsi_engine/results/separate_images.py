@@ -14,7 +14,7 @@ from ..adjustment.intersection import intersect
 from ..adjustment.observations import subset
 from ..adjustment.result import Adjustment, Decision, EstimatedCameras
 from ..block.block import Block, Image
-from ..refinement.model import Equations, Linearise, Priors, RefinedRPC, RefinementModel
+from ..refinement.model import Equations, Linearise, Priors, RefinementModel, RefitRPC
 from ..refinement.refine import Refinement
 
 
@@ -63,10 +63,10 @@ class PerImage:
         model = self.models[image.id]
         return model.project(image, values[: len(model.parameters)], ground)
 
-    def refined_rpc(self, image: Image, values: np.ndarray) -> RefinedRPC:
+    def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Return the new RPC of the image's model."""
         model = self.models[image.id]
-        return model.refined_rpc(image, values[: len(model.parameters)])
+        return model.compute_refined_rpc(image, values[: len(model.parameters)])
 
 
 def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustment:

@@ -18,15 +18,15 @@ from shapely.geometry import MultiPolygon, Polygon, box, mapping
 from shapely.geometry.polygon import orient
 
 from ..block.block import Image
-from ..block.footprints import footprint
-from ..block.imaging_geometry import rays_up
-from ..block.pointing import middle_gsd_m
+from ..block.footprints import compute_footprint
+from ..block.imaging_geometry import compute_view_directions
+from ..block.pointing import compute_gsd_m
 from ..io.catalogue.lineage import file_entry
 from ..io.catalogue.stac_items import href_of
 from ..io.opening.item_images import item_of
 from ..io.rasters.sun_angles import read_sun, read_time
 from ..io.rpc_files.fields import STAC_NAMES, json_members
-from ..refinement.model import RefinedRPC
+from ..refinement.model import RefitRPC
 from .lineage import block_accuracy
 
 STAC_VERSION = "1.1.0"
@@ -70,14 +70,14 @@ class RefinedFiles:
     staged: Mapping[str, str]
 
 
-def item_of_image(image: Image, refined: RefinedRPC, files: RefinedFiles, report: Mapping[str, Any]) -> dict[str, Any]:
+def item_of_image(image: Image, refined: RefitRPC, files: RefinedFiles, report: Mapping[str, Any]) -> dict[str, Any]:
     """Return a refined image as a STAC item.
 
     Parameters
     ----------
     image : Image
         As it was opened.
-    refined : RefinedRPC
+    refined : RefitRPC
         Its new camera, with ERR_BIAS and ERR_RAND where they are known.
     files : RefinedFiles
         Where its files are.
@@ -90,7 +90,7 @@ def item_of_image(image: Image, refined: RefinedRPC, files: RefinedFiles, report
         The item, as JSON takes it.
     """
     new, height = replace(image, rpc=refined.rpc), image.middle_height_m
-    outline = _turned(footprint(new, height))
+    outline = _turned(compute_footprint(new, height))
     assets = {"image": _asset(files.image, files, "data")}
     if image.size is not None:
         assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
@@ -137,14 +137,14 @@ def _time(image: Image, date: str) -> dict[str, Any]:
 def _satellite(image: Image) -> dict[str, Any]:
     source = item_of(image.path)
     kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
-    return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(middle_gsd_m(image), 3), **kept}
+    return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept}
 
 
 def _view(image: Image, height: float) -> dict[str, Any]:
     """Return where the satellite and the sun stood, seen from the middle of the image."""
     first_sample, last_sample, first_line, last_line = image.domain_px
     middle = np.array([[0.5 * (first_sample + last_sample), 0.5 * (first_line + last_line)]])
-    east, north, up = rays_up(image.rpc, image.rpc.localize(middle, height).ground)[0].tolist()
+    east, north, up = compute_view_directions(image.rpc, image.rpc.localize(middle, height).ground)[0].tolist()
     # The azimuth of a view is that of its way down, from below the satellite to the scene
     view = {
         "view:incidence_angle": float(np.degrees(np.arccos(min(up, 1.0)))),
@@ -170,7 +170,7 @@ def _made(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _accuracy(refined: RefinedRPC, report: Mapping[str, Any]) -> dict[str, Any]:
+def _accuracy(refined: RefitRPC, report: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the adjustment predicts for the image, and what check points (else it) say of the block."""
     told: dict[str, Any] = {}
     rpc = refined.rpc

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, LaserOutcome
 from ..block.block import Block
-from ..block.footprints import footprints
+from ..block.footprints import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..io.geopackage.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
@@ -47,7 +47,7 @@ def images_table(result: Adjustment, height_m: float) -> Table:
         "observations": count,
         "footprint_height_m": np.full(len(images), height_m),
     }
-    return Table(footprints(images, height_m), columns)
+    return Table(compute_footprints(images, height_m), columns)
 
 
 def laser_points_table(found: LaserOutcome) -> Table:

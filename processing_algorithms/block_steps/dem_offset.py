@@ -9,8 +9,8 @@ from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.plausibility.accuracy import image_accuracies
-from ...hrsi_engine.plausibility.relief import relief_reasons
+from ...hrsi_engine.plausibility.accuracy import estimate_accuracies
+from ...hrsi_engine.plausibility.relief import find_relief_reasons
 from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
 
 LEAST_POINTS = 10
@@ -53,8 +53,8 @@ def ground_reasons(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     of_points = float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else 0.0
     in_place = bool((role == Role.GCP).any()) or result.plan is not None
     holds = any(one.source == "DEM" and one.left_out < one.observations and one.share > 0.5 for one in result.heights)
-    return relief_reasons(
+    return find_relief_reasons(
         result.ground[chosen], surface,
-        0.0 if in_place else max(accuracy.sigma_m for accuracy in image_accuracies(result.block.images)),
+        0.0 if in_place else max(accuracy.sigma_m for accuracy in estimate_accuracies(result.block.images)),
         float(np.hypot(of_points, sigma_dem_m or 0.0)), holds,
     )  # fmt: skip

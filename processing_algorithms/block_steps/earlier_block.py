@@ -16,7 +16,7 @@ import numpy as np
 from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
-from ...hrsi_engine.block.names import unique_ids
+from ...hrsi_engine.block.names import find_unique_ids
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
 from ...hrsi_engine.io.catalogue.stac_items import recorded_images
@@ -100,7 +100,7 @@ def _told_apart(measured: ImagePoints, known: GroundPoints, tie_points: str | No
     if not tie_points or tie_points == NO_TIES:
         return measured
     for spec in several_specs(tie_points):
-        new = read_measured(measurements_of(spec), image_ids=unique_ids(measured.image_ids)[0].tolist()).image
+        new = read_measured(measurements_of(spec), image_ids=find_unique_ids(measured.image_ids)[0].tolist()).image
         if new is None:
             continue
         name, other = (np.char.add(np.char.add(table.ids, "\0"), table.image_ids) for table in (measured, new))

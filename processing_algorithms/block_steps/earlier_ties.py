@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...hrsi_engine.block.block import Image, ImagePoints
-from ...hrsi_engine.block.names import join_names, unique_ids
+from ...hrsi_engine.block.names import find_unique_ids, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.stac_items import recorded_images
 from ...hrsi_engine.io.point_files import read_measured, read_points
@@ -51,7 +51,7 @@ class EarlierTies:
             np.asarray(join_names([table.ids for table in tables])),
             np.asarray(join_names([table.image_ids for table in tables])), source=found.image_points.source, **columns,
         )  # fmt: skip
-        ids = np.concatenate([unique_ids(self.points.ids)[0], kept.ids])
+        ids = np.concatenate([find_unique_ids(self.points.ids)[0], kept.ids])
         placed = np.concatenate([self.ground, found.ground[kept.track]])[np.argsort(ids)]
         return found._replace(image_points=points.select(np.argsort(points.ids, kind="stable")), ground=placed)
 
@@ -74,14 +74,14 @@ def joined_to(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, NewT
     order = np.argsort(known)
     place = order[np.minimum(np.searchsorted(known, row, sorter=order), len(order) - 1)]
     met = known[place] == row
-    names, track = unique_ids(new.ids)
-    old_names, old_track = unique_ids(earlier.ids)
+    names, track = find_unique_ids(new.ids)
+    old_names, old_track = find_unique_ids(earlier.ids)
     first, last = np.full(len(names), len(old_names)), np.full(len(names), -1)
     np.minimum.at(first, track[met], old_track[place[met]])
     np.maximum.at(last, track[met], old_track[place[met]])
     joined = first == last
     # Another place on an image where the earlier point has one already
-    images = np.unique(np.concatenate([unique_ids(table.image_ids)[0] for table in (earlier, new)]))
+    images = np.unique(np.concatenate([find_unique_ids(table.image_ids)[0] for table in (earlier, new)]))
     image, old_image = (np.searchsorted(images, np.asarray(table.image_ids)) for table in (new, earlier))
     there = np.isin(first[track] * len(images) + image, old_track * len(images) + old_image)
     joined[track[there & ~met]] = False
@@ -122,7 +122,7 @@ def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTie
     placed = read_points(f"{layers}|layername={LAYER}").ground
     if measured is None or placed is None:
         raise InputError(f"{layers}: holds no tie points: find those of the earlier images again")
-    ids, _ = unique_ids(measured.ids)  # points may have been removed by hand, or their positions
+    ids, _ = find_unique_ids(measured.ids)  # points may have been removed by hand, or their positions
     ground = np.full((len(ids), 3), np.nan)
     order = np.argsort(placed.ids)
     row = order[np.minimum(np.searchsorted(placed.ids, ids, sorter=order), len(order) - 1)]

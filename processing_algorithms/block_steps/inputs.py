@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble, tiles_of_scenes
-from ...hrsi_engine.block.names import isin, join_names, unique_ids
+from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble, group_tiles
+from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import consistent_tracks
@@ -91,7 +91,7 @@ def read_block(
 
 def tell_tiles(images: Sequence[Image], options: AdjustOptions, log: Log) -> None:
     """Tell which images are tiles of one scene and are adjusted as one camera."""
-    for tiles in tiles_of_scenes(images, options.shared_images):
+    for tiles in group_tiles(images, options.shared_images):
         log(f"{', '.join(tiles)}: tiles of one scene, adjusted as one camera (`shared_images` groups them otherwise)")
 
 
@@ -100,7 +100,7 @@ def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, l
 
     Where less than two images are known, nothing is left out: then the names are wrong, and the block says so.
     """
-    named = unique_ids(ties.image_ids)[0]
+    named = find_unique_ids(ties.image_ids)[0]
     known = np.isin(named, [image.id for image in images])
     if known.all() or known.sum() < 2:
         return ties, []
@@ -113,13 +113,13 @@ def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) ->
     Where an image of the block has no measurement, nothing is left out: then its name may be the wrong one.
     """
     known = {image.id for image in images}
-    named = {str(name) for table in measured for name in unique_ids(table.image_ids)[0]}
+    named = {str(name) for table in measured for name in find_unique_ids(table.image_ids)[0]}
     if named <= known or not known <= named:
         return list(measured), []
     return [table.select(isin(table.image_ids, list(known))) for table in measured], [
         _left_out(table, sorted(others))
         for table in measured
-        if (others := {str(name) for name in unique_ids(table.image_ids)[0]} - known)
+        if (others := {str(name) for name in find_unique_ids(table.image_ids)[0]} - known)
     ]
 
 

@@ -21,7 +21,7 @@ from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
-from ...hrsi_engine.plausibility.laser_quality import laser_reasons
+from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
@@ -47,7 +47,7 @@ def read_laser_points(images: Sequence[Image], options: LaserFile, context: Cont
         raise InputError(
             f"{options.laser}: none of its laser points lies on an image: check that they are of this area"
         )
-    reasons = laser_reasons(points)
+    reasons = find_laser_reasons(points)
     beside = _seen_by(images, points.ground, MAY_LIE_BESIDE_PX) < 2
     points = replace(points, doubt=np.where((reasons == "") & beside, NOT_SEEN, reasons))
     good = int((points.doubt == "").sum())
@@ -106,7 +106,7 @@ def adjust_at_laser_points(
     for number in range(LOOK_UPS):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
         images = [
-            replace(image, rpc=result.model.refined_rpc(image, values).rpc)
+            replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
             for image, values in zip(block.images, result.values, strict=True)
         ]
         lifted = laser.ground + [0.0, 0.0, _above_laser_m(result, laser)]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...hrsi_engine.refinement.selection import Choice
+from ...hrsi_engine.refinement.selection import ModelChoice
 
 
-def choice_entries(rule: str, choice: Choice | None) -> dict[str, Any]:
+def choice_entries(rule: str, choice: ModelChoice | None) -> dict[str, Any]:
     """Return the report's entries about a choice; none where the model was named."""
     return {} if choice is None else {"model_choice": choice_entry(rule, choice)}
 
 
-def choice_warnings(choice: Choice | None) -> list[str]:
+def choice_warnings(choice: ModelChoice | None) -> list[str]:
     """Return what is to be said of a choice: doubts about the GCPs, and those that had no say in it."""
     if choice is None:
         return []
@@ -24,7 +24,7 @@ def choice_warnings(choice: Choice | None) -> list[str]:
     return [*choice.warnings, *suspects]
 
 
-def choice_entry(rule: str, choice: Choice) -> dict[str, Any]:
+def choice_entry(rule: str, choice: ModelChoice) -> dict[str, Any]:
     """Return what the report says of a choice."""
     return {
         "rule": rule,

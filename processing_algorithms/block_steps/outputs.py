@@ -25,7 +25,7 @@ from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.safety.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.safety.transactions import Transaction
-from ...hrsi_engine.refinement.model import RefinedRPC
+from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results import statistics as residual_statistics
 from ...hrsi_engine.results.block_record import joint_arrays, record_of
 from ...hrsi_engine.results.drawings import report_figures
@@ -35,7 +35,7 @@ from ...hrsi_engine.results.lineage import lineage_items, state_accuracy
 from ...hrsi_engine.results.residuals import residuals
 from ...hrsi_engine.results.stac import RefinedFiles, has_time, item_collection, item_of_image
 from ...hrsi_engine.results.tables import thinning_warnings
-from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
+from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
@@ -141,7 +141,7 @@ def plan_results(
     names = [name for name in _file_names(output, images) if together or name != CAMERAS_FILE]
     if output.write == IN_PLACE:
         names += [os.path.abspath(image.path) for image in images if image.raster is not None]
-    found = Verdict.of("nothing wrong was found" if not reasons else "the inputs were checked", reasons)
+    found = Verdict.create("nothing wrong was found" if not reasons else "the inputs were checked", reasons)
     return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
 
 
@@ -164,7 +164,9 @@ def write_results(
     images = result.block.images
     left = residuals(result)
     with explained_by(reasons):  # corrections that wrong inputs made may lead where a camera has no ground
-        refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
+        refined = [
+            result.model.compute_refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)
+        ]
         refined = state_accuracy(result, refined)
     clock.lap("residuals")
     evidence = Evidence(result, left, refined)
@@ -174,10 +176,10 @@ def write_results(
         **block_report(result, left, refined),
         **residual_statistics.entries(result, left),
         "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
-                     *_fit_warnings(images, refined), *field_notes(evidence)],
+                     *_fit_warnings(images, refined), *describe_residual_fields(evidence)],
         **(more or {}),
     }  # fmt: skip
-    verdict = Verdict.of(describe_reached(report), find_reasons(evidence, reasons))
+    verdict = Verdict.create(summarise_accuracy(report), find_reasons(evidence, reasons))
     report["verdict"] = verdict.entry()
     output = options.output
     how = output.write
@@ -246,7 +248,7 @@ def _name_outputs(
 
 
 def _write_items(
-    folder: Path, report: Report, images: Sequence[Image], refined: Sequence[RefinedRPC], output_dir: str
+    folder: Path, report: Report, images: Sequence[Image], refined: Sequence[RefitRPC], output_dir: str
 ) -> None:
     """Write the STAC items of refined images whose files lie in a temporary ``folder``, or are the images."""
     items = []
@@ -271,7 +273,7 @@ def _write_items(
         )
 
 
-def _fit_warnings(images: Sequence[Image], refined: Sequence[RefinedRPC]) -> list[str]:
+def _fit_warnings(images: Sequence[Image], refined: Sequence[RefitRPC]) -> list[str]:
     return [
         f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
         for image, new in zip(images, refined, strict=True)

@@ -18,7 +18,7 @@ from ...hrsi_engine.io.rpc_files import (
     write_vrt,
 )
 from ...hrsi_engine.io.safety.transactions import Transaction
-from ...hrsi_engine.refinement.model import RefinedRPC
+from ...hrsi_engine.refinement.model import RefitRPC
 
 Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 
@@ -58,7 +58,7 @@ def _lineage_of(image: Image, items: Mapping[str, str]) -> Lineage:
 def write_new_files(
     folder: Path,
     images: Sequence[Image],
-    refined: Sequence[RefinedRPC],
+    refined: Sequence[RefitRPC],
     how: str,
     items: Mapping[str, str],
     progress: Progress,
@@ -76,7 +76,7 @@ def write_new_files(
 
 
 def clear_the_way(
-    folder: str, names: Mapping[str, str], images: Sequence[Image], refined: Sequence[RefinedRPC], changes: Transaction
+    folder: str, names: Mapping[str, str], images: Sequence[Image], refined: Sequence[RefitRPC], changes: Transaction
 ) -> list[str]:
     """Have sidecars in ``folder`` set aside that would win over the RPCs of new copies; return notices."""
     notices: list[str] = []
@@ -89,7 +89,7 @@ def clear_the_way(
 
 def prepare_images(
     images: Sequence[Image],
-    refined: Sequence[RefinedRPC],
+    refined: Sequence[RefitRPC],
     changes: Transaction,
     items: Mapping[str, str],
     progress: Progress,
@@ -104,7 +104,7 @@ def prepare_images(
     return notices
 
 
-def images_with_pixels(images: Sequence[Image], refined: Sequence[RefinedRPC]) -> list[tuple[Image, RefinedRPC]]:
+def images_with_pixels(images: Sequence[Image], refined: Sequence[RefitRPC]) -> list[tuple[Image, RefitRPC]]:
     """Return the images that are files with pixels, with their refined RPCs."""
     return [(image, new) for image, new in zip(images, refined, strict=True) if _has_file(image)]
 

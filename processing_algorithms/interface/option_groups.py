@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...hrsi_engine.block.default_sigmas import Defaults
+from ...hrsi_engine.block.default_sigmas import DefaultSigmas
 from ...hrsi_engine.foundation.options import nested, option, options, threads_option
 from ...hrsi_engine.foundation.workers.certificates import Certificates
 from ...hrsi_engine.measurement.reference.options import ReferenceOptions
@@ -208,7 +208,7 @@ class PointFiles:
     )
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
-    sigmas: Defaults = nested(Defaults)
+    sigmas: DefaultSigmas = nested(DefaultSigmas)
 
 
 @options

@@ -20,7 +20,7 @@ from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.results.figures import block_report
 from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
 from ...hrsi_engine.results.residuals import Residuals, residuals
-from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, find_reasons
+from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, summarise_accuracy
 from ..block_steps.model_choice import choice_warnings
 from ..block_steps.plausibility import explained_by
 from .adjusted import Adjusted, suspicion
@@ -76,9 +76,11 @@ def shown(
     result, images = follower.result, follower.result.block.images
     names = result.block.points.ids
     rows = (result.block.known | np.isin(names, list(listed)))[result.block.measurements.point].nonzero()[0]
-    refined = [result.model.refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)]
+    refined = [
+        result.model.compute_refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)
+    ]
     figures = block_report(result, left, refined)
-    verdict = Verdict.of(describe_reached(figures), find_reasons(Evidence(result, left, refined), reasons))
+    verdict = Verdict.create(summarise_accuracy(figures), find_reasons(Evidence(result, left, refined), reasons))
     return Adjusted(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},

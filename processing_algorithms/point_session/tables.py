@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from ...hrsi_engine.block.footprints import footprint
+from ...hrsi_engine.block.footprints import compute_footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.io.geopackage.layers import Layer
@@ -51,7 +51,7 @@ def images_layer(session: PointSession) -> Layer:
         "lines": np.array([image.size[1] if image.size else 0 for image in images], dtype=np.int64),
         "footprint_height_m": np.full(len(images), height),
     }
-    return Layer("images", "Polygon", WGS84, [footprint(image, height) for image in images], columns)
+    return Layer("images", "Polygon", WGS84, [compute_footprint(image, height) for image in images], columns)
 
 
 def point_layers(session: PointSession) -> list[Layer]:

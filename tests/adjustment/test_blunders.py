@@ -9,7 +9,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
-from hrsi.hrsi_engine.block.block import Defaults, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.block import DefaultSigmas, GroundPoints, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 
 
@@ -179,7 +179,7 @@ def test_single_image_gcps_are_predicted_on_their_ray():
     truth = blocks.ground(6, 3)
     ids = [f"G{k}" for k in range(6)]
     rows = ImagePoints.create(ids, [image.id] * 6, image.rpc.project(truth) + [3.0, -2.0], 0.3)
-    block = assemble([image], [GroundPoints.create(ids, truth, Role.GCP, 0.1)], [rows], defaults=Defaults())
+    block = assemble([image], [GroundPoints.create(ids, truth, Role.GCP, 0.1)], [rows], defaults=DefaultSigmas())
     error = adjust(block, AdjustOptions(test_sigmas=False, cross_validate=True)).cross_validation.error_m
     assert np.abs(error[:, :2]).max() < 0.01  # exact measurements
     assert np.isnan(error[:, 2]).all()

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
-from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, ImagePoints, assemble
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, wrap_degrees
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -45,7 +45,7 @@ def tables(block: Block) -> tuple[GroundPoints, ImagePoints]:
 
 
 def put_together(block: Block, images: Sequence, known: GroundPoints, measured: Sequence[ImagePoints]) -> Block:
-    return assemble(images, [known], measured, defaults=Defaults(0.3, 0.1, 0.1))
+    return assemble(images, [known], measured, defaults=DefaultSigmas(0.3, 0.1, 0.1))
 
 
 def require_same(first: Adjustment, second: Adjustment, names: dict[str, str] | None = None) -> None:

@@ -7,7 +7,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block.block import Defaults, GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.block.block import DefaultSigmas, GroundPoints, ImagePoints, assemble
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 
 ERROR_PX = 15.0
@@ -50,7 +50,7 @@ def adjusted(metres: np.ndarray, wrong: int):
     xy[wrong] += [ERROR_PX, ERROR_PX]
     block = assemble(
         [image], [GroundPoints.create(ids, ground, 0, 0.05)], [ImagePoints.create(ids, [image.id] * len(ids), xy, 0.1)],
-        defaults=Defaults(0.1, 0.05, 0.05),
+        defaults=DefaultSigmas(0.1, 0.05, 0.05),
     )  # fmt: skip
     return adjust(block, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0))
 

@@ -11,7 +11,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.refinement.image_space import IMAGE_SPACE, with_drift
+from hrsi.hrsi_engine.refinement.image_space import IMAGE_SPACE, add_drift_parameters
 from hrsi.hrsi_engine.results.statistics import normalised_residuals
 
 SEEDS = range(6)
@@ -75,11 +75,11 @@ def test_what_is_added_to_each_model():
         "quadratic": set(),
     }
     for name, expected in added.items():
-        camera = with_drift(IMAGE_SPACE[name])
+        camera = add_drift_parameters(IMAGE_SPACE[name])
         assert set(camera.parameters) - set(IMAGE_SPACE[name].parameters) == expected
         assert camera.parameters[: len(IMAGE_SPACE[name].parameters)] == IMAGE_SPACE[name].parameters
     # scale and rotation and any two of the four span them
-    assert len(with_drift(IMAGE_SPACE["conformal"]).parameters) == 6
+    assert len(add_drift_parameters(IMAGE_SPACE["conformal"]).parameters) == 6
 
 
 @pytest.mark.parametrize("name", ["shift", "shift-drift", "conformal"])
@@ -87,7 +87,7 @@ def test_the_models_own_parameters_mean_what_they_did(name):
     """With the drift at zero the camera is the model."""
     rng = np.random.default_rng(1)
     image = blocks.images()[0]
-    model, camera = IMAGE_SPACE[name], with_drift(IMAGE_SPACE[name])
+    model, camera = IMAGE_SPACE[name], add_drift_parameters(IMAGE_SPACE[name])
     values = rng.normal(0.0, 1e-4, len(model.parameters))
     ground = blocks.ground(20, 3)
     padded = np.r_[values, np.zeros(len(camera.parameters) - len(values))]

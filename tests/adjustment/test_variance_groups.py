@@ -11,9 +11,9 @@ from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
-from hrsi.hrsi_engine.block.block import Block, Defaults, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.block.laser import LASER_KIND
-from hrsi.hrsi_engine.block.pointing import middle_gsd_m
+from hrsi.hrsi_engine.block.pointing import compute_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation import (
@@ -47,7 +47,7 @@ def two_sensors(seed: int, noise: tuple[float, ...] = NOISE, kinds: bool = False
         xy = image.rpc.project(truth) + rng.normal(0, 5.0, 2) + each * rng.normal(size=(160, 2))
         rows.append(ImagePoints.create(ids, [image.id] * 160, xy, 0.3, np.where(corner & kinds, "corner", "")))
     known = GroundPoints.create(ids[:8], truth[:8], Role.GCP, 0.05)
-    return assemble(cameras, [known], rows, defaults=Defaults(0.3))
+    return assemble(cameras, [known], rows, defaults=DefaultSigmas(0.3))
 
 
 def sigmas(options: AdjustOptions, seeds: int = 5, **scene) -> dict[str, float]:
@@ -132,7 +132,7 @@ def test_like_images_are_one_group_without_a_name():
 
 def test_pixel_sizes_are_the_cameras():
     for image, gsd in zip(two_sensors(0).images, GSD, strict=True):
-        assert middle_gsd_m(image) == pytest.approx(gsd, rel=0.01)
+        assert compute_gsd_m(image) == pytest.approx(gsd, rel=0.01)
 
 
 def test_sensors_of_a_mixed_block():

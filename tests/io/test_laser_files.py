@@ -11,7 +11,7 @@ from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.laser_files import read_laser
-from hrsi.hrsi_engine.plausibility.laser_quality import laser_reasons
+from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 
 FILL = 3.4028235e38
 COUNT = 30
@@ -72,7 +72,7 @@ def test_atl06(tmp_path):
     np.testing.assert_allclose(points.ground[0], [5.4, 43.5, 200.0], atol=1e-4)
     assert set(points.track.tolist()) == {"ATL06_20200101000000_01230405_006_01.h5"}
     np.testing.assert_allclose(points.sigma_m, 0.04, rtol=1e-6)
-    reasons = laser_reasons(points)
+    reasons = find_laser_reasons(points)
     assert Counter(reasons.tolist()) == {"": 54, "flagged by the product": 2, "photons spread by more than 1 m": 2}
 
 
@@ -90,7 +90,7 @@ def test_atl08(tmp_path):
         f"{place}/canopy/h_canopy": canopy, f"{place}/cloud_flag_atm": cloud, f"{place}/segment_watermask": water,
     }  # fmt: skip
     points = read_laser(str(write_granule(tmp_path / "ATL08.h5", arrays)))
-    reasons = laser_reasons(points)
+    reasons = find_laser_reasons(points)
     assert reasons[4] == "cloud over the point"
     assert reasons[5] == "water"
     assert reasons[6] == "vegetation above 3 m"
@@ -112,7 +112,7 @@ def test_gedi(tmp_path):
         f"{place}/sensitivity": np.full(COUNT, 0.97, dtype=np.float32),
     }  # fmt: skip
     points = read_laser(str(write_granule(tmp_path / "GEDI02_A.h5", arrays)))
-    reasons = laser_reasons(points)
+    reasons = find_laser_reasons(points)
     assert reasons[2] == "flagged by the product"
     assert reasons[8] == "vegetation above 3 m"
     np.testing.assert_allclose(points.sigma_m, 1.0)
@@ -176,7 +176,7 @@ def test_a_point_that_stands_out_from_its_track(tmp_path):
     file = tmp_path / "track.csv"
     rows = [f"5.4,{43.5 + 1.8e-4 * k:.6f},{200.0 + 0.2 * k + (40.0 if k == 11 else 0.0)},0.1" for k in range(25)]
     file.write_text("\n".join(["lon,lat,height,sigma_h", *rows]))
-    reasons = laser_reasons(read_laser(str(file)))
+    reasons = find_laser_reasons(read_laser(str(file)))
     assert np.flatnonzero(reasons != "").tolist() == [11]
 
 
@@ -186,7 +186,7 @@ def test_the_real_segments_of_utqiagvik(real_data):
     points = read_laser(str(folder / "atl06sr_canopy.parquet"))
     assert len(points) == 10_527  # README: segments, and percentiles of h_mean
     np.testing.assert_allclose(np.percentile(points.ground[:, 2], [0, 50, 100]), [-19.2, 0.0, 87.9], atol=0.06)
-    reasons = laser_reasons(points)
+    reasons = find_laser_reasons(points)
     kept = points.ground[reasons == "", 2]
     assert 0.7 < (reasons == "").mean() < 0.9
     assert kept.min() > -6.0 and kept.max() < 30.0  # a flat coast with low hills and a town: clouds are gone

@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.io.safety.output_dir import stage_folder
 RING = np.array([[147.18, -42.78], [147.38, -42.77], [147.40, -42.97], [147.19, -42.97]])
 
 
-def residual_fields(count: int, seed: int = 5) -> dict[str, np.ndarray]:
+def find_residual_fields(count: int, seed: int = 5) -> dict[str, np.ndarray]:
     """Return half ground rows, half image rows, with the report's field names."""
     random = np.random.default_rng(seed)
     ground = np.arange(count) < count // 2
@@ -60,7 +60,7 @@ def positions(count: int, seed: int = 6) -> np.ndarray:
 def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result as `triangulate` writes it, small."""
     path = tmp_path_factory.mktemp("layers") / "block.gpkg"
-    place, fields = positions(400), residual_fields(400)
+    place, fields = positions(400), find_residual_fields(400)
     utm = map_epsg(147.3, -42.9)
     images = {"id": np.array(["img_01", "img_02"])}
     empty = {name: column[:0] for name, column in fields.items()}
@@ -96,7 +96,7 @@ def test_ogr_reads_what_was_written(block: Path, layer: str) -> None:
     if layer == "residuals_utm":
         wanted = np.column_stack([to_projected(wanted, 32755), wanted[:, 2]])
     np.testing.assert_array_equal(place, wanted)
-    for name, column in residual_fields(400).items():
+    for name, column in find_residual_fields(400).items():
         expected = [None if isinstance(value, float) and np.isnan(value) else value for value in column.tolist()]
         assert fields[name] == expected, name
 
@@ -213,7 +213,7 @@ def test_styles_are_stored_as_defaults(block: Path) -> None:
 
 
 def test_the_typical_arrow_has_the_typical_length() -> None:
-    fields = residual_fields(400)
+    fields = find_residual_fields(400)
     good = (fields["level"] == "ground") & (fields["flag"] != "outlier")
     typical = np.percentile(np.hypot(fields["residual_east_m"], fields["residual_north_m"])[good], 90.0)
     style = ET.fromstring(default_style("residuals_utm", fields, 1e4).qml)
@@ -228,7 +228,7 @@ def test_the_typical_arrow_has_the_typical_length() -> None:
 @pytest.mark.parametrize("name", STYLES)
 def test_every_style_is_made_without_residuals_too(name: str) -> None:
     shifts = {"state": np.array(["before", "after"] * 2), "east_m": np.ones(4), "north_m": np.full(4, np.nan)}
-    full = residual_fields(4) | shifts
+    full = find_residual_fields(4) | shifts
     empty = {field: column[:0] for field, column in full.items()}
     for fields in (empty, full):
         style = STYLES[name](fields, 1e4)

@@ -84,7 +84,7 @@ def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: lis
     tied = [image for image in images if image.id in held_images(found)]
     result = adjust(assemble(tied, [], [found.image_points]), AdjustOptions(model="affine"))
     refined = [
-        replace(image, rpc=result.model.refined_rpc(image, values).rpc)
+        replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
         for image, values in zip(result.block.images, result.values, strict=True)
     ]
     truth = year.truth

@@ -12,7 +12,7 @@ from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
-from hrsi.hrsi_engine.block.shared_accuracy import parts_of_area
+from hrsi.hrsi_engine.block.shared_accuracy import divide_area
 from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.laboratory.simulation import OrientationError
 from hrsi.hrsi_engine.measurement.reference.checks import (
@@ -198,7 +198,7 @@ def test_points_of_a_reference_together_are_no_better_than_it_is():
     """The mean of independent errors of these sigmas is as large as that of errors that an orthoimage shares."""
     rng = np.random.default_rng(1)
     ground = np.column_stack([rng.uniform(0.0, 0.05, (400, 2)), np.zeros(400)])
-    part, names = parts_of_area(ground)
+    part, names = divide_area(ground)
     draws = 4000
     shared = 0.8 * rng.normal(size=(draws, 1)) + 0.4 * rng.normal(size=(draws, len(names)))[:, part]
     own = np.sqrt(1.0 - 0.8**2 - 0.4**2) * rng.normal(size=(draws, 400))

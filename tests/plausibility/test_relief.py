@@ -7,7 +7,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
-from hrsi.hrsi_engine.plausibility.relief import relief_reasons
+from hrsi.hrsi_engine.plausibility.relief import find_relief_reasons
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
 ORIGIN = np.array([11.0, 47.0])
@@ -47,7 +47,7 @@ def ties(seed: int, relief_m: float, count: int = 300, noise_m: float = 1.5, tre
 
 
 def codes(ground: np.ndarray, surface: GridSurface, **more) -> dict[str, Level]:
-    return {reason.code: reason.level for reason in relief_reasons(ground, surface, **more)}
+    return {reason.code: reason.level for reason in find_relief_reasons(ground, surface, **more)}
 
 
 @pytest.mark.parametrize("relief_m", [2.0, 20.0, 100.0, 600.0])
@@ -66,7 +66,7 @@ def test_a_right_dem_passes(seed: int, relief_m: float) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_displaced_dem(seed: int) -> None:
-    (reason,) = relief_reasons(ties(seed, 200.0), dem(cells(seed, 200.0), east=8.0, north=-5.0))
+    (reason,) = find_relief_reasons(ties(seed, 200.0), dem(cells(seed, 200.0), east=8.0, north=-5.0))
     metres = STEP * metres_per_degree(np.array([[*ORIGIN, 0.0]]))[0, :2]
     said = [float(word) for word in reason.message.split() if word.replace(".", "").isdigit()]
     assert reason.code == "dem-displaced"

@@ -8,40 +8,40 @@ import numpy as np
 
 from hrsi.benchmarks.adjust_speed import simulated
 from hrsi.hrsi_engine.plausibility import ties
-from hrsi.hrsi_engine.plausibility.accuracy import image_accuracies
+from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
 from hrsi.hrsi_engine.plausibility.slips import PIXEL_SLIPS
 
 IMAGES, SLIPPED = 60, 7
 
 
-def slipped_pairs() -> ties.SampledPairs:
+def slipped_pairs() -> ties.PairSample:
     """Return pairs of a block one of whose images has sample and line exchanged."""
     block = simulated(IMAGES)
     rows = block.measurements
     xy = np.where((rows.image == SLIPPED)[:, None], rows.xy[:, ::-1], rows.xy)
     block = replace(block, measurements=replace(rows, xy=xy))
-    pairs = ties.sample_pairs(block, image_accuracies(block.images))
+    pairs = ties.sample_pairs(block, estimate_accuracies(block.images))
     assert pairs is not None
     return pairs
 
 
 def test_readings_of_some_images_are_those_of_the_whole_block() -> None:
     pairs = slipped_pairs()
-    given = ties.joint(pairs)
-    suspects = ties._suspects(pairs, given, np.flatnonzero(given.good < ties.JOINED))
+    given = ties.judge_pairs(pairs)
+    suspects = ties._select_suspects(pairs, given, np.flatnonzero(given.good < ties.JOINED))
     assert SLIPPED in suspects
     undo = dict(zip((slip for slip, _ in PIXEL_SLIPS), (undo for _, undo in PIXEL_SLIPS), strict=True))
     compared = 0
-    for slip, images, share in ties._readings(pairs, given, suspects):
+    for slip, images, share in ties._iterate_hypotheses(pairs, given, suspects):
         if slip in undo and slip.length == 1.0:  # a stretch would count for the tolerance of all others too
-            assert share == ties.joint(pairs, xy=ties._read_pixels(pairs, undo[slip], images)).share
+            assert share == ties.judge_pairs(pairs, xy=ties._undo_pixel_slip(pairs, undo[slip], images)).share
             compared += 1
     assert compared >= len(suspects)
 
 
 def test_the_slip_of_one_image_among_many_is_named() -> None:
     pairs = slipped_pairs()
-    [reason] = ties.tie_reasons(pairs.block, pairs.accuracies)
+    [reason] = ties.find_tie_reasons(pairs.block, pairs.accuracies)
     assert reason.code == "sample-line-swapped"
     assert reason.images == (pairs.block.images[SLIPPED].id,)
 
@@ -52,16 +52,16 @@ def test_of_pairs_that_fail_the_image_that_is_in_all_of_them_is_named() -> None:
     images = list(block.images)
     images[SLIPPED] = replace(images[SLIPPED], rpc=images[SLIPPED].rpc.shift(3000.0, 2000.0))
     block = replace(block, images=tuple(images))
-    [reason] = ties.tie_reasons(block, image_accuracies(block.images))
+    [reason] = ties.find_tie_reasons(block, estimate_accuracies(block.images))
     assert reason.code == "ties-wrong"
     assert reason.images == (images[SLIPPED].id,)
     assert images[SLIPPED].id in reason.message
 
 
 def test_both_images_of_a_pair_that_fails_by_itself_are_named() -> None:
-    assert ties._blamed(np.array([[3, 1], [5, 6], [3, 8], [2, 3]])) == [3, 5, 6]
-    assert ties._blamed(np.array([[0, 1], [1, 0]])) == [0, 1]
-    assert ties._blamed(np.empty((0, 2), np.int64)) == []
+    assert ties._select_common_images(np.array([[3, 1], [5, 6], [3, 8], [2, 3]])) == [3, 5, 6]
+    assert ties._select_common_images(np.array([[0, 1], [1, 0]])) == [0, 1]
+    assert ties._select_common_images(np.empty((0, 2), np.int64)) == []
 
 
 def test_modes_are_those_of_each_pair() -> None:
@@ -70,18 +70,18 @@ def test_modes_are_those_of_each_pair() -> None:
     values = rng.normal(size=sizes.sum())
     values[rng.random(len(values)) < 0.02] = np.nan
     starts = np.r_[0, np.cumsum(sizes)[:-1]]
-    alone = [ties._mode(part) for part in np.split(values, starts[1:])]
-    np.testing.assert_array_equal(ties._modes(values, starts, sizes), alone)
+    alone = [ties._compute_mode(part) for part in np.split(values, starts[1:])]
+    np.testing.assert_array_equal(ties._compute_modes(values, starts, sizes), alone)
 
 
 def test_right_ties_join_images_with_nearly_parallel_rays() -> None:
     """Neighbours of one strip see their points along nearly parallel rays; so hilly ground must not part these."""
     block = simulated(90)
-    pairs = ties.sample_pairs(block, image_accuracies(block.images))
+    pairs = ties.sample_pairs(block, estimate_accuracies(block.images))
     assert pairs is not None
-    flat = ties.sights(block.images, pairs.image.ravel(), pairs.xy.reshape(-1, 2))
+    flat = ties.compute_sightlines(block.images, pairs.image.ravel(), pairs.xy.reshape(-1, 2))
     length = np.hypot(*(flat.slope[::2] - flat.slope[1::2]).T)
-    good = ties.joint(pairs).good
+    good = ties.judge_pairs(pairs).good
     narrow = np.isfinite(good) & (np.maximum.reduceat(length, pairs.starts) < 0.04)
     assert narrow.sum() >= 20
     assert good[narrow].min() > 0.9

@@ -257,7 +257,7 @@ def test_stated_errors_hold_over_sixty_blocks() -> None:
     for seed in range(20):
         block, _, errors = blocks.block(gcps=5, checks=0, ties=12, seed=seed, drift=1e-4)
         result = adjust(block, AdjustOptions(model="affine", sigma_drift=1e-4))
-        plain = [result.model.refined_rpc(im, v) for im, v in zip(block.images, result.values, strict=True)]
+        plain = [result.model.compute_refined_rpc(im, v) for im, v in zip(block.images, result.values, strict=True)]
         for image, new, error in zip(block.images, state_accuracy(result, plain), errors, strict=True):
             xy = image.grid_px(5, 5)
             ground = image.rpc.localize(xy, 200.0).ground

@@ -84,7 +84,7 @@ def page_of(small: tuple[Adjustment, Residuals], count: int, path: Path) -> tupl
     """Return the block of so many copies, the bytes of its page, and the CPU seconds of making it."""
     result, left = copies(small[0], count), many_residuals(small[1], count)
     pairs = zip(small[0].block.images, small[0].values, strict=True)
-    refined = [result.model.refined_rpc(image, values) for image, values in pairs]
+    refined = [result.model.compute_refined_rpc(image, values) for image, values in pairs]
     report = {
         "algorithm": "adjust", "version": "0", "warnings": [],
         **block_report(result, left, refined * count), **entries(result, left),

@@ -13,8 +13,8 @@ from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS, Priors
 from hrsi.hrsi_engine.refinement.direct_rpc import DIRECT
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
-from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, priors_of
-from hrsi.hrsi_engine.refinement.stacked_cameras import equations_of_images, inverse_2x2, project_by_images
+from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, select_priors
+from hrsi.hrsi_engine.refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
 
 SEVERAL_PX = Priors(shift_px=100.0, drift=1e-3)  # a tenth of it: as large as vendors' errors are
 SAME_PX = 1e-6
@@ -50,7 +50,7 @@ def test_zero_values_leave_the_camera_as_it_is(model, image):
     np.testing.assert_array_equal(model.project(image, zero, ground), image.rpc.project(ground))
     observed = image.rpc.project(ground)
     np.testing.assert_allclose(model.equations(image, observed)(zero, ground).computed, observed, atol=SAME_PX)
-    refined = model.refined_rpc(image, zero)
+    refined = model.compute_refined_rpc(image, zero)
     assert refined.rpc == image.rpc
     assert refined.fit_max_px == 0.0
 
@@ -64,8 +64,8 @@ def test_many_images_at_once_are_as_one_by_one(model):
     observed = np.stack(
         [images[k].rpc.project(place[None])[0] for k, place in zip(which.tolist(), ground, strict=True)]
     ).reshape(-1, 2)
-    together = equations_of_images(model, images, which, observed, values, ground)
-    projected = project_by_images(model, images, which, values, ground)
+    together = linearise_images(model, images, which, observed, values, ground)
+    projected = project_to_images(model, images, which, values, ground)
     for k in (0, 1, 3):
         rows = which == k
         alone = model.equations(images[k], observed[rows])(values[k], ground[rows])
@@ -79,8 +79,8 @@ def test_many_images_at_once_are_as_one_by_one(model):
 
 def test_inverses_of_small_matrices():
     matrices = np.random.default_rng(8).normal(size=(50, 2, 2))
-    np.testing.assert_allclose(inverse_2x2(matrices), np.linalg.inv(matrices), rtol=1e-9)
-    assert not np.isfinite(inverse_2x2(np.zeros((1, 2, 2)))).any()
+    np.testing.assert_allclose(invert_2x2(matrices), np.linalg.inv(matrices), rtol=1e-9)
+    assert not np.isfinite(invert_2x2(np.zeros((1, 2, 2)))).any()
 
 
 def test_equations_compute_what_project_does(model, image):
@@ -115,7 +115,7 @@ def test_derivatives_by_ground_are_those_of_differences(model, image):
 
 def test_refined_rpc_does_what_the_model_does(model, image):
     values = values_of(model, image)
-    refined = model.refined_rpc(image, values)
+    refined = model.compute_refined_rpc(image, values)
     ground = blocks.ground(500, 6)
     difference = np.abs(refined.rpc.project(ground) - model.project(image, values, ground)).max()
     print(
@@ -127,15 +127,15 @@ def test_refined_rpc_does_what_the_model_does(model, image):
 
 def test_refined_rpc_keeps_the_vendors_accuracy_terms(model, image):
     stated = replace(image, rpc=replace(image.rpc, err_bias=4.0, err_rand=0.5))
-    refined = model.refined_rpc(stated, values_of(model, stated)).rpc
+    refined = model.compute_refined_rpc(stated, values_of(model, stated)).rpc
     assert (refined.err_bias, refined.err_rand) == (4.0, 0.5)
 
 
 def test_priors_come_from_the_rpcs_own_accuracy_only_without_control(image):
     stated = replace(image, rpc=replace(image.rpc, err_bias=4.0))
-    assert priors_of(stated, controlled=True) == CONTROLLED
-    assert priors_of(image, controlled=False) == UNCONTROLLED
-    assert priors_of(stated, controlled=False).shift_px == pytest.approx(4.0, rel=0.01)  # GSD is 1 m
+    assert select_priors(stated, controlled=True) == CONTROLLED
+    assert select_priors(image, controlled=False) == UNCONTROLLED
+    assert select_priors(stated, controlled=False).shift_px == pytest.approx(4.0, rel=0.01)  # GSD is 1 m
 
 
 # ---- estimation ----------------------------------------------------------------------------------------------------

@@ -45,7 +45,7 @@ def difference_px(model, image) -> float:
     rng = np.random.default_rng(1)
     sigma = model.prior_sigmas(image, SEVERAL_PX) * (0.001 if model.name == "direct" else 0.1)
     values = sigma * rng.uniform(-1.0, 1.0, len(sigma))
-    refined = model.refined_rpc(image, values)
+    refined = model.compute_refined_rpc(image, values)
     position = np.tile(image.grid_px(9, 9), (7, 1))
     ground = refined.rpc.localize(position, np.repeat(np.linspace(*image.rpc.height_range, 7), 81)).ground
     away = np.abs(model.project(image, values, ground) - position)

@@ -66,7 +66,7 @@ def test_dividing_gives_the_flag(options):
         layers["image_points"]["flag"] == "outlier", lengths(layers["image_points"], "image") > 4.0
     )
     # the report's list and the drawings name the same
-    refined = [result.model.refined_rpc(image, v) for image, v in zip(wrong.images, result.values, strict=True)]
+    refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(wrong.images, result.values, strict=True)]
     report = block_report(result, left, refined)
     here = (rows["level"] == "image") & (rows["flag"] == "outlier")
     named = {(row["id"], row["image"]): row["statistic"] for row in report["outliers"]}
@@ -120,7 +120,7 @@ def test_counts_are_counts():
     xy = rows.xy + np.where(check[:, None], rng.choice([-20.0, 20.0], rows.xy.shape), 0.0)
     result = adjust(replace(block, measurements=replace(rows, xy=xy)), AFFINE)
     left = residuals(result)
-    refined = [result.model.refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
+    refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     report = block_report(result, left, refined)
     assert report["outlier_count"] == check.sum() == 300
     assert len(report["outliers"]) == 200

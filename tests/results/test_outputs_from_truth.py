@@ -204,7 +204,7 @@ def dense() -> SimpleNamespace:
     )  # fmt: skip
     result = adjust(block, AdjustOptions(model="affine", reject_sigma=0.0, test_sigmas=False))
     left = residuals(result)
-    refined = [result.model.refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
+    refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     return SimpleNamespace(
         block=block, result=result, solution=dense_solution(block, MODELS["affine"]),
         layers={layer.name: layer.fields for layer in block_layers(result, left, "utm")},
@@ -288,7 +288,7 @@ def test_ce90_and_le90_hold_90_percent():
     )  # fmt: skip
     result = adjust(replace(block, points=points), AdjustOptions(model="affine", reject_sigma=0.0, test_sigmas=False))
     left = residuals(result)
-    refined = [result.model.refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
+    refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     report = block_report(result, left, refined)["check"]
     away = metres(points.ground[check], truth[check])
     for found in (report, report["predicted"]):

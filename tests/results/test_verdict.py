@@ -17,11 +17,17 @@ from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
-from hrsi.hrsi_engine.refinement.model import RefinedRPC
+from hrsi.hrsi_engine.refinement.model import RefitRPC
 from hrsi.hrsi_engine.results.residuals import residuals
-from hrsi.hrsi_engine.results.verdict import Evidence, Verdict, describe_reached, field_notes, find_reasons
-from hrsi.hrsi_engine.results.verdict.fields import _field, _may_have_fields
-from hrsi.hrsi_engine.results.verdict.verdict import brief
+from hrsi.hrsi_engine.results.verdict import (
+    Evidence,
+    Verdict,
+    describe_residual_fields,
+    find_reasons,
+    summarise_accuracy,
+)
+from hrsi.hrsi_engine.results.verdict.fields import _find_field, _test_fields
+from hrsi.hrsi_engine.results.verdict.verdict import format_figure
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)
 
@@ -33,7 +39,7 @@ def sound(seed: int = 1, **changes) -> Block:
 
 def evidence_of(block: Block, options: AdjustOptions = SNOOPING, fit_px: float = 0.0) -> Evidence:
     result = adjust(block, options)
-    return Evidence(result, residuals(result), [RefinedRPC(image.rpc, fit_px) for image in block.images])
+    return Evidence(result, residuals(result), [RefitRPC(image.rpc, fit_px) for image in block.images])
 
 
 def reasons_of(block: Block, options: AdjustOptions = SNOOPING) -> dict[str, Reason]:
@@ -210,7 +216,7 @@ def test_small_field_is_a_note_and_no_reason():
     block = simulated_blocks.block(gcps=300, checks=0, ties=0, drift=2e-4, count=1, noise_px=0.1, seed=8)[0]
     evidence = evidence_of(block)
     assert find_reasons(evidence) == []
-    assert any("affine" in note for note in field_notes(evidence))
+    assert any("affine" in note for note in describe_residual_fields(evidence))
 
 
 def test_stopped_iterations():
@@ -249,8 +255,8 @@ def test_a_named_cause_stands_alone():
 
 def test_level_is_the_worst_and_stands_first():
     doubtful, unusable = Reason("one", Level.DOUBTFUL, "m", "a"), Reason("other", Level.UNUSABLE, "m", "a")
-    assert Verdict.of("s", []).level is Level.OK
-    verdict = Verdict.of("s", [doubtful, unusable, doubtful])
+    assert Verdict.create("s", []).level is Level.OK
+    verdict = Verdict.create("s", [doubtful, unusable, doubtful])
     assert verdict.level is Level.UNUSABLE
     assert [reason["level"] for reason in verdict.entry()["reasons"]] == ["unusable", "doubtful", "doubtful"]
 
@@ -261,42 +267,43 @@ def test_python_users_get_the_same_verdict():
     block = sound()
     verdict = judge(adjust(block, SNOOPING), check_block(block))
     assert verdict.level is Level.OK and verdict.reasons == ()
-    assert verdict.sentence == describe_reached(report(adjust(block, SNOOPING)))
+    assert verdict.sentence == summarise_accuracy(report(adjust(block, SNOOPING)))
 
 
 def report(result: Adjustment) -> dict:
     from hrsi.hrsi_engine.results.figures import block_report
 
-    refined = [RefinedRPC(image.rpc, 0.0) for image in result.block.images]
+    refined = [RefitRPC(image.rpc, 0.0) for image in result.block.images]
     return block_report(result, residuals(result), refined)
 
 
 def test_sentence_tells_what_was_reached():
     figures = report(adjust(sound(), SNOOPING))
     ce90, predicted = figures["check"]["ce90_m"], figures["check"]["predicted"]["ce90_m"]
-    assert describe_reached(figures) == (
-        f"3 images tied to {brief(figures['ties']['rmse_px'])} px; 10 GCPs, 10 check points: "
-        f"CE90 {brief(ce90)} m (predicted {brief(predicted)}), LE90 {brief(figures['check']['le90_m'])} m"
+    assert summarise_accuracy(figures) == (
+        f"3 images tied to {format_figure(figures['ties']['rmse_px'])} px; 10 GCPs, 10 check points: "
+        f"CE90 {format_figure(ce90)} m (predicted {format_figure(predicted)}), "
+        f"LE90 {format_figure(figures['check']['le90_m'])} m"
     )
 
 
 def test_sentence_without_gcps_and_check_points_says_what_is_predicted():
     figures = report(adjust(sound(gcps=0, checks=0), SNOOPING))
-    text = describe_reached(figures)
+    text = summarise_accuracy(figures)
     assert text.startswith("3 images tied to ")
-    assert f"; no GCPs, no check points: predicted CE90 {brief(figures['parts'][0]['ce90_m'])} m" in text
+    assert f"; no GCPs, no check points: predicted CE90 {format_figure(figures['parts'][0]['ce90_m'])} m" in text
 
 
 def test_sentence_counts_the_images_that_are_tied():
     block = sound(gcps=0, checks=0)
     figures = report(adjust(without(block, block.measurements.image == 2), SNOOPING))
-    assert describe_reached(figures).startswith("2 of 3 images tied to ")
+    assert summarise_accuracy(figures).startswith("2 of 3 images tied to ")
 
 
 @given(st.floats(1e-3, 1e5))
 def test_brief_figures_are_right_to_a_twentieth(value: float):
     """Two digits that count, or two decimals: five per cent, or half of the last decimal."""
-    assert float(brief(value)) == pytest.approx(value, rel=0.051, abs=0.0051)
+    assert float(format_figure(value)) == pytest.approx(value, rel=0.051, abs=0.0051)
 
 
 def test_no_field_is_passed_over():
@@ -309,8 +316,8 @@ def test_no_field_is_passed_over():
     position[image % 10 == 0, 1] = 0.3  # all on a line: fewer terms than rows
     residual = rng.normal(size=position.shape)
     residual[:, 0] += (rng.uniform(0.0, 2.0, 400) * (np.arange(400) % 2))[image] * position[:, 0]
-    looked_at = _may_have_fields(position, residual, begin, lengths)
-    there = [_field("A", position[image == k], residual[image == k]) is not None for k in range(400)]
+    looked_at = _test_fields(position, residual, begin, lengths)
+    there = [_find_field("A", position[image == k], residual[image == k]) is not None for k in range(400)]
     assert not (there & ~looked_at).any()
     assert 50 < sum(there) < 250
     assert np.flatnonzero(looked_at & ~np.array(there)).size < 50  # and few for nothing

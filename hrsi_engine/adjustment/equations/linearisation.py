@@ -96,7 +96,7 @@ class CompiledCameras:
             kept = self._kept[1]
         else:
             kept = {}
-            if keep and self._cameras.dear:
+            if keep and self._cameras.is_costly:
                 self._kept = state, kept
         coefficients = self._cameras.coefficients(state.values)[self._camera_of_image]
         q, t = self.structure.quantities, self.structure.terms
@@ -107,9 +107,9 @@ class CompiledCameras:
             rows = int(part.place[-1])
             by_quantity = np.empty((0, 2, 0)) if q is None else np.empty((rows, 2, q))
             out = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
-            self._cameras.write(part.points, part.place, coefficients, state.ground, out)
+            self._cameras.write_equations(part.points, part.place, coefficients, state.ground, out)
             found = Linearised(out[0], out[1], None if q is None else by_quantity, out[3])
-            if keep and self._cameras.dear and part.number is not None:
+            if keep and self._cameras.is_costly and part.number is not None:
                 kept[part.number] = found
             return found
 

@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ...block.shared_accuracy import DEM, parts_of_area
+from ...block.shared_accuracy import DEM, divide_area
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import HeightAgreement
@@ -69,7 +69,7 @@ class DemHeights:
     @classmethod
     def of(cls, dem: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float) -> DemHeights:
         """Return the heights of a DEM for ``points (k,)`` of ``ground (m, 3)``, in parts of the area."""
-        part, names = parts_of_area(ground[points])
+        part, names = divide_area(ground[points])
         return cls(dem, points, sigma_m, part, names)
 
     @property

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.reference_places import ReferencePlaces
-from ...block.shared_accuracy import ORTHOIMAGE, parts_of_area
+from ...block.shared_accuracy import ORTHOIMAGE, divide_area
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup
@@ -54,7 +54,7 @@ class HeldPlan:
     _part: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        part, names = parts_of_area(self.places.ground)
+        part, names = divide_area(self.places.ground)
         object.__setattr__(self, "_part", part)
         object.__setattr__(self, "groups", names)
 
@@ -73,7 +73,7 @@ class HeldPlan:
     def begin(self, priors: PointPriors) -> None:
         """Enter the places into the priors of the start, before anything judges them."""
         count = len(self.points)
-        weight = 1.0 / ((ORTHOIMAGE.own * self.places.sigma_m) ** 2 + count * self.overall_m**2)
+        weight = 1.0 / ((ORTHOIMAGE.independent * self.places.sigma_m) ** 2 + count * self.overall_m**2)
         for axis in EAST_NORTH:
             priors.target[self.points, axis] = self.places.ground[:, axis]
             priors.weight[self.points, axis] = weight
@@ -99,7 +99,7 @@ class HeldPlan:
         away = np.zeros((len(self.points), 3))
         away[:, EAST_NORTH] = self._away_m(ground)
         miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)
-        rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE.own * self.places.sigma_m), self._part)
+        rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE.independent * self.places.sigma_m), self._part)
         judged = [Judged(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
         if self.estimate:
             both = float(np.sqrt(np.mean([sigma_factor(one) ** 2 for one in judged])))
@@ -131,7 +131,9 @@ class HeldPlan:
             for axis, one in zip(EAST_NORTH, judged, strict=True)
         )
         weight = 0.5 * (east.weight + north.weight)
-        own_m = ORTHOIMAGE.own * self.places.sigma_m * east.sigma_factor  # what places scatter by; the rest is shared
+        own_m = (
+            ORTHOIMAGE.independent * self.places.sigma_m * east.sigma_factor
+        )  # what places scatter by; the rest is shared
         return PlanAgreement(
             source=self.name,
             observations=len(self.points),

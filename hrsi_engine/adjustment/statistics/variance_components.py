@@ -21,7 +21,7 @@ import numpy as np
 
 from ...block.block import Block, Image
 from ...block.laser import LASER_KIND
-from ...block.pointing import middle_gsds_m
+from ...block.pointing import compute_gsds_m
 from ...block.reference_places import REFERENCE_KIND
 from ..gauss_newton import Solution
 from ..observations import Observations
@@ -50,7 +50,7 @@ def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tu
         number[[place[name] for name in ids]] = group
     names = ["+".join(ids) for ids in groups]
     rest = np.flatnonzero(number < 0)
-    size = middle_gsds_m([images[index] for index in rest.tolist()])
+    size = compute_gsds_m([images[index] for index in rest.tolist()])
     order = np.argsort(size)
     another = np.r_[True, size[order][1:] > SAME_GSD * size[order][:-1]][: len(rest)]
     number[rest[order]] = len(groups) - 1 + np.cumsum(another)

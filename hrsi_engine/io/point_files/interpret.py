@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ...block.names import RepeatedNames, unique_ids
-from ...block.points import UNSET, GroundPoints, ImagePoints, Role, lie_apart
+from ...block.names import NameColumn, find_unique_ids
+from ...block.points import UNSET, GroundPoints, ImagePoints, Role, are_apart
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import any_of_rows
 from ..opening.budgets import MOST_SAMPLES_PX, require_heights
@@ -117,11 +117,11 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     )
 
 
-def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> RepeatedNames:
+def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> NameColumn:
     """Return each row's image id; a file without that field belongs to the only image there is."""
     if "image" not in table.columns:
         if len(image_ids) == 1:
-            return RepeatedNames(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
+            return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
         _require_field(table, "image")
     _require_text(table, "image", rows)
     given = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
@@ -131,17 +131,17 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
         for name in sorted(set(names) - place.keys()):
             place[name] = len(place)
         number[start : start + len(names)] = [place[name] for name in names]
-    return matching_names(RepeatedNames(np.array(list(place), dtype=str), number), image_ids, table.pairwise)
+    return matching_names(NameColumn(np.array(list(place), dtype=str), number), image_ids, table.pairwise)
 
 
-def matching_names(given: RepeatedNames, image_ids: Sequence[str], prefixed: bool = False) -> RepeatedNames:
+def matching_names(given: NameColumn, image_ids: Sequence[str], prefixed: bool = False) -> NameColumn:
     """Return the ids of the block's images that a file calls by id, file name or path, where they are known."""
     folded = Counter(image.casefold() for image in image_ids)  # Windows does not tell cases apart
     alike = {image.casefold(): image for image in image_ids if folded[image.casefold()] == 1}
     wanted = set(image_ids)
     ids = np.array([_matching_id(name, wanted, alike, prefixed) for name in given.names.tolist()], dtype=str)
     names, place = np.unique(ids, return_inverse=True)  # two names may mean one image
-    return RepeatedNames(names, place.astype(np.int32)[given.number])
+    return NameColumn(names, place.astype(np.int32)[given.number])
 
 
 def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefixed: bool) -> str:
@@ -166,7 +166,7 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     ground, warnings = ground_positions(table, reference)
     require_heights(ground[:, 2], table.at)
     role = np.full(len(table), UNSET, dtype=np.int8)
-    names, index = unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
+    names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
     for number, name in enumerate(names):
         try:
             parsed = Role.parse(str(name))
@@ -193,7 +193,7 @@ def _require_same_position(
     table: PointTable, ground: np.ndarray, rows: np.ndarray, first: np.ndarray, measures: bool
 ) -> None:
     """Raise `InputError` for an id that occurs twice, or in a table of measurements with two positions."""
-    wrong = lie_apart(ground[rows], ground[first]) if measures else rows != first
+    wrong = are_apart(ground[rows], ground[first]) if measures else rows != first
     if wrong.any():
         at = np.flatnonzero(wrong)[0]
         what = "with another position" if measures else "a second time"

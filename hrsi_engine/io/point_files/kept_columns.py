@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...block.names import RepeatedNames, unique_ids
+from ...block.names import NameColumn, find_unique_ids
 from ...block.points import ImagePoints
 from ..opening.array_files import DAMAGED, read_arrays, write_arrays
 from ..opening.budgets import MOST_SAMPLES_PX
@@ -43,7 +43,7 @@ def write_columns(folder: str, points: ImagePoints) -> None:
         "sample": points.xy[:, 0], "line": points.xy[:, 1], "sigma": points.sigma_px, "quality": points.quality,
     }  # fmt: skip
     for name, ids in zip(_NUMBERED, (points.ids, points.image_ids, points.kind), strict=True):
-        names, number = unique_ids(ids)
+        names, number = find_unique_ids(ids)
         columns |= {f"{name}_names": names, name: number.astype(np.int32)}
     write_arrays(os.path.join(folder, COLUMNS_FILE), columns)
 
@@ -94,12 +94,12 @@ def _mark(folder: str) -> str:
     return files_mark([path, f"{path}-wal"], times=False)
 
 
-def _names(names: np.ndarray, number: np.ndarray, rows: int) -> RepeatedNames:
+def _names(names: np.ndarray, number: np.ndarray, rows: int) -> NameColumn:
     if names.dtype.kind != "U" or names.ndim != 1 or number.dtype != np.int32 or number.shape != (rows,):
         raise ValueError("names")
     if rows and not (number.min() >= 0 and number.max() < len(names)):
         raise ValueError("numbers")
-    return RepeatedNames(names, number)
+    return NameColumn(names, number)
 
 
 def _floats(column: np.ndarray, rows: int) -> np.ndarray:

@@ -16,11 +16,11 @@ from shapely.geometry import Polygon
 from ...block.block import Image
 from ...block.footprints import (
     OUTLINE_PER_SIDE,
-    footprint,
-    footprint_between,
-    overlap_shares,
-    polygon_of,
-    touching_pairs,
+    compute_footprint,
+    compute_footprint_hull,
+    compute_overlap,
+    find_touching_pairs,
+    make_polygon,
 )
 from ...foundation.errors import InputError
 from ...ground.geodesy import wrap_degrees
@@ -74,7 +74,9 @@ def _ground_range(image: Image, surface: HeightSurface | None, margin_m: float) 
 
 def candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
     """Return index pairs of images whose footprints touch, anywhere between their heights."""
-    return touching_pairs([footprint_between(image, *heights) for image, heights in zip(images, ranges, strict=True)])
+    return find_touching_pairs(
+        [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
+    )
 
 
 class SlidingFootprint:
@@ -118,7 +120,7 @@ def overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: Gr
     slide = float(np.abs(first.slide - second.slide).max()) * (heights.high_m - heights.low_m)
     steps = int(np.clip(np.ceil(10.0 * slide / max(min(first.extent, second.extent), 1e-9)), 1, 40))
     return max(
-        max(overlap_shares(*(polygon_of(footprint.outline(level)) for footprint in (first, second))))
+        max(compute_overlap(*(make_polygon(footprint.outline(level)) for footprint in (first, second))))
         for level in np.linspace(*heights, steps + 1)
     )
 
@@ -130,7 +132,7 @@ def _footprint_on(image: Image, surface: HeightSurface, heights: GroundRange) ->
     for _ in range(3):
         terrain = surface_heights(surface, image.rpc.localize(outline, height).ground[:, :2])
         height = np.where(np.isfinite(terrain), terrain, height)
-    return footprint(image, height)
+    return compute_footprint(image, height)
 
 
 def find_overlaps(
@@ -148,7 +150,7 @@ def find_overlaps(
     found = []
     for a, b in candidate_pairs(images, ranges) if candidates is None else candidates:
         if surface is not None:
-            share = max(overlap_shares(outlines[a], outlines[b]))
+            share = max(compute_overlap(outlines[a], outlines[b]))
         else:
             share = overlap_share(sliding[a], sliding[b], common_heights(ranges[a], ranges[b]))
         if share >= smallest:

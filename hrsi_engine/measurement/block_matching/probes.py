@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...block.imaging_geometry import rays_up
+from ...block.imaging_geometry import compute_view_directions
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface
 from ..tile_matching.epipolar import epipolar_miss
@@ -102,7 +102,9 @@ def view_directions(images: list[Image]) -> np.ndarray:
     found = []
     for image in images:
         ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
-        found.append(rays_up(image.rpc, ground)[0] if np.isfinite(ground).all() else np.array([0.0, 0.0, 1.0]))
+        found.append(
+            compute_view_directions(image.rpc, ground)[0] if np.isfinite(ground).all() else np.array([0.0, 0.0, 1.0])
+        )
     return np.array(found)
 
 

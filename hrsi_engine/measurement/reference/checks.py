@@ -32,7 +32,9 @@ class ReferenceAccuracy:
 
     def of_points(self, ground: np.ndarray) -> tuple[float, float]:
         """Return the sigmas of each of the points ``ground (k, 3)``: as GCPs, they know nothing of what they share."""
-        return ORTHOIMAGE.of_each(self.sigma_xy_m, ground), DEM.of_each(self.sigma_h_m, ground)
+        return ORTHOIMAGE.compute_equivalent_sigma(self.sigma_xy_m, ground), DEM.compute_equivalent_sigma(
+            self.sigma_h_m, ground
+        )
 
 
 @dataclass(frozen=True)

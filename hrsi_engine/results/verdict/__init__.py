@@ -16,7 +16,7 @@ large enough to matter: a block of ten thousand points finds the harmless struct
 """
 
 from .evidence import Evidence
-from .systematic import field_notes
-from .verdict import Verdict, describe_reached, find_reasons, judge
+from .systematic import describe_residual_fields
+from .verdict import Verdict, find_reasons, judge, summarise_accuracy
 
-__all__ = ["Evidence", "Verdict", "describe_reached", "field_notes", "find_reasons", "judge"]
+__all__ = ["Evidence", "Verdict", "describe_residual_fields", "find_reasons", "judge", "summarise_accuracy"]

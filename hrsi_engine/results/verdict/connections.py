@@ -11,7 +11,7 @@ from ...block.block import Role
 from ...block.stack import stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...refinement.stacked_cameras import equations_of_images
+from ...refinement.stacked_cameras import linearise_images
 from .evidence import Evidence
 
 MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.1, 0.5  # shares of the tie measurements: that are wrong, that are out
@@ -21,7 +21,7 @@ BROKEN_LINK = 0.5
 LARGE_EXTRAPOLATION_PX = 5.0  # standard deviation that an image's corners have beyond that of its points
 
 
-def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
+def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     """Tie measurements that do not fit: in the block, on an image, or between two images."""
     block = evidence.result.block
     ties = evidence.is_role(Role.TIE)
@@ -48,7 +48,7 @@ def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
             images=images,
         )
         return
-    links = broken_links(evidence)
+    links = find_broken_links(evidence)
     if links:
         listed = list_ids(f"{one} and {other} ({kept} of {points} points kept)" for one, other, points, kept in links)
         yield Reason(
@@ -59,12 +59,12 @@ def ties_left_out(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-def broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
+def find_broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
     """Return the pairs of images most of whose common tie points are left out, with points and points kept."""
     block = evidence.result.block
     if not (evidence.left_out & evidence.is_role(Role.TIE)).any():
         return []
-    points, kept = (_common_points(evidence, chosen) for chosen in (None, ~evidence.left_out))
+    points, kept = (_count_common_points(evidence, chosen) for chosen in (None, ~evidence.left_out))
     first, second = points.nonzero()
     common, left = (np.asarray(count[first, second]).ravel() for count in (points, kept))
     return [
@@ -73,7 +73,7 @@ def broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
     ]
 
 
-def _common_points(evidence: Evidence, chosen: np.ndarray | None) -> sparse.csr_matrix:
+def _count_common_points(evidence: Evidence, chosen: np.ndarray | None) -> sparse.csr_matrix:
     """Return how many tie points pairs of images have in common, ``(images, images)`` sparse, above the diagonal."""
     block = evidence.result.block
     rows = block.measurements
@@ -85,7 +85,7 @@ def _common_points(evidence: Evidence, chosen: np.ndarray | None) -> sparse.csr_
     return common
 
 
-def images_not_held(evidence: Evidence) -> Iterator[Reason]:
+def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     """Images without any point, images by few points, and parts of a block without control beside others with it."""
     result, block = evidence.result, evidence.result.block
     used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
@@ -112,7 +112,7 @@ def images_not_held(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-def parts_without_control(evidence: Evidence) -> Iterator[Reason]:
+def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     """Parts of a block that share no points: they do not fit each other."""
     parts = [part for part in evidence.result.parts if part.gcps or part.ties]
     if len(parts) < 2 or all(part.gcps for part in parts):
@@ -128,7 +128,7 @@ def parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     )  # fmt: skip
 
 
-def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
+def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
     """Images whose corners lie far from their points, with a model that points on one side do not hold there.
 
     The correction's variance follows from the covariance Q of its parameters as A Q A'; what counts is by how much the
@@ -147,7 +147,7 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
     which = np.repeat(measured, 5)
     ground = stack_of(block.images).localize(which, places.reshape(-1, 2), heights[which])
     cameras = result.cameras
-    at = equations_of_images(cameras.model, block.images, which, places.reshape(-1, 2), cameras.values, ground)
+    at = linearise_images(cameras.model, block.images, which, places.reshape(-1, 2), cameras.values, ground)
     by_values = at.by_values.reshape(len(measured), 10, -1)  # sample and line of five places
     variances = np.sum((by_values @ cameras.covariance[measured]) * by_values, axis=2).reshape(-1, 5, 2).max(axis=2)
     variances = np.maximum(variances, 0.0)
@@ -165,4 +165,4 @@ def corners_extrapolated(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-ON_CONNECTIONS = (ties_left_out, images_not_held, parts_without_control, corners_extrapolated)
+ON_CONNECTIONS = (find_ties_left_out, find_unconnected_images, find_parts_without_control, find_extrapolation)

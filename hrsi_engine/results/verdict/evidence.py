@@ -10,9 +10,9 @@ import numpy as np
 
 from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role
-from ...refinement.model import RefinedRPC
+from ...refinement.model import RefitRPC
 from ..residuals import Residuals
-from .fields import ResidualField, residual_fields
+from .fields import ResidualField, find_residual_fields
 
 CAMERA_PX = 0.5  # what a camera's own unmodelled errors may leave in sample and in line, beside the measurement's
 
@@ -27,13 +27,13 @@ class Evidence:
         The adjustment.
     left : Residuals
         What it left over.
-    refined : sequence of RefinedRPC
+    refined : sequence of RefitRPC
         The RPCs that would be written, one an image.
     """
 
     result: Adjustment
     left: Residuals
-    refined: Sequence[RefinedRPC]
+    refined: Sequence[RefitRPC]
 
     @cached_property
     def row_role(self) -> np.ndarray:
@@ -52,7 +52,7 @@ class Evidence:
         used = self.result.took_part & ~self.left_out
         image = self.result.block.measurements.image
         held = np.bincount(image[used & ~self.is_role(Role.CHECK)], minlength=len(self.result.block.images)) > 0
-        return residual_fields(self.result, used & held[image])
+        return find_residual_fields(self.result, used & held[image])
 
     @cached_property
     def field_px(self) -> float:

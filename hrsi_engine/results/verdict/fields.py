@@ -37,7 +37,7 @@ class ResidualField:
     model: str
 
 
-def residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualField]:
+def find_residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualField]:
     """Return the significant fields in the residuals of the ``chosen`` measurements (mask), the largest first."""
     count = np.bincount(result.block.measurements.image[chosen])
     step = max(1, int(count[count > 0].min(initial=0)) // MOST_ROWS) if len(count) else 1
@@ -56,17 +56,17 @@ def residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualFiel
         position /= np.repeat(reach, lengths, axis=0)
         residual = result.residual_px[rows]
         begin = np.cumsum(lengths) - lengths
-        for number in np.flatnonzero(_may_have_fields(position, residual, begin, lengths)).tolist():
+        for number in np.flatnonzero(_test_fields(position, residual, begin, lengths)).tolist():
             own = slice(begin[number], begin[number] + lengths[number])
-            field = _field(images[number].id, position[own], residual[own])
+            field = _find_field(images[number].id, position[own], residual[own])
             found += [field] if field is not None else []
     return sorted(found, key=lambda field: -field.rms_px)
 
 
-def _may_have_fields(
+def _test_fields(
     position: np.ndarray, residual: np.ndarray, begin: np.ndarray, lengths: np.ndarray
 ) -> np.ndarray:  # fmt: skip
-    """Return of which images, all at once, the residuals need the look that `_field` takes.
+    """Return of which images, all at once, the residuals need the look that `_find_field` takes.
 
     The same test of the richest model, with a margin for the rounding by which the two differ. An image's rows are
     ``lengths (k,)`` from ``begin (k,)`` on.
@@ -86,7 +86,7 @@ def _may_have_fields(
     return np.asarray(special.fdtrc(freedom, left, ratio) <= RISK * RISK_MARGIN)
 
 
-def _field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:
+def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:
     """Return the field of one image, None where there is none beyond chance; ``position (n, 2)`` from -1 to 1.
 
     A polynomial with the monomials T explains r'T (T'T)^-1 T'r of the squares r'r; the models are nested.

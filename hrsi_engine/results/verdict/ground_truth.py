@@ -18,7 +18,7 @@ from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ..residuals import by_image, unit_sigma
 from .evidence import Evidence
-from .significance import RISK, chi_square_limit, is_significant
+from .significance import RISK, compute_chi_square_limit, is_significant
 
 LARGE_MISFIT, RUINED_MISFIT = 3.5, 7.0  # times the standard deviation that is expected
 RUINED_ERROR = 10.0  # the same of check points against prediction
@@ -31,18 +31,18 @@ CLEARLY_OTHER = 0.3  # share of the GCPs that were found wrong from which the ot
 AMBIGUOUS_SIGMAS = 10.0  # of a GCP that disagrees while nobody can tell which one is wrong
 
 
-def control_misfit(evidence: Evidence) -> Iterator[Reason]:
+def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
     """GCPs that lie farther from where the refined RPCs put them than their sigmas allow."""
-    yield from _misfit(evidence, Role.GCP, LARGE_MISFIT, RUINED_MISFIT)
+    yield from _find_misfit(evidence, Role.GCP, LARGE_MISFIT, RUINED_MISFIT)
 
 
-def check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
+def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
     """The same of check points in images that were refined one by one: nothing predicts them on the ground."""
     if not np.isfinite(evidence.result.ground_covariance_m2).any():
-        yield from _misfit(evidence, Role.CHECK, LARGE_MISFIT, RUINED_MISFIT)
+        yield from _find_misfit(evidence, Role.CHECK, LARGE_MISFIT, RUINED_MISFIT)
 
 
-def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
+def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
     result, left, block = evidence.result, evidence.left, evidence.result.block
     stated = left.measured_sigma_px / unit_sigma(result)
     in_sigmas = left.measured_px / np.hypot(stated, evidence.camera_px)
@@ -55,7 +55,7 @@ def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iter
     factor = float(np.sqrt(squares.sum() / (2.0 * len(rows))))
     if factor < large or not is_significant(float(squares.sum()), 2.0 * len(rows)):
         return
-    wrong = np.unique(block.measurements.point[rows[squares > chi_square_limit(2.0)]])
+    wrong = np.unique(block.measurements.point[rows[squares > compute_chi_square_limit(2.0)]])
     ids = tuple(str(name) for name in block.points.ids[wrong])
     length = float(np.sqrt(np.mean(np.sum(left.measured_px[rows] ** 2, axis=1))))
     what = {Role.GCP: "the GCPs do", Role.CHECK: "the check points do"}[role]
@@ -70,14 +70,18 @@ def _misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iter
     )  # fmt: skip
 
 
-def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
+def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
     """GCPs that data snooping named; a false alarm among that many tests counts for nothing."""
     result = evidence.result
     rows = evidence.is_role(Role.GCP)
     surveyed = int((result.block.points.role == Role.GCP).sum())
     candidates = surveyed + int(rows.sum())
     limit = np.sqrt(-2.0 * np.log(RISK * 10.0 / max(candidates, 1)))  # equivalent sigmas in two dimensions
-    found = [f for f in result.findings if f.statistic > limit and _miss_px(evidence, f.id) > ALONE * evidence.field_px]
+    found = [
+        f
+        for f in result.findings
+        if f.statistic > limit and _compute_misfit_px(evidence, f.id) > ALONE * evidence.field_px
+    ]
     out = tuple(dict.fromkeys(finding.id for finding in found if finding.left_out))
     kept = [finding for finding in found if not finding.left_out]
     if out:
@@ -104,7 +108,7 @@ def control_found_wrong(evidence: Evidence) -> Iterator[Reason]:
         )
 
 
-def _miss_px(evidence: Evidence, name: str) -> float:
+def _compute_misfit_px(evidence: Evidence, name: str) -> float:
     """Return how far a known point's measurements lie from where the refined RPCs put it, RMS in two dimensions."""
     block = evidence.result.block
     miss = evidence.left.at_known_px[block.points.ids[block.measurements.point] == name]
@@ -112,18 +116,18 @@ def _miss_px(evidence: Evidence, name: str) -> float:
     return float(np.sqrt(np.mean(np.sum(miss**2, axis=1)))) if len(miss) else np.inf
 
 
-def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
+def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     """Check points that lie farther off than covariances and surveys predict: all together, or a few alone."""
     result, points = evidence.result, evidence.result.block.points
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
     covariance = result.ground_covariance_m2[check] + result.survey_covariance_m2(check)
-    covariance += evidence.camera_px**2 * _cofactors_of_rays(evidence, check)
+    covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]
     if not len(check):
         return
-    squares, freedom = _squares(error, covariance)
+    squares, freedom = _compute_chi_squares(error, covariance)
     factor = float(np.sqrt(squares.sum() / freedom.sum()))
     # Errors of a block are common to its points: the sum is no surer than one point's.
     if is_significant(3.0 * factor**2, 3.0):
@@ -132,8 +136,8 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "check-misfit",
             Level.UNUSABLE if factor >= RUINED_ERROR else Level.DOUBTFUL,
-            f"{len(check)} check points are {factor:.2g} times as far off as predicted: RMSE {_metres(found)} m, "
-            f"predicted {_metres(predicted)} m (east, north, height)",
+            f"{len(check)} check points are {factor:.2g} times as far off as predicted: "
+            f"RMSE {_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)",
             "compare the datum and heights of check points and GCPs; look at the arrows of the report: one direction "
             "is a datum, a fan is a missing model, single ones are wrong points",
             points=tuple(str(name) for name in points.ids[check]),
@@ -141,7 +145,7 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
         return
     # Single ones: against the others' own scatter, so that sigmas that are too small accuse nobody.
     middle = np.median(squares / special.chdtri(freedom, 0.5))
-    limit = np.array([chi_square_limit(value, RISK / len(check)) for value in freedom])
+    limit = np.array([compute_chi_square_limit(value, RISK / len(check)) for value in freedom])
     alone = squares > limit * max(middle, 1.0) * (LONE_ERROR / 2.0) ** 2
     if alone.any():
         worst = int(np.argmax(squares))
@@ -149,13 +153,13 @@ def check_points_against_prediction(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "check-point-off", Level.DOUBTFUL,
             f"check point {list_ids(ids)} lies far from where the block puts it while the others agree: "
-            f"{points.ids[check[worst]]} by {_metres(error[worst])} m (east, north, height)",
+            f"{points.ids[check[worst]]} by {_format_metres(error[worst])} m (east, north, height)",
             "compare these points with their source and their measurements in the images",
             points=ids,
         )  # fmt: skip
 
 
-def _cofactors_of_rays(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
+def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
     """Return the covariances ``(k, 3, 3)`` m² of points intersected by images that err by 1 px each on their own."""
     block, rows = evidence.result.block, evidence.result.block.measurements
     normal = np.zeros((len(block.points), 3, 3))
@@ -170,7 +174,7 @@ def _cofactors_of_rays(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
     return cofactors
 
 
-def _squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_chi_squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return d' C^-1 d ``(k,)`` and its degrees of freedom: 3, or 2 where no height was compared."""
     flat = ~np.isfinite(error[:, 2]) | ~np.isfinite(covariance[:, 2, 2])
     squares = np.empty(len(error))
@@ -182,11 +186,11 @@ def _squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.
     return squares, np.where(flat, 2.0, 3.0)
 
 
-def _metres(values: np.ndarray) -> str:
+def _format_metres(values: np.ndarray) -> str:
     return " / ".join("-" if np.isnan(value) else f"{value:.2f}" for value in values)
 
 
-def sources_of_heights(evidence: Evidence) -> Iterator[Reason]:
+def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
     """Laser points or a DEM that contradict as a whole what holds the block otherwise; groups nobody can decide on."""
     for one in evidence.result.heights:
         undecided = list(one.undecided)
@@ -204,7 +208,7 @@ def sources_of_heights(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-def heights_against_rpcs(evidence: Evidence) -> Iterator[Reason]:
+def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
     """Heights that hold the block farther from where its RPCs see it than their errors explain."""
     result = evidence.result
     sigma_m = result.rpcs_height_sigma_m
@@ -222,7 +226,7 @@ def heights_against_rpcs(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-def scattered_heights(evidence: Evidence) -> Iterator[Reason]:
+def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
     """Heights that scatter about the ground by far more than they are stated to: they are of something else."""
     for one in evidence.result.heights:
         if one.sigma_factor > SCATTERED and one.rmse_m > SCATTERED_M and not one.contradicts:
@@ -234,7 +238,7 @@ def scattered_heights(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-def laser_on_tops(evidence: Evidence) -> Iterator[Reason]:
+def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     """Laser points that do not fit because they are lower than those that hold the block: these may be tree tops."""
     found = evidence.result.laser
     if found is None:
@@ -252,7 +256,7 @@ def laser_on_tops(evidence: Evidence) -> Iterator[Reason]:
     )  # fmt: skip
 
 
-def laser_holds_nothing(evidence: Evidence) -> Iterator[Reason]:
+def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     """Laser points of which none holds the block, though the user named them for that."""
     found = evidence.result.laser
     if found is None or (found.reason == "").any():
@@ -267,6 +271,6 @@ def laser_holds_nothing(evidence: Evidence) -> Iterator[Reason]:
 
 
 ON_GROUND_TRUTH = (
-    control_misfit, check_misfit_in_images, control_found_wrong, check_points_against_prediction, sources_of_heights,
-    heights_against_rpcs, scattered_heights, laser_on_tops, laser_holds_nothing,
+    find_control_misfit, find_check_misfit_in_images, find_control_outliers, find_check_point_errors,
+    find_conflicting_heights, find_heights_off_rpcs, find_height_scatter, find_laser_canopy, find_unused_laser,
 )  # fmt: skip

@@ -8,11 +8,11 @@ from scipy import special
 RISK = 1e-4
 
 
-def chi_square_limit(freedom: float, risk: float = RISK) -> float:
+def compute_chi_square_limit(freedom: float, risk: float = RISK) -> float:
     """Return the value that a chi² variable passes with probability ``risk``."""
     return float(special.chdtri(freedom, risk))
 
 
 def is_significant(squares: float, freedom: float, risk: float = RISK) -> bool:
     """Return whether a sum of squares in units of its variance is larger than chance allows."""
-    return freedom > 0.0 and squares > chi_square_limit(freedom, risk)
+    return freedom > 0.0 and squares > compute_chi_square_limit(freedom, risk)

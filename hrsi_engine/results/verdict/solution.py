@@ -8,7 +8,7 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
-from ...refinement.model import Priors, priors_of
+from ...refinement.model import Priors, select_priors
 from .evidence import CAMERA_PX, Evidence
 from .significance import is_significant
 
@@ -20,7 +20,7 @@ GRANTED = Priors(shift_px=20.0, drift=2e-4)  # standard deviations that any RPC 
 LEAST_PRIOR_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
 
 
-def not_converged(evidence: Evidence) -> Iterator[Reason]:
+def find_divergence(evidence: Evidence) -> Iterator[Reason]:
     """The iterations stopped at their limit: how far a further step would still have moved the unknowns.
 
     Half of what the weighted sum of squares would fall by is half the squared length of the step in sigmas.
@@ -38,7 +38,7 @@ def not_converged(evidence: Evidence) -> Iterator[Reason]:
     )  # fmt: skip
 
 
-def sigma0_too_large(evidence: Evidence) -> Iterator[Reason]:
+def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
     """Residuals that are much larger than the sigmas of the observations and the cameras' own errors explain."""
     result = evidence.result
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
@@ -58,7 +58,7 @@ def sigma0_too_large(evidence: Evidence) -> Iterator[Reason]:
     )
 
 
-def corrections_beyond_priors(evidence: Evidence) -> Iterator[Reason]:
+def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
     """Corrections that no satellite's RPC needs: wrong points bend the images to them."""
     result = evidence.result
     sigma = prior_sigmas(evidence)
@@ -104,13 +104,15 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
             kept = np.where(share < 1.0, own / np.sqrt(share), 0.0)
         told = np.isfinite(kept) & (share > LEAST_PRIOR_SHARE)
         prior = (
-            kept if told.all() else np.where(told, kept, result.model.prior_sigmas(image, priors_of(image, controlled)))
+            kept
+            if told.all()
+            else np.where(told, kept, result.model.prior_sigmas(image, select_priors(image, controlled)))
         )
         sigma[index] = np.where(prior > 0.0, np.maximum(prior, result.model.prior_sigmas(image, GRANTED)), 0.0)
     return sigma
 
 
-def rpc_unlike_model(evidence: Evidence) -> Iterator[Reason]:
+def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
     """A refined RPC that does not do what its model does."""
     block = evidence.result.block
     fit = np.array([one.fit_max_px for one in evidence.refined])
@@ -126,4 +128,4 @@ def rpc_unlike_model(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-ON_SOLUTION = (not_converged, sigma0_too_large, corrections_beyond_priors, rpc_unlike_model)
+ON_SOLUTION = (find_divergence, find_large_sigma0, find_large_corrections, find_refit_errors)

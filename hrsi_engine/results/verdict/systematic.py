@@ -12,7 +12,7 @@ LARGE_FIELD_PX = 4.0  # RMS of a field that bends orthoimages visibly
 SEEN_FIELD_PX = 0.05  # what is worth a note
 
 
-def field_notes(evidence: Evidence) -> list[str]:
+def describe_residual_fields(evidence: Evidence) -> list[str]:
     """Tell of fields that are real and do no harm yet."""
     fields = [field for field in evidence.fields if SEEN_FIELD_PX <= field.rms_px < LARGE_FIELD_PX]
     if not fields:
@@ -24,7 +24,7 @@ def field_notes(evidence: Evidence) -> list[str]:
     ]
 
 
-def large_field(evidence: Evidence) -> Iterator[Reason]:
+def find_large_fields(evidence: Evidence) -> Iterator[Reason]:
     """Fields large enough to bend what is made with the RPCs."""
     fields = [field for field in evidence.fields if field.rms_px >= LARGE_FIELD_PX]
     if fields:
@@ -40,4 +40,4 @@ def large_field(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-ON_FIELDS = (large_field,)
+ON_FIELDS = (find_large_fields,)

@@ -46,7 +46,7 @@ class Verdict:
     reasons: tuple[Reason, ...] = ()
 
     @classmethod
-    def of(cls, sentence: str, reasons: Iterable[Reason]) -> Verdict:
+    def create(cls, sentence: str, reasons: Iterable[Reason]) -> Verdict:
         """Return the verdict with its reasons in order.
 
         Parameters
@@ -134,57 +134,58 @@ def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
     """
     left = residuals(result)
     images = zip(result.block.images, result.values, strict=True)
-    refined = [result.model.refined_rpc(image, values) for image, values in images]
-    sentence = describe_reached(block_report(result, left, refined))
-    return Verdict.of(sentence, find_reasons(Evidence(result, left, refined), before))
+    refined = [result.model.compute_refined_rpc(image, values) for image, values in images]
+    sentence = summarise_accuracy(block_report(result, left, refined))
+    return Verdict.create(sentence, find_reasons(Evidence(result, left, refined), before))
 
 
-def describe_reached(report: Mapping[str, Any]) -> str:
+def summarise_accuracy(report: Mapping[str, Any]) -> str:
     """Return in one sentence what an adjustment reached, from the figures of its report.
 
     ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
     """
     images, ties, check = len(report["images"]), report["ties"], report["check"]
     tied = sum(part["image_count"] for part in report["parts"] if part["ties"])
-    text = f"{tied} of {images} images" if 0 < tied < images else _count(images, "image")
-    text += f" tied to {brief(ties['rmse_px'])} px" if tied else ""
+    text = f"{tied} of {images} images" if 0 < tied < images else _format_count(images, "image")
+    text += f" tied to {format_figure(ties['rmse_px'])} px" if tied else ""
     gcps = report["control"]["points"]
-    text += f"; {_count(gcps, 'GCP')}, {_count(check['points'], 'check point')}"
-    accuracy = _tell_checks(check) if check["points"] else _predict(report)
+    text += f"; {_format_count(gcps, 'GCP')}, {_format_count(check['points'], 'check point')}"
+    accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
     return f"{text}: {accuracy}" if accuracy else text
 
 
-def _count(number: int, what: str) -> str:
+def _format_count(number: int, what: str) -> str:
     return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
 
 
-def _tell_checks(check: Mapping[str, Any]) -> str:
+def _describe_check_points(check: Mapping[str, Any]) -> str:
     """Return the accuracy that check points show; in the image where no ground position follows."""
     predicted = check.get("predicted") or {}
     if check["ce90_m"] is None:
         if check["rmse_sample_px"] is None:
             return ""
-        return f"RMSE {brief(check['rmse_sample_px'])} px in sample, {brief(check['rmse_line_px'])} px in line"
-    parts = [f"{name} {brief(check[key])} m" for name, key in ACCURACIES.items() if check[key] is not None]
+        sample, line = (format_figure(check[key]) for key in ("rmse_sample_px", "rmse_line_px"))
+        return f"RMSE {sample} px in sample, {line} px in line"
+    parts = [f"{name} {format_figure(check[key])} m" for name, key in ACCURACIES.items() if check[key] is not None]
     if predicted.get("ce90_m") is not None:
-        parts[0] += f" (predicted {brief(predicted['ce90_m'])})"
+        parts[0] += f" (predicted {format_figure(predicted['ce90_m'])})"
     return ", ".join(parts)
 
 
-def _predict(report: Mapping[str, Any]) -> str:
+def _describe_prediction(report: Mapping[str, Any]) -> str:
     """Return what the covariances promise where nothing was tested; of the largest part of the block."""
     part = next(iter(report["parts"]), None)
     if part is None or part["ce90_m"] is None:
         return ""
     return "predicted " + ", ".join(
-        f"{name} {brief(part[key])} m" for name, key in ACCURACIES.items() if part[key] is not None
+        f"{name} {format_figure(part[key])} m" for name, key in ACCURACIES.items() if part[key] is not None
     )
 
 
 ACCURACIES = {"CE90": "ce90_m", "LE90": "le90_m"}  #: as people call them: key of the report
 
 
-def brief(value: float | None) -> str:
+def format_figure(value: float | None) -> str:
     """Return a figure with two digits that count, at most two decimals."""
     if value is None:
         return "-"

@@ -21,7 +21,7 @@ NOWHERE_M = 2e7  # distance of a point without a ray
 
 
 @dataclass(frozen=True, eq=False)
-class Sights:
+class Sightlines:
     """Rays of image points: ``ground (n, 3)`` on them, and metres east and north per metre of height ``(n, 2)``."""
 
     ground: np.ndarray
@@ -37,23 +37,23 @@ class Sights:
         across[lost] = NOWHERE_M
         return across
 
-    def select(self, rows: np.ndarray) -> Sights:
+    def select(self, rows: np.ndarray) -> Sightlines:
         """Return some of the rays."""
-        return Sights(self.ground[rows], self.slope[rows])
+        return Sightlines(self.ground[rows], self.slope[rows])
 
-    def replace(self, rows: np.ndarray, others: Sights) -> Sights:
+    def replace(self, rows: np.ndarray, others: Sightlines) -> Sightlines:
         """Return the rays with others at some rows (mask)."""
         ground, slope = self.ground.copy(), self.slope.copy()
         ground[rows], slope[rows] = others.ground, others.slope
-        return Sights(ground, slope)
+        return Sightlines(ground, slope)
 
 
-def sights(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sights:
+def compute_sightlines(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sightlines:
     """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, through the heights of each RPC."""
     if not len(xy):
-        return Sights(np.empty((0, 3)), np.empty((0, 2)))
+        return Sightlines(np.empty((0, 3)), np.empty((0, 2)))
     rpcs = [one.rpc for one in images]
     stack = stack_of(images)
     middle, high = np.array([(rpc.height_off, rpc.height_range[1]) for rpc in rpcs])[image].T
     ground, upper = (stack.localize(image, xy, height) for height in (middle, high))
-    return Sights(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])
+    return Sightlines(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])
