@@ -1,4 +1,4 @@
-"""Large plain CSV files are read by compiled loops, and say what the reader of all others says, bit for bit."""
+"""CSV files that NumPy's reader understands say what the reader of all others says, bit for bit."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.point_files import csv_text, plain_csv
+from hrsi.hrsi_engine.io.point_files import csv_text
 
-pytest.importorskip("numba")
 HEAD = "id,image,sample,line\n"
 
 
 def both(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, np.ndarray] | str]:
     """Return the columns, or the error, by each reader."""
     found: list[dict[str, np.ndarray] | str] = []
-    for way in ("0", "1"):
-        monkeypatch.setenv("HRSI_COMPILED", way)
+    by_numpy = csv_text._columns_by_numpy
+    for reader in (lambda *_file: None, by_numpy):
+        monkeypatch.setattr(csv_text, "_columns_by_numpy", reader)
         try:
             found.append(csv_text.read(str(path)).columns)
         except InputError as error:
@@ -65,17 +65,18 @@ def test_numbers_are_those_of_python(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ]
     path = tmp_path / "points.csv"
     path.write_text(HEAD + "".join(f"P{row},A,{text},{row}\n" for row, text in enumerate(texts)))
-    compiled = both(path, monkeypatch)[1]
-    assert isinstance(compiled, dict)
-    assert compiled["sample"].tobytes() == np.array([float(text) for text in texts]).tobytes()
+    by_numpy = both(path, monkeypatch)[1]
+    assert isinstance(by_numpy, dict)
+    assert by_numpy["sample"].tobytes() == np.array([float(text) for text in texts]).tobytes()
 
 
 def test_blocks_are_put_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plain_csv, "_BLOCK_BYTES", 1000)
+    monkeypatch.setattr(csv_text, "_NUMPY_ROWS", 100)
     path = tmp_path / "points.csv"
     path.write_text("# a comment\n" + HEAD + "\n".join(f"P{row},IMG_{row % 7},{row}.25, {-row}" for row in range(999)))
-    plain, compiled = both(path, monkeypatch)
-    assert same(plain, compiled) and len(plain["id"]) == 999  # type: ignore[index]
+    assert csv_text._columns_by_numpy(str(path), "utf-8", ",", 4, {"id": 0, "sample": 2}) is not None
+    plain, by_numpy = both(path, monkeypatch)
+    assert same(plain, by_numpy) and len(plain["id"]) == 999  # type: ignore[index]
 
 
 @pytest.mark.parametrize("rows", [
@@ -90,8 +91,8 @@ def test_what_is_not_plain_is_left_to_the_other_reader(
 ) -> None:
     path = tmp_path / "points.csv"
     path.write_bytes((HEAD + rows).encode())
-    plain, compiled = both(path, monkeypatch)
-    assert same(plain, compiled), (plain, compiled)
+    plain, by_numpy = both(path, monkeypatch)
+    assert same(plain, by_numpy), (plain, by_numpy)
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
@@ -99,5 +100,5 @@ def test_separators(separator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path = tmp_path / "points.csv"
     for number in ("1.5", "1,5"):
         path.write_text((HEAD + "A,I,N,2\nB,I,N,4\n").replace(",", separator).replace("N", number))
-        plain, compiled = both(path, monkeypatch)
-        assert same(plain, compiled) and plain["sample"].tolist() == [1.5, 1.5]  # type: ignore[index]
+        plain, by_numpy = both(path, monkeypatch)
+        assert same(plain, by_numpy) and plain["sample"].tolist() == [1.5, 1.5]  # type: ignore[index]
