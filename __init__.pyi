@@ -232,8 +232,9 @@ def triangulate(
         Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
         each is measured anew by least-squares matching and judged as those found here.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers do the work (they must see files and output directory
-        under the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
+        files under the same paths); by default threads of this machine do. A block is always adjusted
+        by this process.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.
@@ -399,8 +400,9 @@ def tie_points(
         Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
         each is measured anew by least-squares matching and judged as those found here.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers do the work (they must see files and output directory
-        under the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
+        files under the same paths); by default threads of this machine do. A block is always adjusted
+        by this process.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.
@@ -489,10 +491,6 @@ def adjust(
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
     threads: int = 0,
-    scheduler: str | None = None,
-    scheduler_ca: Path | None = None,
-    scheduler_certificate: Path | None = None,
-    scheduler_key: Path | None = None,
     output_dir: Path | None = None,
     overwrite: bool = False,
     write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
@@ -598,16 +596,6 @@ def adjust(
         3e-5; 0: no drift (unit px/px; at least 0).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers do the work (they must see files and output directory
-        under the same paths); by default threads of this machine do.
-    scheduler_ca : path, optional
-        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
-        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
-    scheduler_certificate : path, optional
-        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
-    scheduler_key : path, optional
-        Private key (PEM) of that certificate, where it is not in the same file.
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -758,8 +746,9 @@ def evaluate(
         Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
         each is measured anew by least-squares matching and judged as those found here.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers do the work (they must see files and output directory
-        under the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
+        files under the same paths); by default threads of this machine do. A block is always adjusted
+        by this process.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.
@@ -1705,8 +1694,9 @@ def orthorectify(
     compression : str, optional
         Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
     scheduler : str, optional
-        Address of a Dask scheduler whose workers do the work (they must see files and output directory
-        under the same paths); by default threads of this machine do.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
+        files under the same paths); by default threads of this machine do. A block is always adjusted
+        by this process.
     scheduler_ca : path, optional
         Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
         and the next two are by default as Dask's configuration (distributed.comm.tls) says.

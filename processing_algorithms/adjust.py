@@ -7,7 +7,6 @@ from ..hrsi_engine.foundation.progress import stage
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
-from .block_steps.adjusting_workers import adjusting_workers
 from .block_steps.dem_offset import ground_reasons
 from .block_steps.earlier_block import read_earlier
 from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_free_control
@@ -40,8 +39,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
         return block_outputs.plan_results(options, images, block, warnings, reasons, context)
     with plausibility.explained_by(reasons):
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
-        with adjusting_workers(options.workers, options.output.folder.output_dir) as elsewhere:
-            result = adjust(block, how, stage(context.progress, 0.1, 0.6), elsewhere=elsewhere)
+        result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
     warnings += [*choice_warnings(result.choice), *laser_warnings(result)]

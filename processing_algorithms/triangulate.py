@@ -10,7 +10,6 @@ from ..hrsi_engine.foundation.errors import InputError
 from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
-from .block_steps.adjusting_workers import adjusting_workers
 from .block_steps.earlier_block import EarlierBlock, read_earlier
 from .block_steps.earlier_ties import joined_to
 from .block_steps.laser_points import (
@@ -68,9 +67,8 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         laser = read_laser_points(images, options.laser, context)
         how = with_free_control(how, options.dem, options.points, laser, places)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
-        with adjusting_workers(options.search.workers, options.output.folder.output_dir) as elsewhere:
-            part = context.stage(read_at, adjusted_at)
-            result, few = adjust_at_laser_points(block, how, options.search.threads, part, elsewhere)
+        part = context.stage(read_at, adjusted_at)
+        result, few = adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
     surface = dem_surface(options.dem, options.points.height_datum)

@@ -13,7 +13,7 @@ two adjustments the one of everything at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -66,20 +66,6 @@ class JointPrior:
         camera = np.empty(len(known.values), dtype=np.int64)
         camera[known.camera] = observations.camera_of_image[[place[name] for name in known.images]]
         return cls(known, camera)
-
-    def part(self, blocks: np.ndarray, cameras: np.ndarray) -> JointPrior:
-        """Return what some ``blocks (k,)`` of S say, for a part of the block with ``cameras (c,)``, sorted.
-
-        Parts that share no block add up to the whole: so do their costs and gradients.
-        """
-        known, rows, columns = self.known, self.known.rows[blocks], self.known.columns[blocks]
-        used = np.union1d(rows, columns)
-        part = replace(
-            known, images=(), camera=used[:0], gcps=used[:0], values=known.values[used], fixed=known.fixed[used],
-            squares=known.squares[used], rows=np.searchsorted(used, rows), columns=np.searchsorted(used, columns),
-            blocks=known.blocks[blocks],
-        )  # fmt: skip
-        return JointPrior(part, np.searchsorted(cameras, self.camera[used]))
 
     @property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:

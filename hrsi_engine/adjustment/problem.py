@@ -34,7 +34,6 @@ from .joint_prior import JointPrior
 from .observations import Observations, select
 from .options import AdjustOptions
 from .statistics.variance_components import GROUPINGS
-from .subtrees.loop import Elsewhere, Shares, WorkersLoop
 from .weak_geometry import point_priors
 from .weights import WEIGHTS
 
@@ -62,7 +61,6 @@ class Problem:
     believed_drift : (cameras, p) standard deviations of the drifts that the sensors are believed to have
     choice : why the model is what it is, where a rule chose it
     earlier : what an earlier adjustment says of cameras
-    elsewhere : workers that solve it
     """
 
     block: Block
@@ -81,23 +79,13 @@ class Problem:
     warnings: tuple[str, ...]
     choice: ModelChoice | None = None
     earlier: JointPrior | None = None
-    elsewhere: Elsewhere | None = None
 
     def loop(self) -> GaussNewton:
         """Return a Gauss-Newton loop over the problem."""
-        rows = np.diff(self.observations.first)
-        given = (self.equations, self.pattern, self.prior_weight, rows, self.options.max_iterations, self.held,
-                 self.earlier)  # fmt: skip
-        if self.shares is None:
-            return GaussNewton(*given)
-        return WorkersLoop(*given, shares=self.shares)
-
-    @cached_property
-    def shares(self) -> Shares | None:
-        """The block as it lies on workers; None where this process solves it."""
-        if self.elsewhere is None:
-            return None
-        return Shares.of(self.observations, self.camera, self.pattern, self.elsewhere, self.earlier)
+        return GaussNewton(
+            self.equations, self.pattern, self.prior_weight, np.diff(self.observations.first),
+            self.options.max_iterations, self.held, self.earlier,
+        )  # fmt: skip
 
     @property
     def held(self) -> tuple[HeldHeights | HeldPlan, ...]:

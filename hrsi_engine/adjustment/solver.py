@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..block.block import Block
@@ -19,7 +17,6 @@ from .problem import Problem, prepare
 from .result import Adjustment
 from .sigma_estimation import ROUNDS, SETTLED_SHARE, SigmaEstimation
 from .statistics.precision import Precision, precision
-from .subtrees.loop import Elsewhere
 
 
 def adjust(
@@ -27,7 +24,6 @@ def adjust(
     options: AdjustOptions | None = None,
     progress: Progress = silent,
     start: np.ndarray | None = None,
-    elsewhere: Elsewhere | None = None,
 ) -> Adjustment:
     """Adjust a block; return corrected cameras, points and their precision.
 
@@ -41,8 +37,6 @@ def adjust(
         Callback; False cancels.
     start : (images, p) ndarray, optional
         Values to begin with, those of an earlier adjustment with the same model, say; not with a rule.
-    elsewhere : Elsewhere, optional
-        Workers that solve the block by parts (`subtrees.open_workers`); by default this process does.
 
     Returns
     -------
@@ -58,7 +52,7 @@ def adjust(
     Cancelled
         When ``progress`` asks to stop.
     """
-    return run_adjuster(block, options, progress, start, elsewhere)[0]
+    return run_adjuster(block, options, progress, start)[0]
 
 
 def run_adjuster(
@@ -66,12 +60,11 @@ def run_adjuster(
     options: AdjustOptions | None = None,
     progress: Progress = silent,
     start: np.ndarray | None = None,
-    elsewhere: Elsewhere | None = None,
 ) -> tuple[Adjustment, Adjuster]:
     """Do what `adjust` does; return the result, and what it was made with for those who go on from there."""
     try:
         with one_thread_calls():  # fronts are small, and two threads wait for each other longer than they work
-            adjuster = Adjuster(replace(prepare(block, options or AdjustOptions(), start), elsewhere=elsewhere))
+            adjuster = Adjuster(prepare(block, options or AdjustOptions(), start))
             return adjuster.run(progress), adjuster
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(

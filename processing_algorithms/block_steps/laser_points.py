@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.adjustment.solver import adjust
-from ...hrsi_engine.adjustment.subtrees.loop import Elsewhere
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.laser import LaserPoints
 from ...hrsi_engine.block.reference_places import ReferencePlaces
@@ -90,7 +89,7 @@ def with_free_control(
 
 
 def adjust_at_laser_points(
-    block: Block, options: AdjustOptions, threads: int, context: Context, elsewhere: Elsewhere | None = None
+    block: Block, options: AdjustOptions, threads: int, context: Context
 ) -> tuple[Adjustment, list[str]]:
     """Adjust a block with laser points, with tie points measured at them; also warnings.
 
@@ -99,8 +98,8 @@ def adjust_at_laser_points(
     """
     laser = options.laser
     if laser is None or sum(image.raster is not None for image in block.images) < 2:
-        return adjust(block, options, context.progress, elsewhere=elsewhere), []
-    result = adjust(block, options, stage(context.progress, 0.0, 0.1), elsewhere=elsewhere)
+        return adjust(block, options, context.progress), []
+    result = adjust(block, options, stage(context.progress, 0.0, 0.1))
     from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # matching takes a fifth of a second to load
 
     for number in range(LOOK_UPS):

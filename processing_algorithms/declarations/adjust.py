@@ -12,7 +12,6 @@ from ..interface.option_groups import (
     JoinedBlockOptions,
     LaserFile,
     PointFiles,
-    WorkerOptions,
     images_option,
 )
 
@@ -33,7 +32,6 @@ class AdjustAlgorithmOptions:
     laser: LaserFile = nested(LaserFile)
     growth: JoinedBlockOptions = nested(JoinedBlockOptions)
     adjustment: AdjustOptions = nested(AdjustOptions)
-    workers: WorkerOptions = nested(WorkerOptions)
     output: BlockOutput = nested(BlockOutput)
 
 

@@ -230,12 +230,12 @@ class JoinedBlockOptions:
 
 @options
 class WorkerOptions:
-    """Who does the work: threads of this machine, or workers of a Dask scheduler."""
+    """Who finds tie points or makes orthoimages: threads of this machine, or workers of a Dask scheduler."""
 
     scheduler: str | None = option(
         None,
-        "Address of a Dask scheduler whose workers do the work (they must see files and output directory under the "
-        "same paths); by default threads of this machine do",
+        "Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the files under "
+        "the same paths); by default threads of this machine do. A block is always adjusted by this process",
         advanced=True,
         metavar="tcp://HOST:PORT",
     )

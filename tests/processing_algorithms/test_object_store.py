@@ -1,4 +1,4 @@
-"""Workers that share no disk: images, finished parts, parts of the block and results in an object store.
+"""Workers that share no disk: images, finished parts and results in an object store.
 
 The store is moto's server in a process of its own; GDAL reaches it as it reaches S3.
 """
@@ -140,10 +140,10 @@ def adjusted(store: Path, output_dir: str, **more: Any) -> dict[str, Any]:
     )  # fmt: skip
 
 
-def test_an_adjustment_by_workers_that_share_no_disk(store: Path, cluster: str, tmp_path: Path):
-    """Parts of the block lie in the bucket meanwhile; refined images, items and reports in the end."""
+def test_an_adjustment_of_images_in_a_store(store: Path, tmp_path: Path):
+    """Refined images, items and reports are in the bucket in the end, and nothing else."""
     at_once = adjusted(store, str(tmp_path / "out"))
-    there = adjusted(store, f"{BUCKET}/adjusted", scheduler=cluster, stac=True)
+    there = adjusted(store, f"{BUCKET}/adjusted", stac=True)
     assert there["ties"]["rmse_px"] == pytest.approx(at_once["ties"]["rmse_px"], abs=1e-8)
     for name, image in at_once["images"].items():
         for one, other in zip(image["parameters"].values(), there["images"][name]["parameters"].values(), strict=True):

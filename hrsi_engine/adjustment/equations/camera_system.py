@@ -64,17 +64,6 @@ def unit_scales(diagonal: np.ndarray, prior_weight: np.ndarray) -> np.ndarray:
     return np.where(fixed, 0.0, 1.0 / np.sqrt(total))
 
 
-def scaled_blocks(
-    pattern: Pattern, blocks: np.ndarray, scale: np.ndarray, damping: float, cameras: np.ndarray | slice = slice(None)
-) -> np.ndarray:
-    """Return ``blocks (blocks, p, p)`` in scaled unknowns, with a damped unit diagonal of some ``cameras``."""
-    result = blocks * scale[pattern.rows][:, :, None]
-    result *= scale[pattern.columns][:, None, :]
-    own = np.arange(pattern.parameters)
-    result[pattern.diagonal[cameras][:, None], own, own] = 1.0 + damping
-    return np.asarray(result)
-
-
 class _Scaled:
     """Scales a matrix to a unit diagonal; fixed unknowns get a scale of zero, and with it a solution of zero."""
 
@@ -91,9 +80,13 @@ class _Scaled:
         return self.damping * float(np.sum(in_units**2))
 
     def scaled(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
-        self.scale = unit_scales(np.einsum("cpp->cp", blocks[self.pattern.diagonal]), prior_weight)
+        pattern, own = self.pattern, np.arange(self.pattern.parameters)
+        self.scale = unit_scales(np.einsum("cpp->cp", blocks[pattern.diagonal]), prior_weight)
         self.damping = damping
-        return scaled_blocks(self.pattern, blocks, self.scale, damping)
+        result = blocks * self.scale[pattern.rows][:, :, None]
+        result *= self.scale[pattern.columns][:, None, :]
+        result[pattern.diagonal[:, None], own, own] = 1.0 + damping
+        return np.asarray(result)
 
 
 class Factored(_Scaled):

@@ -148,17 +148,15 @@ def factor_of(matrix: np.ndarray) -> np.ndarray:
         ) from error
 
 
-def for_fronts(
-    fronts: Sequence[Front], work: Callable[[Front], None], threads: int = 0, from_root: bool = False
-) -> None:
+def for_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root: bool = False) -> None:
     """Call ``work`` for all fronts, given children before parents: in that order, or ``from_root`` the other way.
 
-    Where calls of BLAS make no threads of their own, fronts that wait for no other are worked on by one of ``threads``
-    each, 0 for all processors.
-    The next one is always that which comes first in the order of one thread, so that little is kept for later.
+    Where calls of BLAS make no threads of their own, fronts that wait for no other are worked on by threads, one for
+    each processor. The next one is always that which comes first in the order of one thread, so that little is kept
+    for later.
     """
     order = list(reversed(fronts)) if from_root else list(fronts)
-    threads = thread_count(threads) if are_one_thread_calls() and len(order) >= WORTH_THREADS else 1
+    threads = thread_count(0) if are_one_thread_calls() and len(order) >= WORTH_THREADS else 1
     if threads == 1:
         for front in order:
             work(front)
@@ -212,14 +210,13 @@ def runs_of(place: np.ndarray) -> Runs:
     ]
 
 
-def parts_at(runs: Runs, lower: bool = False) -> Iterator[tuple[MatrixPart, MatrixPart]]:
-    """Yield the parts of a small matrix, and of the large one in whose rows and columns ``runs`` say that it stands.
+def parts_at(runs: Runs) -> Iterator[tuple[MatrixPart, MatrixPart]]:
+    """Yield the parts of a small lower triangle, and those of the large one in which ``runs`` say that it stands.
 
-    A few slices are moved four times as fast as single rows and columns. Of ascending runs the ``lower`` triangle
-    alone may be asked for.
+    Runs ascend. A few slices are moved four times as fast as single rows and columns.
     """
     for number, (rows, places) in enumerate(runs):
-        for columns, others in runs[: number + 1] if lower else runs:
+        for columns, others in runs[: number + 1]:
             yield (rows, columns), (places, others)
 
 
@@ -243,8 +240,6 @@ class SparseFactor:
     start, columns : compressed rows of the upper blocks
     size : p, unknowns of a camera
     position : (n, 2) where the cameras lie, any unit
-    kept : cameras that are not eliminated: they are the last front, which is not factorised
-    threads : that work on fronts side by side, 0 for all processors
     """
 
     def __init__(
@@ -254,13 +249,10 @@ class SparseFactor:
         columns: np.ndarray,
         size: int,
         position: np.ndarray,
-        kept: np.ndarray | None = None,
-        threads: int = 0,
     ) -> None:
-        self.cameras, self.size, self._threads = graph.shape[0], size, threads
+        self.cameras, self.size = graph.shape[0], size
         self._start, self._columns = start, columns
-        self.kept = kept
-        self.fronts = self._fronts(graph, position)
+        self.fronts = dissect(graph, max(1, LEAF_UNKNOWNS // max(size, 1)), position)
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number
@@ -268,16 +260,6 @@ class SparseFactor:
         for number, front in enumerate(self.fronts):
             front.border = self._border(graph, front, number)
             self._prepare(front, index)
-
-    def _fronts(self, graph: sparse.csr_matrix, position: np.ndarray) -> list[Front]:
-        leaf = max(1, LEAF_UNKNOWNS // max(self.size, 1))
-        if self.kept is None:
-            return dissect(graph, leaf, position)
-        inner = np.setdiff1d(np.arange(self.cameras), self.kept)
-        fronts = dissect(graph[inner][:, inner], leaf, position[inner])
-        for front in fronts:
-            front.own = inner[front.own]
-        return [*fronts, Front(np.sort(self.kept), [fronts[-1]])]
 
     def _lower_index(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
         """Return a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)."""
@@ -309,11 +291,8 @@ class SparseFactor:
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
-    def factorise(self, blocks: np.ndarray) -> np.ndarray:
-        """Compute the factors of ``blocks (blocks, p, p)``; raises `SolveError` where not positive definite.
-
-        Returned is what is left of the matrix for the cameras that are kept, ``(k p, k p)``.
-        """
+    def factorise(self, blocks: np.ndarray) -> None:
+        """Compute the factors of ``blocks (blocks, p, p)``; raises `SolveError` where not positive definite."""
         updates: dict[int, np.ndarray] = {}
 
         def eliminate(front: Front) -> None:
@@ -323,10 +302,7 @@ class SparseFactor:
             subtract_square(matrix[own:, own:], front.coupling)
             updates[id(front)] = matrix[own:, own:]
 
-        for_fronts(self._eliminated, eliminate, self._threads)
-        if self.kept is None:
-            return np.zeros((0, 0))
-        return symmetric(self._assemble(self.fronts[-1], blocks, updates))
+        for_fronts(self.fronts, eliminate)
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
         """Return a front's matrix, its lower triangle that is."""
@@ -339,7 +315,7 @@ class SparseFactor:
         matrix = matrix.reshape(cameras * p, cameras * p)
         for child in front.children:
             update = updates.pop(id(child))
-            for part, place in parts_at(child.runs, lower=True):
+            for part, place in parts_at(child.runs):
                 matrix[place] += update[part]
         return matrix
 
@@ -348,27 +324,15 @@ class SparseFactor:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution for right-hand sides ``(u,)`` or ``(u, k)``."""
-        return self.back(self.forward(right))
-
-    def forward(self, right: np.ndarray) -> np.ndarray:
-        """Return right-hand sides with the fronts eliminated from below; those of kept cameras as what is left."""
         x = np.array(right, dtype=np.float64)
-        for front in self._eliminated:
+        for front in self.fronts:  # forward substitution
             own, border = self._unknowns(front.own), self._unknowns(front.border)
             x[own] = front.factor @ x[own]
             x[border] -= front.coupling @ x[own]
-        return x
-
-    def back(self, x: np.ndarray) -> np.ndarray:
-        """Turn what `forward` returned into the solution, in place; kept cameras have theirs already."""
-        for front in reversed(self._eliminated):
+        for front in reversed(self.fronts):  # back substitution
             own, border = self._unknowns(front.own), self._unknowns(front.border)
             x[own] = front.factor.T @ (x[own] - front.coupling.T @ x[border])
         return x
-
-    @property
-    def _eliminated(self) -> list[Front]:
-        return self.fronts if self.kept is None else self.fronts[:-1]
 
     def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
         """Return ``R A^-1 R' (k, k)`` of sparse ``rows R (k, u)``.
@@ -393,31 +357,28 @@ class SparseFactor:
             borders[id(front)] = taking_part, x[own:] - product(front.coupling, y)
             square, runs = inner_square(y), runs_of(taking_part)
             with adding:
-                for part, place in parts_at(runs, lower=True):
+                for part, place in parts_at(runs):
                     result[place] += square[part]
 
-        for_fronts(self.fronts, add, self._threads)
+        for_fronts(self.fronts, add)
         return symmetric(result)
 
-    def inverse_blocks(self, kept: np.ndarray | None = None) -> np.ndarray:
-        """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern; ``kept`` is that of the kept cameras."""
+    def inverse_blocks(self) -> np.ndarray:
+        """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern."""
         result = np.empty((len(self._columns), self.size, self.size))
         above: dict[int, np.ndarray] = {}  # by child: the inverse over the cameras of its parent, the lower triangle
 
         def invert(front: Front) -> None:
             cameras, own = len(front.own) + len(front.border), len(front.own) * self.size
             inverse = zeros((cameras * self.size,) * 2)
-            if kept is not None and front is self.fronts[-1]:
-                inverse[:] = kept
-            else:
-                parent, outer = above.pop(id(front), inverse), inverse[own:, own:]
-                for part, place in parts_at(front.runs, lower=True):
-                    outer[part] = parent[place]
-                gain = times_triangle(front.coupling, front.factor)
-                pulled = symmetric_times(outer, gain)
-                inverse[own:, :own] = -pulled
-                inverse[:own, :own] = own_square(front.factor)
-                add_product(inverse[:own, :own], gain, pulled)
+            parent, outer = above.pop(id(front), inverse), inverse[own:, own:]
+            for part, place in parts_at(front.runs):
+                outer[part] = parent[place]
+            gain = times_triangle(front.coupling, front.factor)
+            pulled = symmetric_times(outer, gain)
+            inverse[own:, :own] = -pulled
+            inverse[:own, :own] = own_square(front.factor)
+            add_product(inverse[:own, :own], gain, pulled)
             entries = front.entries
             values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
             values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
@@ -425,7 +386,7 @@ class SparseFactor:
             for child in front.children:
                 above[id(child)] = inverse
 
-        for_fronts(self.fronts, invert, self._threads, from_root=True)
+        for_fronts(self.fronts, invert, from_root=True)
         diagonal = result[self._start[:-1]]  # the first block of each row
         above_it = np.triu_indices(self.size, 1)
         diagonal[:, above_it[0], above_it[1]] = diagonal[:, above_it[1], above_it[0]]

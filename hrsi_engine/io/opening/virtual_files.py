@@ -41,15 +41,6 @@ def write_virtual(path: str, blocks: Iterable[bytes]) -> None:
         raise OutputError(f"{path}: cannot be written ({reason}): choose another `output_dir`")
 
 
-def read_fresh(path: str) -> bytes | None:
-    """Return a file's content as `read_virtual` does, although GDAL may remember a folder without it.
-
-    That is so where another process wrote it after this one had looked into the folder.
-    """
-    gdal.VSICurlPartialClearCache(path.rpartition("/")[0])
-    return read_virtual(path)
-
-
 def list_virtual(folder: str) -> list[str]:
     """Return the names in a folder as they are now, whatever GDAL remembers of it; none where there is no folder."""
     names: list[str] = []
