@@ -1,6 +1,6 @@
 """A map of the block as SVG: pictures, footprints, tie points, known points with their residuals, and the scales.
 
-What stands here is drawn for every reader; the page's script (``block_map.js`` of `io.pages`) lets one move about
+What stands here is drawn for every reader; the page's script (``map_controls.js`` of `io.pages`) lets one move about
 in it.
 Marks of points keep their size however far one zooms in: they lie at (0, 0) of a group of their own, which stands at
 the point's place.

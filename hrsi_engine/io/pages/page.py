@@ -31,7 +31,7 @@ def write_page(
 
     ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
     """
-    scripts = [_script(name) for name in ("page.js", *(["block_map.js"] if script_data else []))]
+    scripts = [_script(name) for name in ("page.js", *(["map_controls.js"] if script_data else []))]
     page = _environment().get_template(template)
     write_text(
         path,
