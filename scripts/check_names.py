@@ -50,13 +50,13 @@ class Name(NamedTuple):
     is_property: bool
 
 
-def names_of(path: Path) -> Iterator[Name]:
+def names_in(tree: ast.Module, place: str) -> Iterator[Name]:
     """Yield the functions, methods and classes of a file."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             decorators = [] if isinstance(node, ast.ClassDef) else node.decorator_list
             is_property = any("property" in ast.unparse(decorator) for decorator in decorators)
-            yield Name(f"{path.relative_to(ROOT)}:{node.lineno}", node.name, is_property)
+            yield Name(f"{place}:{node.lineno}", node.name, is_property)
 
 
 def fault_of(name: Name) -> str:
@@ -81,7 +81,11 @@ def main(folders: list[str]) -> int:
     """Print the names with faults and return 1 where there are too many."""
     places = [ROOT / folder for folder in folders or PARTS]
     paths = sorted(path for place in places for path in (place.rglob("*.py") if place.is_dir() else [place]))
-    names = [name for path in paths for name in names_of(path)]
+    names = [
+        name
+        for path in paths
+        for name in names_in(ast.parse(path.read_text(encoding="utf-8")), str(path.relative_to(ROOT)))
+    ]
     faults = [(name, fault) for name in names if (fault := fault_of(name))]
     for name, fault in faults:
         print(f"{name.place} {name.name}: {fault}")

@@ -1,8 +1,9 @@
 """Measure how the shipped code is laid out, and write the figures into ``docs/structure.md``.
 
-``python scripts/measure_structure.py [--write] [REVISION …]`` reads the sources, here and at revisions of the
+``python scripts/measure_structure.py [--write] [--names] [REVISION …]`` reads the sources, here and at revisions of the
 repository, and prints one column each; nothing of them is imported. ``--write`` puts the table and the rooms between
-the markers of the page. The figures:
+the markers of the page, ``--names`` lists what the figures count. ``tests/test_structure.py`` holds the figures below
+`LIMITS` and compares the page with the sources. The figures:
 
 rooms
     folders: plugin, processing_algorithms and the engine's own folders; a module that lies loose in the engine is a
@@ -12,9 +13,20 @@ arrows
 circles
     groups of files, in one room or across rooms, each of which imports the others in the end; what a package's
     ``__init__`` exports counts as imported where it is asked for by the package's name.
-lines
-    lines with code; docstrings, comments and empty lines apart. The explanation ratio is docstring and comment lines
-    per line of code.
+arrows up
+    arrows that cannot run down, whatever floor each room is put on: an arrow of a circle of rooms.
+inside a room
+    its folders and its loose modules are its own rooms; its ``__init__``, which only hands names on, is none.
+product lines
+    lines of the ``*.py`` files as ``wc`` counts them; the laboratory (`LABORATORY`) apart where it says so.
+lines of code
+    without docstrings, comments and empty lines. The explanation ratio is docstring and comment lines per line of
+    code. The length of a function is its lines from ``def``, without its docstring.
+numeric constants
+    assignments of the engine at the top level of a module whose value holds a number; fields of the classes made by
+    ``@thresholds`` stand in classes and have unit, meaning and origin, so that they are not among them.
+trips
+    of a parameter through the calls it is passed on in, see ``measure_trips.py``.
 """
 
 from __future__ import annotations
@@ -22,7 +34,6 @@ from __future__ import annotations
 import argparse
 import ast
 import io
-import re
 import subprocess
 import sys
 import tarfile
@@ -35,20 +46,38 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+from check_names import MOST_LISTED, fault_of, names_in
+from measure_trips import TRIPS, Calls
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "structure.md"
 PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
-#: The state before the rooms, which the page compares with; its drawing was made by hand and eye, and counted a file
-#: or two otherwise than this script does.
-BEFORE = "54ff169"
-DRAWN_BEFORE: dict[str, float] = {"rooms": 34, "arrows between rooms": 124, "circles of files": 3}
+#: The states which the page compares with: before there were rooms, and before the rooms were put in order by topic.
+BEFORE = ("54ff169", "7ae5dd3")
+#: Modules and folders that make up the laboratory, today or under an earlier name; a path that has one belongs to it.
+LABORATORY = {"laboratory", "simulation", "simulation_steps", "simulated_block", "simulate", "register"}
+LABORATORY |= {"registration", "registration_options"}
+#: Rooms of the engine whose inside is measured too.
+LOOKED_INTO = ("hrsi_engine.io", "hrsi_engine.adjustment")
+#: The longest that a function may be, in lines without its docstring.
+LONGEST_FUNCTION = 60
+#: What may not be exceeded.
+LIMITS: dict[str, float] = {
+    "product lines without the laboratory": 62_000,
+    "rooms": 20,
+    "arrows up": 0,
+    "circles of files": 0,
+    "rooms in io": 20,
+    "arrows in io": 45,
+    "arrows up in io": 0,
+    "arrows up in adjustment": 0,
+    "functions above 60 lines": 0,
+    "names that are participles, adverbs or letters, %": 100 * MOST_LISTED,
+}
 #: Names that a contract asks of every module of its kind: algorithms, and formats of files.
 CONTRACT_NAMES = {"ALGORITHM", "run", "summarise", "READER", "read", "text_of", "WRITTEN_BY"}
 #: … and what an algorithm calls its files and layers.
 CONTRACT_NAMES |= {"LAYERS_FILE", "LAYER", "POINTS_LAYER", "TABLE_FILE", "PAGE_FILE"}
-PARTICIPLE = re.compile(r"_*[a-z]+ed$")
-#: … which end so and are verbs.
-VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed"}
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -147,35 +176,54 @@ class Product:
             (one, other) for one, other in pairs if one != other and "" not in (one, other) and one != "hrsi_engine"
         }
 
+    def inside(self, room: str) -> tuple[set[str], set[tuple[str, str]]]:
+        """Return the folders and loose modules of a room, and the pairs of them of which one imports the other."""
+
+        def part_of(module: str) -> str:
+            first, dot, others = module.partition(f"{room}.")
+            return others.partition(".")[0] if dot and not first else ""
+
+        parts = {part_of(module) for module in self.sources} - {""}
+        pairs = {(part_of(found.module), part_of(found.target)) for found in self.imports if found.inside}
+        return parts, {(one, other) for one, other in pairs if one != other and "" not in (one, other)}
+
     def circles(self) -> list[list[str]]:
-        """Return the groups of files that import one another in a circle (strongly connected; Tarjan 1972)."""
-        graph = defaultdict(set)
-        for found in self.imports:
-            if found.inside and found.target != found.module:
-                graph[found.module].add(found.target)
-        order: dict[str, int] = {}
-        low: dict[str, int] = {}
-        stack: list[str] = []
-        circles = []
+        """Return the groups of files that import one another in a circle."""
+        return circles_of({(found.module, found.target) for found in self.imports if found.inside})
 
-        def visit(module: str) -> None:
-            order[module] = low[module] = len(order)
-            stack.append(module)
-            for target in sorted(graph[module]):
-                if target not in order:
-                    visit(target)
-                if target in stack:
-                    low[module] = min(low[module], low[target])
-            if low[module] == order[module]:
-                circle = stack[stack.index(module) :]
-                del stack[stack.index(module) :]
-                if len(circle) > 1:
-                    circles.append(sorted(circle))
+    def numeric_constants(self) -> list[str]:
+        """Return the names that the engine's modules give, at their top level, a value with a number in it."""
+        return [
+            f"{source.module}:{value.lineno} {name.id}"
+            for source in self.sources.values()
+            if source.module.startswith("hrsi_engine")
+            for target, value in assignments_of(source.tree)
+            if any(isinstance(part, ast.Constant) and type(part.value) in (int, float) for part in ast.walk(value))
+            for name in ast.walk(target)
+            if isinstance(name, ast.Name)
+        ]
 
-        for module in sorted(self.sources):
-            if module not in order:
-                visit(module)
-        return circles
+    def compiled_modules(self) -> set[str]:
+        """Return the modules that are made of compiled loops: they import numba at their top level."""
+        return {
+            source.module
+            for source in self.sources.values()
+            for node in source.tree.body
+            if isinstance(node, ast.ImportFrom) and node.module == "numba"
+        }
+
+    def listed_names(self) -> tuple[list[str], int]:
+        """Return the functions and classes whose names `check_names` lists, and how many there are in all."""
+        names = [name for source in self.sources.values() for name in names_in(source.tree, source.module)]
+        return [f"{name.place} {name.name}" for name in names if fault_of(name)], len(names)
+
+    def long_functions(self) -> list[str]:
+        """Return the functions that are longer than `LONGEST_FUNCTION` without their docstrings."""
+        return [
+            f"{source.module}:{node.lineno} {node.name}: {length}"
+            for source, node in self.functions()
+            if (length := length_of(node)) > LONGEST_FUNCTION
+        ]
 
     def names_with_several_places(self) -> dict[str, list[str]]:
         """Return the public names that several modules define at their top level, and those modules."""
@@ -207,35 +255,125 @@ class Product:
             for source, node in functions
             if node.name.startswith("_") and not node.name.endswith("__")
         ]
-        return {
+        compiled = self.compiled_modules()
+        texts = {source.module: source.text.count("\n") for source in self.sources.values()}
+        listed, names = self.listed_names()
+        figures: dict[str, float] = {
+            "product lines": sum(texts.values()),
+            "product lines without the laboratory": sum(
+                lines for module, lines in texts.items() if not LABORATORY & set(module.split("."))
+            ),
             "rooms": len(self.rooms()),
             "arrows between rooms": len(self.arrows()),
+            "arrows up": len(arrows_up(self.arrows())),
             "circles of files": len(self.circles()),
-            "files": len(self.sources),
-            "files above 400 lines": sum(source.text.count("\n") > 400 for source in self.sources.values()),
-            "lines of code": lines["code"],
-            "statements": sum(
-                isinstance(node, ast.stmt) for part in self.sources.values() for node in ast.walk(part.tree)
-            ),
-            "docstring lines": lines["docstrings"],
-            "comment lines": lines["comments"],
-            "explanation: docstring and comment lines per line of code": round(
-                (lines["docstrings"] + lines["comments"]) / lines["code"], 3
-            ),
-            "imports inside functions": sum(inner_imports(node) for _, node in functions),
-            "functions and classes of one name in several modules": len(several) - constants,
-            "constants of one name in several modules": constants,
-            "functions": len(functions),
-            "functions named by a bare participle: `matched`": sum(is_participle(node) for _, node in functions),
-            "private functions": len(private),
-            "private functions used once": sum(used[module][name] == 1 for module, name in private),
-            "options read from a dict by a string": sum(
-                string_options(source.tree) for source in self.sources.values()
-            ),
-            "functions with a Parameters section": sum(
-                "Parameters\n" in (ast.get_docstring(node) or "") for _, node in functions
-            ),
         }
+        for room in LOOKED_INTO:
+            parts, arrows = self.inside(room)
+            name = room.rpartition(".")[2]
+            figures |= {f"rooms in {name}": len(parts), f"arrows in {name}": len(arrows)}
+            figures |= {f"arrows up in {name}": len(arrows_up(arrows))}
+        calls = Calls({source.module: source.tree for source in self.sources.values()}, self.floors())
+        trips = {f"trip of `{trip}`": calls.follow(trip) for trip in TRIPS}
+        return (
+            figures
+            | {
+                "files": len(self.sources),
+                "files above 400 lines": sum(source.text.count("\n") > 400 for source in self.sources.values()),
+                "lines of code": lines["code"],
+                "statements": sum(
+                    isinstance(node, ast.stmt) for part in self.sources.values() for node in ast.walk(part.tree)
+                ),
+                "docstring lines": lines["docstrings"],
+                "comment lines": lines["comments"],
+                "explanation: docstring and comment lines per line of code": round(
+                    (lines["docstrings"] + lines["comments"]) / lines["code"], 3
+                ),
+                "imports inside functions": sum(inner_imports(node) for _, node in functions),
+                "functions and classes of one name in several modules": len(several) - constants,
+                "constants of one name in several modules": constants,
+                "functions": len(functions),
+                "functions above 60 lines": len(self.long_functions()),
+                "names that are participles, adverbs or letters, %": round(100 * len(listed) / names, 1),
+                "numeric constants of the engine's modules": len(self.numeric_constants()),
+                "private functions": len(private),
+                "private functions used once": sum(used[module][name] == 1 for module, name in private),
+                "options read from a dict by a string": sum(
+                    string_options(source.tree) for source in self.sources.values()
+                ),
+                "functions with a Parameters section": sum(
+                    "Parameters\n" in (ast.get_docstring(node) or "") for _, node in functions
+                ),
+                "lines of code of compiled twins": sum(
+                    source.lines["code"]
+                    for source in self.sources.values()
+                    if any(found.module == source.module and found.target == "numba" for found in self.imports)
+                ),
+            }
+            | {
+                f"{name}: {part}": figure
+                for name, trip in trips.items()
+                if trip
+                for part, figure in trip._asdict().items()
+            }
+        )
+
+    def floors(self) -> dict[str, int]:
+        """Return each room's floor: one above the highest room that it imports; arrows up do not count."""
+        arrows = self.arrows() - arrows_up(self.arrows())
+        below = {room: {other for one, other in arrows if one == room} for room in self.rooms()}
+        floors: dict[str, int] = {}
+        while len(floors) < len(below):
+            free = {room for room in below if room not in floors and below[room] <= set(floors)}
+            floors |= {room: max((floors[other] + 1 for other in below[room]), default=0) for room in free}
+        return floors
+
+
+def circles_of(arrows: set[tuple[str, str]]) -> list[list[str]]:
+    """Return the groups that reach one another by arrows (strongly connected; Tarjan 1972)."""
+    graph = defaultdict(set)
+    for one, other in arrows:
+        if one != other:
+            graph[one].add(other)
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    circles = []
+
+    def visit(node: str) -> None:
+        order[node] = low[node] = len(order)
+        stack.append(node)
+        for target in sorted(graph[node]):
+            if target not in order:
+                visit(target)
+            if target in stack:
+                low[node] = min(low[node], low[target])
+        if low[node] == order[node]:
+            circle = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(circle) > 1:
+                circles.append(sorted(circle))
+
+    for node in sorted(graph):
+        if node not in order:
+            visit(node)
+    return circles
+
+
+def arrows_up(arrows: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Return arrows without which the others all run down: the fewest found by taking them out one by one."""
+    up: set[tuple[str, str]] = set()
+    while circles := circles_of(arrows - up):
+        inside = sorted((one, other) for one, other in arrows - up if any({one, other} <= set(c) for c in circles))
+        up.add(min(inside, key=lambda arrow: sum(map(len, circles_of(arrows - up - {arrow})))))
+    return up
+
+
+def length_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Return the lines of a function from ``def``, without its docstring."""
+    docstring = function.body[0] if ast.get_docstring(function, clean=False) is not None else None
+    told = (docstring.end_lineno or 0) - docstring.lineno + 1 if docstring else 0
+    return (function.end_lineno or 0) - function.lineno + 1 - told
 
 
 def defined_names(body: list[ast.stmt]) -> Iterator[str]:
@@ -248,6 +386,19 @@ def defined_names(body: list[ast.stmt]) -> Iterator[str]:
             yield from (name.id for name in names if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store))
         elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             yield node.target.id
+
+
+def assignments_of(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.expr]]:
+    """Yield what a module assigns at its top level, name and value; ``a, b = 1, 2`` are two."""
+    for node in tree.body:
+        if isinstance(node, ast.AnnAssign) and node.value:
+            yield node.target, node.value
+        elif isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                yield from zip(target.elts, value.elts, strict=True)
+            else:
+                yield target, value
 
 
 def names_used(tree: ast.AST) -> Iterator[str]:
@@ -268,13 +419,6 @@ def inner_imports(function: ast.AST) -> int:
         if not isinstance(node, FUNCTIONS):
             nodes += ast.iter_child_nodes(node)
     return count
-
-
-def is_participle(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    """Return whether a function is called ``matched``; a property may be."""
-    decorators = {getattr(node, "id", getattr(node, "attr", "")) for node in function.decorator_list}
-    plain = function.name.strip("_").split("_")[0] not in VERBS
-    return bool(plain and PARTICIPLE.match(function.name) and not decorators & {"property", "cached_property"})
 
 
 def string_options(tree: ast.AST) -> int:
@@ -321,12 +465,7 @@ def rooms_of(product: Product) -> list[str]:
     """Return a table of the rooms, from the ground up: what each is and what it imports."""
     arrows = product.arrows()
     below = {room: sorted(other for one, other in arrows if one == room) for room in product.rooms()}
-    depth: dict[str, int] = {}
-    while len(depth) < len(below):  # a room stands one floor above the highest it imports
-        free = {room for room in below if room not in depth and all(other in depth for other in below[room])}
-        if not free:
-            raise SystemExit(f"rooms in a circle: {sorted(set(below) - set(depth))}")
-        depth |= {room: max((depth[other] + 1 for other in below[room]), default=0) for room in free}
+    depth = product.floors()
     rows = ["| floor | room | is | files | lines of code | imports |", "|---:|---|---|---:|---:|---|"]
     for room in sorted(below, key=lambda room: (-depth[room], room)):
         inside = [source for module, source in product.sources.items() if product.room_of(module) == room]
@@ -352,23 +491,30 @@ def write_page(parts: dict[str, list[str]]) -> None:
 def main(words: list[str]) -> int:
     """Print the tables and, if wanted, write them into the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("revisions", nargs="*", default=[BEFORE], help="revisions to compare with")
+    parser.add_argument("revisions", nargs="*", default=BEFORE, help="revisions to compare with")
+    parser.add_argument("--now", action="store_true", help="only the sources as they are")
     parser.add_argument("--write", action="store_true", help="write the tables into docs/structure.md")
-    parser.add_argument("--names", action="store_true", help="list names with two places, participles and circles")
+    parser.add_argument("--names", action="store_true", help="list what the figures count")
     arguments = parser.parse_args(words)
     now = Product(ROOT)
-    columns: dict[str, dict[str, float]] = {"drawn before": DRAWN_BEFORE} if arguments.revisions == [BEFORE] else {}
-    columns |= {f"at {revision}": product_at(revision).figures() for revision in arguments.revisions} | {
-        "now": now.figures()
-    }
+    revisions = () if arguments.now else arguments.revisions
+    columns = {f"at {revision}": product_at(revision).figures() for revision in revisions} | {"now": now.figures()}
+    columns["limit"] = LIMITS
     parts = {"figures": table_of(columns), "rooms": rooms_of(now)}
     print("\n\n".join("\n".join(lines) for lines in parts.values()))
     if arguments.names:
-        print("\ncircles:", *now.circles(), sep="\n  ")
         several = now.names_with_several_places().items()
-        print("\nseveral places:", *(f"{name}: {', '.join(places)}" for name, places in several), sep="\n  ")
-        bare = [f"{source.module}.{node.name}" for source, node in now.functions() if is_participle(node)]
-        print("\nparticiples:", *sorted(bare), sep="\n  ")
+        lists = {
+            "circles": now.circles(),
+            "arrows up": arrows_up(now.arrows()),
+            **{f"arrows up in {room}": arrows_up(now.inside(room)[1]) for room in LOOKED_INTO},
+            "several places": [f"{name}: {', '.join(places)}" for name, places in several],
+            "names listed": now.listed_names()[0],
+            "functions above 60 lines": now.long_functions(),
+            "numeric constants": now.numeric_constants(),
+        }
+        for title, found in lists.items():
+            print(f"\n{title}: {len(found)}", *found, sep="\n  ")
     if arguments.write:
         write_page(parts)
     return 0
