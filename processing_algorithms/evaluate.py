@@ -31,10 +31,10 @@ from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
+from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import measurements_of, read_points
-from ..hrsi_engine.io.safety.output_dir import stage_folder
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights

@@ -9,10 +9,10 @@ import numpy as np
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.in_memory import InMemory
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.position_tables import read_correspondences
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
-from ..hrsi_engine.io.safety.output_dir import require_plain_name, stage_folder
 from .declarations.fit_rpc import FitRpcOptions
 from .files.dry_run import plan
 from .files.result_folder import check_folder, tell

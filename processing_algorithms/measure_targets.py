@@ -12,11 +12,11 @@ from ..hrsi_engine.drawing.target_chips import chip_svg
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters.images import image_id
-from ..hrsi_engine.io.safety.output_dir import stage_folder
 from ..hrsi_engine.measurement.targets.measuring import WORST_SIGMA_PX, TargetMeasurement, measure_edges, measure_target
 from ..hrsi_engine.plausibility.places import EDGE_SLACK_PX
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..hrsi_engine.foundation.workers.threads import thread_count
-from ..hrsi_engine.io.safety.output_dir import check_output_dir
+from ..hrsi_engine.io.output_dir import check_output_dir
 from .declarations.ortho_check import OrthoCheckOptions
 from .files.result_folder import plan_page
 from .interface.declare import Context, Report

@@ -14,9 +14,9 @@ from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_measurements
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.opening.item_images import item_entry
+from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
-from ..hrsi_engine.io.safety.output_dir import check_output_dir, stage_folder
 from ..hrsi_engine.measurement.tie_points import TiePoints
 from .block_steps.earlier_ties import read_earlier_ties, with_earlier
 from .block_steps.outputs import Clock

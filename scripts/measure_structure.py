@@ -304,10 +304,8 @@ class Product:
                 "functions with a Parameters section": sum(
                     "Parameters\n" in (ast.get_docstring(node) or "") for _, node in functions
                 ),
-                "lines of code of compiled twins": sum(
-                    source.lines["code"]
-                    for source in self.sources.values()
-                    if any(found.module == source.module and found.target == "numba" for found in self.imports)
+                "lines of code of compiled loops": sum(
+                    source.lines["code"] for source in self.sources.values() if source.module in compiled
                 ),
             }
             | {

@@ -31,6 +31,7 @@ from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.geoid_grids import read_geoid_heights
@@ -38,7 +39,6 @@ from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
 from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
-from hrsi.hrsi_engine.io.safety.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
 from hrsi.hrsi_engine.measurement.block_matching.overview import overview_step
 from hrsi.hrsi_engine.surface.dem import intersect_surface, surface_heights

@@ -48,11 +48,11 @@ def fuzz(reader: str, corpus: Path, seconds: int) -> None:
 
     with atheris.instrument_imports(include=["hrsi"], enable_loader_override=False):
         from hrsi.hrsi_engine.foundation.errors import InputError
+        from hrsi.hrsi_engine.io.output_dir import names_of_last_run
         from hrsi.hrsi_engine.io.point_files import read_points
         from hrsi.hrsi_engine.io.rpc_files import RPC_READERS
         from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory, read_value
         from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
-        from hrsi.hrsi_engine.io.safety.output_dir import names_of_last_run
         from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
 
     def read_tiff(path: str) -> object:

@@ -14,7 +14,7 @@ from typing import Any
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, SolveError
 from hrsi.hrsi_engine.foundation.options import nested, option
 from hrsi.hrsi_engine.foundation.progress import advance
-from hrsi.hrsi_engine.io.safety.output_dir import stage_folder
+from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
 from hrsi.processing_algorithms.interface.option_groups import Common, ResultFolder
 

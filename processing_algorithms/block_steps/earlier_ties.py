@@ -13,9 +13,9 @@ from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.names import find_unique_ids, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.stac_items import recorded_images
+from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_measured, read_points
 from ...hrsi_engine.io.rasters.images import open_image
-from ...hrsi_engine.io.safety.output_dir import read_report
 from ...hrsi_engine.measurement.tie_points import TiePoints
 from ..declarations.tie_points import LAYER, LAYERS_FILE
 from ..files.image_files import require_ids

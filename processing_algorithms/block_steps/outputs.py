@@ -18,12 +18,12 @@ from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.foundation.workers.threads import one_thread_calls
+from ...hrsi_engine.io.array_files import write_arrays
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
-from ...hrsi_engine.io.opening.array_files import write_arrays
+from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
-from ...hrsi_engine.io.safety.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results import statistics as residual_statistics

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...hrsi_engine.foundation.reasons import Level
-from ...hrsi_engine.io.safety.output_dir import exists_anywhere
+from ...hrsi_engine.io.output_dir import exists_anywhere
 from ..interface.declare import Context, Report
 
 REPORT_FILE, PAGE_FILE = "report.json", "report.html"

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_json
-from ...hrsi_engine.io.safety.output_dir import check_output_dir, stage_folder
 from ..interface.declare import Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
 from .dry_run import PAGE_FILE, REPORT_FILE, plan

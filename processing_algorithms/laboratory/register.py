@@ -13,11 +13,11 @@ from ...hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.rasters.images import image_id, open_image
-from ...hrsi_engine.io.safety.output_dir import stage_folder
 from ...hrsi_engine.laboratory.registration import MethodComparison, compare_kinds, group_of
 from ...hrsi_engine.surface.dem import ConstantHeight, intersect_surface
 from ..files.result_folder import check_folder, plan_page

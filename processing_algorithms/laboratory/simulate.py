@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 
 from ...hrsi_engine.foundation.progress import stage
+from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_json
-from ...hrsi_engine.io.safety.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.laboratory.simulation.synthesis import simulate_block
 from ..files.dry_run import plan
 from ..interface.declare import Context, Report

@@ -17,10 +17,10 @@ from ...hrsi_engine.foundation.workers.threads import thread_count
 from ...hrsi_engine.io.catalogue.lineage import rpc_history
 from ...hrsi_engine.io.opening.json_files import read_json
 from ...hrsi_engine.io.opening.virtual_files import VIRTUAL
+from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.rasters.orthoimages import OrthoFigures, stamp_of, stored_figures, write_orthoimage
-from ...hrsi_engine.io.safety.output_dir import stage_folder
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..interface.declare import Context, Report

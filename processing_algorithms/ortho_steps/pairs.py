@@ -18,10 +18,10 @@ from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
-from ...hrsi_engine.io.safety.output_dir import stage_folder
 from ...hrsi_engine.ortho.common_shift import common_shift
 from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     MisregistrationOptions,

@@ -13,10 +13,10 @@ from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.geopackage.layer_rows import layer_names, replace_layers, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer
+from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.positions import SURVEYED
 from ...hrsi_engine.io.rasters.images import close_images, open_image
-from ...hrsi_engine.io.safety.output_dir import read_report
 from ...hrsi_engine.results.layers import block_layers
 from .adjusted import Adjusted
 from .rows import ROLES, TIE, KnownPoint, Measured

@@ -26,6 +26,7 @@ from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.opening import budgets
 from hrsi.hrsi_engine.io.opening.datasets import quiet
 from hrsi.hrsi_engine.io.opening.sound_databases import require_sound, widths
+from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.geoid_grids import read_geoid_heights
@@ -33,7 +34,6 @@ from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory
 from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
-from hrsi.hrsi_engine.io.safety.output_dir import names_of_last_run
 
 GIB = 2**30
 

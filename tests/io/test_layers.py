@@ -21,8 +21,8 @@ from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
 from hrsi.hrsi_engine.ground.map_crs import map_epsg, to_projected
 from hrsi.hrsi_engine.io.geopackage.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_style
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.safety.output_dir import stage_folder
 
 RING = np.array([[147.18, -42.78], [147.38, -42.77], [147.40, -42.97], [147.19, -42.97]])
 

@@ -13,10 +13,10 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.interruption import signals_as_exceptions
+from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.safety import leftovers, transactions
 from hrsi.hrsi_engine.io.safety.folder_lock import only_writer
 from hrsi.hrsi_engine.io.safety.leftovers import hidden_folder, is_dead, sweep, temporary_folder, temporary_name
-from hrsi.hrsi_engine.io.safety.output_dir import stage_folder
 from hrsi.hrsi_engine.io.safety.transactions import JOURNAL, SIGNPOST, Transaction, finish_interrupted
 
 COUNT = 6

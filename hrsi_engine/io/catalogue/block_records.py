@@ -13,7 +13,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..opening.array_files import DAMAGED, read_arrays
+from ..array_files import DAMAGED, read_arrays
 from ..opening.json_files import read_json
 
 RECORD_FILE, CAMERAS_FILE = "block.json", "block_cameras.npz"

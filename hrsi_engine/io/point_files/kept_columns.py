@@ -16,7 +16,7 @@ import numpy as np
 
 from ...block.names import NameColumn, find_unique_ids
 from ...block.points import ImagePoints
-from ..opening.array_files import DAMAGED, read_arrays, write_arrays
+from ..array_files import DAMAGED, read_arrays, write_arrays
 from ..opening.budgets import MOST_SAMPLES_PX
 from ..safety.content_marks import files_mark
 from .interpret import PointTables, matching_names

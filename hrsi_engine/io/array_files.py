@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..safety.replacing import replacing
+from .safety.replacing import replacing
 
 #: What reading a damaged file raises.
 DAMAGED = (KeyError, ValueError, OSError, MemoryError, EOFError, zipfile.BadZipFile, NotImplementedError)

@@ -15,16 +15,16 @@ from typing import Any
 
 from osgeo import gdal
 
-from ...foundation.errors import InputError, OutputError
-from ...foundation.interruption import holding_signals
-from ..geopackage.layers import remove_old_journal
-from ..opening.datasets import quiet, virtual_status
-from ..opening.json_files import read_json
-from ..opening.virtual_files import VIRTUAL, remove_virtual, write_virtual
-from ..rpc_files.sidecars import is_rpc_file, keep_original
-from .leftovers import temporary_folder
-from .replacing import COPY_BYTES
-from .transactions import Transaction, finish_interrupted
+from ..foundation.errors import InputError, OutputError
+from ..foundation.interruption import holding_signals
+from .geopackage.layers import remove_old_journal
+from .opening.datasets import quiet, virtual_status
+from .opening.json_files import read_json
+from .opening.virtual_files import VIRTUAL, remove_virtual, write_virtual
+from .rpc_files.sidecars import is_rpc_file, keep_original
+from .safety.leftovers import temporary_folder
+from .safety.replacing import COPY_BYTES
+from .safety.transactions import Transaction, finish_interrupted
 
 _REPORT = "report.json"
 RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
