@@ -18,9 +18,9 @@ from scipy.special import ndtr
 
 from ..hrsi_engine.measurement.interest_points.corners import (
     CornerOptions,
-    harris_strength,
-    peak_offsets,
-    structure_tensor,
+    compute_harris_strength,
+    compute_peak_offsets,
+    compute_structure_tensor,
 )
 
 PIXEL_SIGMA = 1.0 / np.sqrt(12.0)
@@ -126,13 +126,13 @@ def _centre_pixels(patch: np.ndarray, outward: np.ndarray) -> np.ndarray:
 
 def _corner_peak(patch: np.ndarray, outward: np.ndarray) -> np.ndarray:
     """Return the sub-pixel peak of Harris's strength nearest to the corner pixel."""
-    strength = harris_strength(structure_tensor(patch.astype(np.float32)), CornerOptions())
+    strength = compute_harris_strength(compute_structure_tensor(patch.astype(np.float32)), CornerOptions())
     guess = np.rint(_corner_pixel(patch, outward)).astype(int)
     low = np.maximum(guess - 4, 1)
     near = strength[low[1] : guess[1] + 5, low[0] : guess[0] + 5]
     row, column = np.unravel_index(np.argmax(near), near.shape)
     rows, columns = np.array([row + low[1]]), np.array([column + low[0]])
-    return np.array([columns[0], rows[0]]) + peak_offsets(np.pad(strength, 1), rows + 1, columns + 1)[0]
+    return np.array([columns[0], rows[0]]) + compute_peak_offsets(np.pad(strength, 1), rows + 1, columns + 1)[0]
 
 
 def _weighted_centre(patch: np.ndarray, outward: np.ndarray) -> np.ndarray:

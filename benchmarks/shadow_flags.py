@@ -39,7 +39,7 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
 from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY
-from hrsi.hrsi_engine.measurement.interest_points.shadows import find_shadows, image_direction
+from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
 from hrsi.hrsi_engine.surface.dem import intersect_surface
 from hrsi.tests.conftest import TEST_DATA
 
@@ -82,7 +82,7 @@ def main() -> None:
             continue
         sun = sun_at_time(time, image.rpc.long_off, image.rpc.lat_off)
         found = [
-            find_shadows(raster, points, image_direction(image.rpc, raster.size, sun.azimuth_deg + turn))
+            find_shadows(raster, points, compute_image_direction(image.rpc, raster.size, sun.azimuth_deg + turn))
             for turn in TURNS_DEG
         ]
         seen[folder, name] = image, raster, points, found[0]
@@ -130,7 +130,7 @@ def of_year(folder: Path, options: DetectionOptions) -> list[str]:
         raster = ArrayRaster(*image.raster.read(0, 0, *image.raster.size))
         points = detect_interest_points(raster, "centres", options)
         dark[name] = points.select(points.contrast < 0.0)
-        towards = image_direction(image.rpc, raster.size, told["sun_azimuth_deg"])
+        towards = compute_image_direction(image.rpc, raster.size, told["sun_azimuth_deg"])
         flagged[name] = find_shadows(raster, dark[name], towards)
         ground[name] = intersect_surface(cameras[name], dark[name].xy, surface).ground
         azimuth, elevation = np.radians([told["sun_azimuth_deg"], told["sun_elevation_deg"]])

@@ -14,7 +14,7 @@ from ..hrsi_engine.io.rasters.sun_angles import FoundSun, read_sun
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
 from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points
-from ..hrsi_engine.measurement.interest_points.shadows import find_shadows, image_direction
+from ..hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
 from .declarations.interest_points import LAYER, LAYERS_FILE, InterestPointsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
@@ -90,7 +90,7 @@ def _shadow_words(image: ImagePixels, points: InterestPoints, sun: FoundSun | No
     """Return of each point ``yes`` or ``no``, whether it is a dark centre on the shadow side; else ``unknown``."""
     if image.rpc is None or sun is None:
         return np.full(len(points), "unknown")
-    direction = image_direction(image.rpc, image.raster.size, sun.angles.azimuth_deg)
+    direction = compute_image_direction(image.rpc, image.raster.size, sun.angles.azimuth_deg)
     return np.where(find_shadows(image.raster, points, direction), "yes", "no")
 
 

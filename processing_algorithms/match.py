@@ -20,7 +20,7 @@ from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.measurement.control_network.matching import ControlNetworkMatch, match_windows
 from ..hrsi_engine.measurement.control_network.super_points import FOUND
-from ..hrsi_engine.measurement.interest_points.detectors import inside
+from ..hrsi_engine.measurement.interest_points.detectors import clip_to_image
 from ..hrsi_engine.measurement.interest_points.windows import Area
 from .declarations.match import LAYER, LAYERS_FILE, MatchAlgorithmOptions
 from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
@@ -43,8 +43,8 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     if images[0].id == images[1].id:
         images = [image._replace(id=f"{image.id}_{number + 1}") for number, image in enumerate(images)]
     areas = [
-        inside(window_area(options.window_1, "window_1"), images[0].raster),
-        inside(window_area(options.window_2, "window_2"), images[1].raster),
+        clip_to_image(window_area(options.window_1, "window_1"), images[0].raster),
+        clip_to_image(window_area(options.window_2, "window_2"), images[1].raster),
     ]
     if context.dry_run:
         return plan_page(options.folder, LAYERS_FILE, options.report, {"images": len(images)}, [], context)

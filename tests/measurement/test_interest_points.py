@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.measurement.interest_points import (
     InterestPoints,
     detect_interest_points,
     detectors,
-    spread_over_grid,
+    select_best_per_cell,
     windows,
 )
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
@@ -58,8 +58,8 @@ def same_points(first: InterestPoints, second: InterestPoints, tolerance_px: flo
 def test_windows_leave_no_seams(monkeypatch, pixels: np.ndarray, detector: str):
     """The same points, to float32 rounding, in one window and in windows with cores of 384 px."""
     whole = detect_interest_points(ArrayRaster(pixels), detector)
-    monkeypatch.setattr(detectors, "cores", partial(windows.cores, step=384))
-    assert len(windows.cores(Area(0, 0, 700, 700), 384)) == 4
+    monkeypatch.setattr(detectors, "tile_region", partial(windows.tile_region, step=384))
+    assert len(windows.tile_region(Area(0, 0, 700, 700), 384)) == 4
     same_points(whole, detect_interest_points(ArrayRaster(pixels), detector), 1e-3)
     same_points(whole, detect_interest_points(ArrayRaster(pixels), detector, DetectionOptions(threads=3)), 1e-3)
 
@@ -93,7 +93,7 @@ def test_nodata_and_saturation_are_left_out(pixels: np.ndarray, detector: str):
     assert len(found) > 20
     saturated = np.minimum(pixels, 700)
     found = detect_interest_points(ArrayRaster(saturated), detector)
-    area = windows.saturated_areas(saturated.astype(np.float32), 700.0)
+    area = windows.find_saturated_areas(saturated.astype(np.float32), 700.0)
     pixel = np.rint(found.xy).astype(int)
     assert area.mean() > 0.02
     assert not area[pixel[:, 1], pixel[:, 0]].any()
@@ -108,7 +108,7 @@ def test_flat_images_have_no_points(detector: str):
 
 def test_spreading_keeps_the_best_of_each_cell(pixels: np.ndarray):
     every = detect_interest_points(ArrayRaster(pixels), "harris")
-    spread = every.select(spread_over_grid(every, 100.0, 3))
+    spread = every.select(select_best_per_cell(every, 100.0, 3))
     cells = [tuple(cell) for cell in np.floor((spread.xy + 0.5) / 100.0)]
     assert max(map(cells.count, cells)) == 3
     assert len(set(cells)) == len({tuple(cell) for cell in np.floor((every.xy + 0.5) / 100.0)})

@@ -9,7 +9,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
-from hrsi.hrsi_engine.measurement.interest_points.shadows import find_shadows, image_direction
+from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
 
 SIDE, STEP, RADIUS_PX = 480, 48, 7.0
 GROUND, CROWN, DARK = 800.0, 550.0, 250.0
@@ -56,7 +56,7 @@ def test_shadows_are_where_the_sun_says(azimuth_deg: float):
 
 def test_a_direction_on_the_ground_is_carried_into_the_image():
     rpc = blocks.oblique_rpc(0.3, 0.1, heading=0.4)
-    direction = image_direction(rpc, (4001, 4001), 37.0)
+    direction = compute_image_direction(rpc, (4001, 4001), 37.0)
     ground = np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]])
     step = np.array([[np.sin(np.radians(37.0)), np.cos(np.radians(37.0)), 0.0]])
     moved = rpc.project(moved_ground(ground, 10.0 * step)) - rpc.project(ground)

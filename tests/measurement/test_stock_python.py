@@ -9,7 +9,11 @@ import pytest
 from hrsi.hrsi_engine.foundation.array_filters import ArrayFilters
 from hrsi.hrsi_engine.foundation.opencv_filters import OpenCVFilters
 from hrsi.hrsi_engine.measurement.interest_points.outlines import trace_contours
-from hrsi.hrsi_engine.measurement.interest_points.stable_regions import MserLimits, mser_by_opencv, mser_by_tree
+from hrsi.hrsi_engine.measurement.interest_points.stable_regions import (
+    MserLimits,
+    find_mser_by_opencv,
+    find_mser_by_tree,
+)
 from hrsi.hrsi_engine.measurement.tile_matching.sift_arrays import sift_arrays
 from hrsi.hrsi_engine.measurement.window_matching.cross_correlation import correlation_surface
 
@@ -148,7 +152,7 @@ def test_stable_regions_are_those_of_opencv(invert: bool, delta: int, change: fl
     """Pixel by pixel; of a hundred a few are others, where two regions change alike."""
     image = texture(400) ^ (255 if invert else 0)
     limits = MserLimits(delta, 12, 1600, change)
-    theirs, ours = (set(map(key, find(image, limits))) for find in (mser_by_opencv, mser_by_tree))
+    theirs, ours = (set(map(key, find(image, limits))) for find in (find_mser_by_opencv, find_mser_by_tree))
     print(f"{len(theirs)} regions of OpenCV, {len(ours)} by a tree, {len(theirs & ours)} the same")
     assert len(theirs) >= 20
     assert len(theirs & ours) >= 0.95 * max(len(theirs), len(ours))
@@ -157,4 +161,4 @@ def test_stable_regions_are_those_of_opencv(invert: bool, delta: int, change: fl
 @pytest.mark.parametrize("shape", [(1, 1), (2, 9), (3, 3), (60, 60)])
 def test_even_images_have_no_stable_region(shape: tuple[int, int]):
     """A part of them would be one, and the whole is too small or too large."""
-    assert mser_by_tree(np.full(shape, 7, np.uint8), MserLimits(4, 12, 1600, 0.7)) == []
+    assert find_mser_by_tree(np.full(shape, 7, np.uint8), MserLimits(4, 12, 1600, 0.7)) == []

@@ -11,7 +11,7 @@ from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.robust_scale import robust_sigma
-from ..interest_points.detectors import inside
+from ..interest_points.detectors import clip_to_image
 from ..interest_points.options import (
     CANDIDATE_QUALITY,
     DETECTOR_SETS,
@@ -156,7 +156,7 @@ def match_windows(
     options = options or ControlNetworkOptions()
     if options.detector not in DETECTOR_SETS:
         raise InputError(f"no interest points {options.detector!r}: choose one of {', '.join(DETECTOR_SETS)}")
-    areas = inside(first_window, first), inside(second_window, second)
+    areas = clip_to_image(first_window, first), clip_to_image(second_window, second)
     if options.scales is not None:
         return _match_at(first, second, options, FeatureVote(options.scales), areas, progress)
     # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent, stage
-from ..interest_points.points import InterestPoints, spread_over_grid
+from ..interest_points.points import InterestPoints, select_best_per_cell
 from .assignment import mutual_best
 from .grey_values import patch_correlation
 from .growth import consistent
@@ -76,7 +76,7 @@ def super_point_rows(points: InterestPoints) -> np.ndarray:
 
     The thesis takes the strongest of a whole window; cells do the same for windows of any size.
     """
-    return spread_over_grid(points, SEEDING_CELL_PX, PER_CELL)
+    return select_best_per_cell(points, SEEDING_CELL_PX, PER_CELL)
 
 
 def parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ Layers, each importing only those above it::
     level_regions    compact regions: brighter, darker or more even than all around them
     outlines         their sub-pixel outlines
     shapes           ellipses, rectangles and polygons through the outlines
-    gravity_centres  the best shape of each object, its centre and quality
+    find_gravity_centres  the best shape of each object, its centre and quality
     blobs            spots without a shape inside a closed outline, and their grey-weighted centres
     points           the table of points, spreading over a grid
     detectors        `DETECTORS` and `detect_interest_points`
@@ -21,8 +21,8 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "options": "DETECTOR_SETS STRONG_QUALITY CentreOptions CornerOptions DetectionOptions",
-        "detectors": "DETECTORS Detector detect_interest_points inside",
-        "points": "InterestPoints spread_over_grid",
+        "detectors": "DETECTORS Detector detect_interest_points clip_to_image",
+        "points": "InterestPoints select_best_per_cell",
         "windows": "Area",
     },
 )

@@ -9,7 +9,7 @@ Layers, each importing only those above it::
     level_regions    compact regions: brighter, darker or more even than all around them
     outlines         their sub-pixel outlines
     shapes           ellipses, rectangles and polygons through the outlines
-    gravity_centres  the best shape of each object, its centre and quality
+    find_gravity_centres  the best shape of each object, its centre and quality
     blobs            spots without a shape inside a closed outline, and their grey-weighted centres
     points           the table of points, spreading over a grid
     detectors        `DETECTORS` and `detect_interest_points`
@@ -19,13 +19,13 @@ Layers, each importing only those above it::
 
 from .detectors import DETECTORS as DETECTORS
 from .detectors import Detector as Detector
+from .detectors import clip_to_image as clip_to_image
 from .detectors import detect_interest_points as detect_interest_points
-from .detectors import inside as inside
 from .options import DETECTOR_SETS as DETECTOR_SETS
 from .options import STRONG_QUALITY as STRONG_QUALITY
 from .options import CentreOptions as CentreOptions
 from .options import CornerOptions as CornerOptions
 from .options import DetectionOptions as DetectionOptions
 from .points import InterestPoints as InterestPoints
-from .points import spread_over_grid as spread_over_grid
+from .points import select_best_per_cell as select_best_per_cell
 from .windows import Area as Area

@@ -13,17 +13,29 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.pixel_filters import erode, filter_separably, largest_within, slopes
+from ...foundation.thresholds import threshold, thresholds
 from .options import CornerOptions
-from .statistics import HALO_PX as STATISTICS_HALO_PX
-from .statistics import ImageStatistics, normalise
+from .statistics import STATISTICS_HALO_PX, ImageStatistics, normalise
 from .windows import DetectionWindow
 
-DERIVATIVE_PX, PATCH_PX = 1.0, 2.0  # standard deviations of the Gaussians of derivative and patch
-SUPPORT_PX = 12  # what the strength at a pixel depends on
-ROUNDNESS = 0.5  # Förstner's q: 1 where the gradients have no direction, 0 on an edge
+SIMULATED = "simulated scenes of objects and corners, 2026-11-21 (docs/interest_points_accuracy.md)"
 
 
-class Tensor(NamedTuple):
+@thresholds
+class CornerThresholds:
+    """Filters of the structure tensor, and which of its maxima are corners."""
+
+    derivative_px: float = threshold(1.0, "px", "standard deviation of the Gaussian of the derivatives")
+    patch_px: float = threshold(2.0, "px", "standard deviation of the Gaussian of the patch")
+    support_px: int = threshold(12, "px", "distance over which pixels influence the strength")
+    roundness: float = threshold(0.5, "", "smallest q: 1 for gradients of all directions, 0 on an edge")
+    model_sigma_px: float = threshold(0.25, "px", "repeatability of a maximum between views, beside noise", SIMULATED)
+
+
+CORNERS = CornerThresholds()
+
+
+class StructureTensor(NamedTuple):
     """Patch means of the products of the derivatives by sample (x) and line (y), each ``(lines, samples)``."""
 
     xx: np.ndarray
@@ -31,7 +43,7 @@ class Tensor(NamedTuple):
     yy: np.ndarray
 
 
-class Peaks(NamedTuple):
+class CornerPeaks(NamedTuple):
     """Local maxima: sub-pixel positions (n, 2) in the image, strengths (n,), sigma (n,) px."""
 
     xy: np.ndarray
@@ -39,19 +51,19 @@ class Peaks(NamedTuple):
     sigma_px: np.ndarray
 
 
-def structure_tensor(grey: np.ndarray) -> Tensor:
+def compute_structure_tensor(grey: np.ndarray) -> StructureTensor:
     """Return the structure tensor of an image (thesis eq. 3.1), float32."""
-    smooth, slope = gaussian_kernels(DERIVATIVE_PX)
+    smooth, slope = make_gaussian_kernels(CORNERS.derivative_px)
     by_x, by_y = slopes(np.asarray(grey, np.float32), smooth, slope, "reflect")
-    patch, _ = gaussian_kernels(PATCH_PX)
+    patch, _ = make_gaussian_kernels(CORNERS.patch_px)
 
     def mean(product: np.ndarray) -> np.ndarray:
         return filter_separably(product, patch, patch, "reflect")
 
-    return Tensor(mean(by_x * by_x), mean(by_x * by_y), mean(by_y * by_y))
+    return StructureTensor(mean(by_x * by_x), mean(by_x * by_y), mean(by_y * by_y))
 
 
-def gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+def make_gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a Gaussian of unit sum and its derivative, float32; correlation with the latter gives the slope."""
     reach = int(np.ceil(3.5 * sigma_px))
     x = np.arange(-reach, reach + 1)
@@ -61,59 +73,59 @@ def gaussian_kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
     return smooth.astype(np.float32), (slope / np.sum(x * slope)).astype(np.float32)
 
 
-def harris_strength(tensor: Tensor, options: CornerOptions) -> np.ndarray:
+def compute_harris_strength(tensor: StructureTensor, options: CornerOptions) -> np.ndarray:
     """Return thesis eq. 3.2, positive at corners."""
     trace = tensor.xx + tensor.yy
     return tensor.xx * tensor.yy - tensor.xy**2 - np.float32(options.kappa) * trace**2
 
 
-def foerstner_strength(tensor: Tensor, options: CornerOptions) -> np.ndarray:
+def compute_foerstner_strength(tensor: StructureTensor, options: CornerOptions) -> np.ndarray:
     """Return Förstner's w where the gradients are round enough, else 0."""
     trace = np.maximum(tensor.xx + tensor.yy, np.float32(1e-12))
     determinant = tensor.xx * tensor.yy - tensor.xy**2
-    return np.where(4.0 * determinant > ROUNDNESS * trace**2, determinant / trace, np.float32(0.0))
+    return np.where(4.0 * determinant > CORNERS.roundness * trace**2, determinant / trace, np.float32(0.0))
 
 
-Strength = Callable[[Tensor, CornerOptions], np.ndarray]
+Strength = Callable[[StructureTensor, CornerOptions], np.ndarray]
 
 
-def corner_halo_px(options: CornerOptions) -> int:
+def compute_corner_halo_px(options: CornerOptions) -> int:
     """Return how far a window must reach beyond its core."""
-    return STATISTICS_HALO_PX + SUPPORT_PX + int(np.ceil(options.radius_px)) + 1
+    return STATISTICS_HALO_PX + CORNERS.support_px + int(np.ceil(options.radius_px)) + 1
 
 
-def corner_peaks(
+def find_corner_peaks(
     window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions, strength_of: Strength
-) -> Peaks:
+) -> CornerPeaks:
     """Return the local maxima of a window's core with positive strength, all above 0; thresholds come later."""
-    tensor = structure_tensor(normalise(window, statistics))
+    tensor = compute_structure_tensor(normalise(window, statistics))
     strength = strength_of(tensor, options)
-    strength[~far_from_unusable(window.usable, SUPPORT_PX)] = 0.0
-    inner = strength[SUPPORT_PX:-SUPPORT_PX, SUPPORT_PX:-SUPPORT_PX].copy()
+    strength[~mask_usable_surroundings(window.usable, CORNERS.support_px)] = 0.0
+    inner = strength[CORNERS.support_px : -CORNERS.support_px, CORNERS.support_px : -CORNERS.support_px].copy()
     strength[:] = 0.0  # at the edges of the image the filters saw its mirror image
-    strength[SUPPORT_PX:-SUPPORT_PX, SUPPORT_PX:-SUPPORT_PX] = inner
-    rows, columns = np.nonzero(local_maxima(strength, options.radius_px))
-    offset = peak_offsets(strength, rows, columns)
+    strength[CORNERS.support_px : -CORNERS.support_px, CORNERS.support_px : -CORNERS.support_px] = inner
+    rows, columns = np.nonzero(find_local_maxima(strength, options.radius_px))
+    offset = compute_peak_offsets(strength, rows, columns)
     xy = np.column_stack([columns, rows]) + offset + window.origin
     here = window.core.contains(xy)
     rows, columns, xy = rows[here], columns[here], xy[here]
     noise = statistics.noise / statistics.deviation_floor
-    return Peaks(xy, strength[rows, columns], _sigmas(tensor, rows, columns, noise))
+    return CornerPeaks(xy, strength[rows, columns], _estimate_sigmas(tensor, rows, columns, noise))
 
 
-def local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
+def find_local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
     """Return the mask of pixels that are positive and the largest within a radius."""
     return (strength > 0.0) & (strength >= largest_within(strength, radius_px))
 
 
-def far_from_unusable(usable: np.ndarray, distance_px: int) -> np.ndarray:
+def mask_usable_surroundings(usable: np.ndarray, distance_px: int) -> np.ndarray:
     """Return the mask of pixels whose surroundings are usable as far as the window goes."""
     if usable.all():
         return usable
     return erode(usable, 2 * distance_px + 1)
 
 
-def peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def compute_peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return sub-pixel offsets ``(n, 2)`` (sample, line) of maxima: the peak of the paraboloid through 3 x 3 pixels."""
     n = {(j, i): strength[rows + j, columns + i].astype(np.float64) for j in (-1, 0, 1) for i in (-1, 0, 1)}
     by_x, by_y = (n[0, 1] - n[0, -1]) / 2.0, (n[1, 0] - n[-1, 0]) / 2.0
@@ -126,12 +138,9 @@ def peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.ndarray) ->
     return np.where(sharp[:, None], np.clip(offset, -1.0, 1.0), 0.0)
 
 
-def _sigmas(tensor: Tensor, rows: np.ndarray, columns: np.ndarray, noise: float) -> np.ndarray:
+def _estimate_sigmas(tensor: StructureTensor, rows: np.ndarray, columns: np.ndarray, noise: float) -> np.ndarray:
     """Return the standard deviation of a coordinate: what noise moves the point by, and what the model leaves."""
     xx, xy, yy = (layer[rows, columns].astype(np.float64) for layer in tensor)
-    effective = 4.0 * np.pi * PATCH_PX**2  # pixels in the patch
+    effective = 4.0 * np.pi * CORNERS.patch_px**2  # pixels in the patch
     by_noise = noise**2 / effective * (xx + yy) / np.maximum(xx * yy - xy**2, 1e-12) / 2.0
-    return np.sqrt(by_noise + MODEL_SIGMA_PX**2)
-
-
-MODEL_SIGMA_PX = 0.25  # how well the strongest response repeats between views, measured on simulated scenes
+    return np.sqrt(by_noise + CORNERS.model_sigma_px**2)

@@ -17,26 +17,39 @@ from scipy.spatial import cKDTree
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.streams import open_calls
 from ...foundation.workers.threads import thread_count
-from .blobs import Blobs, find_blobs
-from .corners import Peaks, Strength, corner_peaks, foerstner_strength, harris_strength
-from .corners import corner_halo_px as corner_halo_px
-from .gravity_centres import Centre, gravity_centres
-from .gravity_centres import centre_halo_px as centre_halo_px
+from .blobs import REAL_PAIRS, Blobs, find_blobs
+from .corners import (
+    CornerPeaks,
+    Strength,
+    compute_corner_halo_px,
+    compute_foerstner_strength,
+    compute_harris_strength,
+    find_corner_peaks,
+)
+from .gravity_centres import GravityCentre, compute_centre_halo_px, find_gravity_centres
 from .options import STRONG_QUALITY, CentreOptions, CornerOptions, DetectionOptions
-from .points import CORNER, SUPER, InterestPoints, join_points, no_points, spread_over_grid
-from .statistics import ImageStatistics, image_statistics, normalise, sample_areas
-from .windows import Area, DetectionWindow, cores, read_window
+from .points import CORNER, SUPER, InterestPoints, join_points, make_empty_points, select_best_per_cell
+from .statistics import ImageStatistics, choose_sample_areas, estimate_image_statistics, normalise
+from .windows import Area, DetectionWindow, read_window, tile_region
 
 BLOB = "blob"
-CHANCE_OF_SHAPE = 2.0 / 3.0  # to be found again, of a shape of the best quality: on real pairs, beside blobs
-COVERED_SHARE, LIKE_SIZE = (
-    0.15,
-    1.4,
-)  # share of a shape's diameter, and factor of size, by which a blob is the same object
-SMALLEST_IMAGE_PX = 32
-SMALL_IMAGE_PX = 2**22  # thresholds are set from all of it
+
+
+@thresholds
+class DetectionThresholds:
+    """Which images are large enough to detect in, and which centres are one object."""
+
+    shape_chance: float = threshold(2.0 / 3.0, "", "chance of the best shape to be found again", REAL_PAIRS)
+    same_centre: float = threshold(0.15, "", "distance of blob and shape of one object, by its diameter")
+    same_size: float = threshold(1.4, "", "largest ratio of their diameters")
+    smallest_side_px: int = threshold(32, "px", "smallest side of an image or window")
+    small_image_px: int = threshold(2**22, "px", "area up to which strength thresholds are set from all of the image")
+
+
+DETECTION = DetectionThresholds()
 
 
 class Detector(Protocol):
@@ -58,18 +71,18 @@ class CornerDetector:
     strength: Strength
 
     def halo_px(self, options: DetectionOptions) -> int:
-        return corner_halo_px(options.corners)
+        return compute_corner_halo_px(options.corners)
 
     def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
     ) -> Callable[[DetectionWindow], InterestPoints]:
-        known: dict[tuple[int, int, int, int], Peaks] = {}
+        known: dict[tuple[int, int, int, int], CornerPeaks] = {}
         thresholds = self._thresholds(raster, region, statistics, options.corners, known)
         return partial(self._find, statistics=statistics, options=thresholds, known=known)
 
     def _thresholds(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: CornerOptions,
-        known: dict[tuple[int, int, int, int], Peaks],
+        known: dict[tuple[int, int, int, int], CornerPeaks],
     ) -> CornerOptions:  # fmt: skip
         """Return the options with TA and TB set from the strengths of the local maxima in sample windows.
 
@@ -77,11 +90,11 @@ class CornerDetector:
         """
         if options.interest_threshold is not None and options.super_threshold is not None:
             return options
-        small = (region.right - region.left) * (region.bottom - region.top) <= SMALL_IMAGE_PX
+        small = (region.right - region.left) * (region.bottom - region.top) <= DETECTION.small_image_px
         strengths = []
-        for area in cores(region) if small else sample_areas(region):
-            window = read_window(raster, area, corner_halo_px(options), statistics.saturation)
-            peaks = corner_peaks(window, statistics, options, self.strength)
+        for area in tile_region(region) if small else choose_sample_areas(region):
+            window = read_window(raster, area, compute_corner_halo_px(options), statistics.saturation)
+            peaks = find_corner_peaks(window, statistics, options, self.strength)
             strengths.append(peaks.strength)
             if small:
                 known[area.bounds] = peaks
@@ -97,14 +110,14 @@ class CornerDetector:
 
     def _find(
         self, window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions,
-        known: dict[tuple[int, int, int, int], Peaks],
+        known: dict[tuple[int, int, int, int], CornerPeaks],
     ) -> InterestPoints:  # fmt: skip
-        peaks = known.pop(window.core.bounds, None) or corner_peaks(window, statistics, options, self.strength)
+        peaks = known.pop(window.core.bounds, None) or find_corner_peaks(window, statistics, options, self.strength)
         strong = peaks.strength > (options.interest_threshold or 0.0)
-        return _corner_table(Peaks(*(column[strong] for column in peaks)), options.super_threshold or 0.0)
+        return _tabulate_corners(CornerPeaks(*(column[strong] for column in peaks)), options.super_threshold or 0.0)
 
 
-def _corner_table(peaks: Peaks, super_threshold: float) -> InterestPoints:
+def _tabulate_corners(peaks: CornerPeaks, super_threshold: float) -> InterestPoints:
     count = len(peaks.xy)
     unknown = np.full(count, np.nan)
     quality = peaks.strength / (peaks.strength + max(super_threshold, 1e-30))  # 0.5 at TA
@@ -120,7 +133,7 @@ class CentreDetector:
     """Gravity centres of closed regions with a shape, and of blobs where there is none."""
 
     def halo_px(self, options: DetectionOptions) -> int:
-        return centre_halo_px(options.centres)
+        return compute_centre_halo_px(options.centres)
 
     def prepare(
         self, raster: Raster, region: Area, statistics: ImageStatistics, options: DetectionOptions
@@ -128,28 +141,28 @@ class CentreDetector:
         return partial(self._find, statistics=statistics, options=options.centres)
 
     def _find(self, window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> InterestPoints:
-        of_shape = replace(options, quality=min(options.quality / CHANCE_OF_SHAPE, 1.0))
-        shapes = _centre_table(gravity_centres(window, statistics, of_shape))
+        of_shape = replace(options, quality=min(options.quality / DETECTION.shape_chance, 1.0))
+        shapes = _tabulate_centres(find_gravity_centres(window, statistics, of_shape))
         found = find_blobs(normalise(window, statistics), window.usable, options)
-        blobs = _blob_table(found.select(found.chance >= options.quality), window)
-        return join_points([shapes, blobs.select(window.core.contains(blobs.xy) & ~_covered(blobs, shapes))])
+        blobs = _tabulate_blobs(found.select(found.chance >= options.quality), window)
+        return join_points([shapes, blobs.select(window.core.contains(blobs.xy) & ~_is_same_object(blobs, shapes))])
 
 
-def _centre_table(centres: list[Centre]) -> InterestPoints:
+def _tabulate_centres(centres: list[GravityCentre]) -> InterestPoints:
     if not centres:
-        return no_points()
+        return make_empty_points()
     return InterestPoints(
         np.array([c.xy for c in centres]), np.array([c.kind for c in centres], dtype="U9"),
         np.array([c.covariance_px2 for c in centres]), np.array([abs(c.contrast) for c in centres]),
-        CHANCE_OF_SHAPE * np.array([c.quality for c in centres]), np.array([c.size_px for c in centres]),
+        DETECTION.shape_chance * np.array([c.quality for c in centres]), np.array([c.size_px for c in centres]),
         np.array([c.azimuth_rad for c in centres]), np.array([c.contrast for c in centres]),
         np.array([c.rmse_px for c in centres]),
     )  # fmt: skip
 
 
-def _blob_table(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
+def _tabulate_blobs(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
     if not len(blobs.xy):
-        return no_points()
+        return make_empty_points()
     size, azimuth, uneven = blobs.ellipse()
     contrast = blobs.grey_contrast(window.grey)
     return InterestPoints(
@@ -158,25 +171,25 @@ def _blob_table(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
     )  # fmt: skip
 
 
-def _covered(blobs: InterestPoints, shapes: InterestPoints) -> np.ndarray:
+def _is_same_object(blobs: InterestPoints, shapes: InterestPoints) -> np.ndarray:
     """Return the mask of blobs that lie in a strong shape of like size: the same object, measured better."""
     shapes = shapes.select(shapes.quality >= STRONG_QUALITY)
     if not len(shapes) or not len(blobs):
         return np.zeros(len(blobs), dtype=bool)
     diameter, of_blob = (np.sqrt(np.prod(points.size_px, axis=1)) for points in (shapes, blobs))
-    near = cKDTree(shapes.xy).query_ball_point(blobs.xy, COVERED_SHARE * float(diameter.max()))
+    near = cKDTree(shapes.xy).query_ball_point(blobs.xy, DETECTION.same_centre * float(diameter.max()))
     covered = np.zeros(len(blobs), dtype=bool)
     for row, others in enumerate(near):
         away = np.hypot(*(shapes.xy[others] - blobs.xy[row]).T)
-        alike = np.abs(np.log(diameter[others] / of_blob[row])) < np.log(LIKE_SIZE)
-        covered[row] = bool((alike & (away < COVERED_SHARE * diameter[others])).any())
+        alike = np.abs(np.log(diameter[others] / of_blob[row])) < np.log(DETECTION.same_size)
+        covered[row] = bool((alike & (away < DETECTION.same_centre * diameter[others])).any())
     return covered
 
 
 #: Detectors by the name that `interest-points` and matching know them by.
 DETECTORS: dict[str, Detector] = {
-    "harris": CornerDetector(harris_strength),
-    "foerstner": CornerDetector(foerstner_strength),
+    "harris": CornerDetector(compute_harris_strength),
+    "foerstner": CornerDetector(compute_foerstner_strength),
     "centres": CentreDetector(),
 }
 
@@ -221,33 +234,34 @@ def detect_interest_points(
     options = options or DetectionOptions()
     if detector not in DETECTORS:
         raise InputError(f"no interest point detector {detector!r}: choose one of {', '.join(DETECTORS)}")
-    region = inside(region, raster)
-    statistics = image_statistics(raster, region, options.mask_saturated)
+    region = clip_to_image(region, raster)
+    statistics = estimate_image_statistics(raster, region, options.mask_saturated)
     find = DETECTORS[detector].prepare(raster, region, statistics, options)
     halo = DETECTORS[detector].halo_px(options)
 
     def of_core(core: Area) -> InterestPoints:
         return find(read_window(raster, core, halo, statistics.saturation))
 
-    parts, areas = [], cores(region)
+    parts, areas = [], tile_region(region)
     with open_calls(threads=thread_count(options.threads)) as calls:
         for number, found in enumerate(calls.answers(of_core, areas)):
             parts.append(found)
             advance(progress, (number + 1) / len(areas), f"{detector}: {sum(map(len, parts))} points")
     points = join_points(parts)
     if options.per_cell:
-        points = points.select(spread_over_grid(points, options.cell_px, options.per_cell))
+        points = points.select(select_best_per_cell(points, options.cell_px, options.per_cell))
     return points
 
 
-def inside(region: Area | None, raster: Raster) -> Area:
+def clip_to_image(region: Area | None, raster: Raster) -> Area:
     """Return the part of a region that lies inside the image, all of it for None; `InputError` where it is nothing."""
     width, height = raster.size
     wanted = region or Area(0, 0, width, height)
     cut = Area(max(wanted.left, 0), max(wanted.top, 0), min(wanted.right, width), min(wanted.bottom, height))
-    if cut.right - cut.left < SMALLEST_IMAGE_PX or cut.bottom - cut.top < SMALLEST_IMAGE_PX:
+    least = DETECTION.smallest_side_px
+    if cut.right - cut.left < least or cut.bottom - cut.top < least:
         raise InputError(
             f"the window {wanted.left},{wanted.top} to {wanted.right},{wanted.bottom} has less than "
-            f"{SMALLEST_IMAGE_PX} x {SMALLEST_IMAGE_PX} pixels in the image of {width} x {height}: choose a larger one"
+            f"{least} x {least} pixels in the image of {width} x {height}: choose a larger one"
         )
     return cut

@@ -14,28 +14,42 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .level_regions import EVEN, compact_regions
+from ...foundation.thresholds import threshold, thresholds
+from .corners import SIMULATED
+from .level_regions import EVEN, find_compact_regions
 from .options import CentreOptions
-from .outlines import Outlines, Slopes, bilinear, measure_outlines
-from .shapes import POLYGON_TOLERANCE, SHAPES, SIDES_SHARE, Shapes, size_tolerance
-from .statistics import HALO_PX as STATISTICS_HALO_PX
-from .statistics import ImageStatistics, normalise
+from .outlines import Outlines, SlopeImage, interpolate_bilinear, measure_outlines
+from .shapes import SHAPE, SHAPES, Shapes, compute_size_tolerance
+from .statistics import STATISTICS_HALO_PX, ImageStatistics, normalise
 from .windows import DetectionWindow
 
-LARGEST_GAP = 0.12  # of the outline without a clear edge
-CENTROID_AGREEMENT = (0.4, 0.05)  # weighted centroid and shape's centre: px, and share of the diameter
-CENTROID_SAMPLES = 13  # a side of the raster over the shape's box
-BOX_BEYOND_PX = 1.5  # of that raster: the blurred edge belongs to it
-BESIDE_PX = 2.5  # the surroundings begin so far outside the edge
-SAME_OUTLINE_PX, SAME_RADIUS = 0.75, 0.06  # centre, and logarithm of the mean radius, of outlines taken as one
-SAME_CENTRE = 0.1  # share of the diameter
-OBJECT_MARGIN_PX = 24  # what a window needs around half of the largest object
-SUPPORT_OF_SCORE_1, CONTRAST_OF_SCORE_1, SIGMA_OF_SCORE_0_PX = 4, 8.0, 0.25
-CLOSED_OF_SCORE_0 = 0.65
-STRONG_SHAPE = 0.75  # quality of a shape from which most views have it
+
+@thresholds
+class CentreThresholds:
+    """Which shapes have a gravity centre, and how their quality is scored."""
+
+    largest_gap: float = threshold(0.12, "", "largest share of the outline without a clear edge", SIMULATED)
+    centroid_agreement: tuple[float, float] = threshold(
+        (0.4, 0.05), "px, share", "largest distance of centroid and centre", SIMULATED
+    )
+    centroid_samples: int = threshold(13, "points", "side of the sample grid of the grey-weighted centroid")
+    box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape: the blurred edge belongs to it")
+    surroundings_px: float = threshold(2.5, "px", "distance outside the edge at which the surroundings are sampled")
+    same_outline_px: float = threshold(0.75, "px", "cell of centres within which outlines are one")
+    same_log_radius: float = threshold(0.06, "", "cell of the log of the mean radius, likewise")
+    same_centre: float = threshold(0.1, "", "distance of centres of one object, as a share of the diameter")
+    object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
+    full_support: int = threshold(4, "regions", "regions of one outline from which it scores 1", SIMULATED)
+    full_contrast: float = threshold(8.0, "sigma", "contrast from which it scores 1", SIMULATED)
+    zero_sigma_px: float = threshold(0.25, "px", "standard deviation of the centre from which it scores 0", SIMULATED)
+    zero_closed: float = threshold(0.65, "", "closed share of the outline below which it scores 0", SIMULATED)
+    strong_quality: float = threshold(0.75, "", "quality from which most views have the shape", SIMULATED)
 
 
-class Centre(NamedTuple):
+CENTRE = CentreThresholds()
+
+
+class GravityCentre(NamedTuple):
     """A gravity centre.
 
     xy : (2,) sample, line; covariance_px2 : (2, 2); kind : ``ellipse``, ``rectangle`` or ``region``
@@ -61,7 +75,7 @@ class Centre(NamedTuple):
 
 
 @dataclass(eq=False)
-class _Found:
+class _CentreCandidates:
     """Centres of a window before the best of each object are chosen, columns of length n; ``shape`` by kind and row."""
 
     xy: np.ndarray
@@ -73,23 +87,25 @@ class _Found:
     row: np.ndarray
 
 
-def centre_halo_px(options: CentreOptions) -> int:
+def compute_centre_halo_px(options: CentreOptions) -> int:
     """Return how far a window must reach beyond its core."""
-    return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + OBJECT_MARGIN_PX
+    return STATISTICS_HALO_PX + int(np.ceil(options.largest_px / 2.0)) + CENTRE.object_margin_px
 
 
-def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions) -> list[Centre]:
+def find_gravity_centres(
+    window: DetectionWindow, statistics: ImageStatistics, options: CentreOptions
+) -> list[GravityCentre]:
     """Return the gravity centres in a window's core, in image pixels."""
-    regions = compact_regions(normalise(window, statistics), window.usable, options.largest_px)
+    regions = find_compact_regions(normalise(window, statistics), window.usable, options.largest_px)
     # The mask of regions (n, 2) whose shape's centre may lie inside the core
     centres = regions.centres()
-    low = np.array([window.core.left, window.core.top]) - window.origin - OBJECT_MARGIN_PX
-    high = np.array([window.core.right, window.core.bottom]) - window.origin + OBJECT_MARGIN_PX
+    low = np.array([window.core.left, window.core.top]) - window.origin - CENTRE.object_margin_px
+    high = np.array([window.core.right, window.core.bottom]) - window.origin + CENTRE.object_margin_px
     near_core = np.asarray(np.all((centres >= low) & (centres < high), axis=1))
     regions = regions.select(near_core)
     if not len(regions):
         return []
-    slopes = Slopes(window.grey, window.usable, statistics.noise)
+    slopes = SlopeImage(window.grey, window.usable, statistics.noise)
     outlines = measure_outlines(slopes, regions)
     # The mask of outlines with enough clear edges and no wide gap
     share = outlines.found.sum(axis=1) / outlines.count
@@ -101,17 +117,19 @@ def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, option
     wrapped = np.where(last < 0, column + outlines.count[:, None] - clear.max(axis=1)[:, None], column - last)
     gap = np.where(real, wrapped, 0).max(axis=1)
     gap = np.where(first > 0, np.maximum(gap, first + outlines.count - 1 - clear.max(axis=1)), gap)
-    closed = np.asarray((share >= SIDES_SHARE) & (gap <= np.maximum(1.0, LARGEST_GAP * outlines.count)))
-    outlines, sign, support = _different(
+    closed = np.asarray((share >= SHAPE.sides_share) & (gap <= np.maximum(1.0, CENTRE.largest_gap * outlines.count)))
+    outlines, sign, support = _merge_outlines(
         outlines.select(closed), -regions.sign[closed].astype(np.float64), window.origin
     )
-    shapes = _simplest_shapes(outlines, slopes, sign)
+    shapes = _fit_simplest_shapes(outlines, slopes, sign)
     found = [
-        _assess(kind, shape, sign[rows], support[rows], slopes, statistics, options)
+        _score_shapes(kind, shape, sign[rows], support[rows], slopes, statistics, options)
         for kind, (shape, rows) in shapes.items()
     ]
-    every = _Found(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Found)))
-    chosen, quality = _best_of_each(every, options)
+    every = _CentreCandidates(
+        *(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_CentreCandidates))
+    )
+    chosen, quality = _select_best_centres(every, options)
     made = [
         _centre(str(every.kind[k]), shapes[str(every.kind[k])][0], every.row[k], every.contrast[k], q, window.origin)
         for k, q in zip(chosen, quality, strict=True)
@@ -120,7 +138,9 @@ def gravity_centres(window: DetectionWindow, statistics: ImageStatistics, option
     return [centre for centre, here in zip(made, inside, strict=True) if here]
 
 
-def _different(outlines: Outlines, sign: np.ndarray, origin: np.ndarray) -> tuple[Outlines, np.ndarray, np.ndarray]:
+def _merge_outlines(
+    outlines: Outlines, sign: np.ndarray, origin: np.ndarray
+) -> tuple[Outlines, np.ndarray, np.ndarray]:
     """Return the outlines that differ, with their sign and the number of regions that led to each.
 
     Regions of one object at neighbouring levels end at the same edges; the outline with most of them stands for all.
@@ -129,8 +149,8 @@ def _different(outlines: Outlines, sign: np.ndarray, origin: np.ndarray) -> tupl
     middle = np.sum(outlines.found[..., None] * outlines.xy, axis=1) / count[:, None]
     arm = np.where(outlines.found, np.linalg.norm(outlines.xy - middle[:, None], axis=-1), 0.0)
     radius = arm.sum(axis=1) / count
-    place = np.rint((middle + origin) / SAME_OUTLINE_PX)
-    cell = np.column_stack([sign, place, np.rint(np.log(np.maximum(radius, 1.0)) / SAME_RADIUS)])
+    place = np.rint((middle + origin) / CENTRE.same_outline_px)
+    cell = np.column_stack([sign, place, np.rint(np.log(np.maximum(radius, 1.0)) / CENTRE.same_log_radius)])
     order = np.lexsort((*(middle.T), -(count / outlines.count), *cell.T))
     first = np.r_[True, np.any(cell[order][1:] != cell[order][:-1], axis=1)] if len(order) else np.empty(0, bool)
     support = np.diff(np.r_[np.flatnonzero(first), len(order)])
@@ -138,7 +158,9 @@ def _different(outlines: Outlines, sign: np.ndarray, origin: np.ndarray) -> tupl
     return outlines.select(chosen), sign[chosen], support
 
 
-def _simplest_shapes(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> dict[str, tuple[Shapes, np.ndarray]]:
+def _fit_simplest_shapes(
+    outlines: Outlines, slopes: SlopeImage, sign: np.ndarray
+) -> dict[str, tuple[Shapes, np.ndarray]]:
     """Return the shapes of each of `SHAPES` with the rows of the outlines that it is the first to explain.
 
     Even regions have no polygons: without a grey level nothing but a regular shape tells an object from its texture.
@@ -156,17 +178,17 @@ def _simplest_shapes(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> di
 # ---- assessment ------------------------------------------------------------------------------------------------
 
 
-def _assess(
-    kind: str, shapes: Shapes, sign: np.ndarray, support: np.ndarray, slopes: Slopes, statistics: ImageStatistics,
+def _score_shapes(
+    kind: str, shapes: Shapes, sign: np.ndarray, support: np.ndarray, slopes: SlopeImage, statistics: ImageStatistics,
     options: CentreOptions,
-) -> _Found:  # fmt: skip
+) -> _CentreCandidates:  # fmt: skip
     """Return the centres of one kind that pass all tests, with their scores."""
     # The medians of the grey values half-way to the edge and beside it, ``(n,)``
     arm = shapes.edges - shapes.xy[:, None]
     length = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-9)
     values = []
-    for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + BESIDE_PX * arm / length):
-        grey = bilinear(slopes.grey, points[..., 0], points[..., 1])
+    for points in (shapes.xy[:, None] + 0.5 * arm, shapes.edges + CENTRE.surroundings_px * arm / length):
+        grey = interpolate_bilinear(slopes.grey, points[..., 0], points[..., 1])
         # The (lower) median of the used values of each row
         ordered = np.sort(np.where(shapes.found, grey, np.inf), axis=1)
         middle = np.maximum((shapes.found.sum(axis=1) - 1) // 2, 0)
@@ -177,20 +199,20 @@ def _assess(
     relative = np.abs(contrast) / statistics.deviation_floor
     keep = (shapes.size_px[:, 1] >= options.smallest_px) & (shapes.size_px[:, 0] <= options.largest_px)
     keep &= (relative >= options.contrast) & ((sign == EVEN) | (sign * contrast < 0.0))
-    limit = CENTROID_AGREEMENT[0] + CENTROID_AGREEMENT[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
-    away = weighted_centroids(shapes, slopes.grey, inside, outside) - shapes.xy
+    limit = CENTRE.centroid_agreement[0] + CENTRE.centroid_agreement[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
+    away = compute_grey_centroids(shapes, slopes.grey, inside, outside) - shapes.xy
     keep &= (sign == EVEN) | (np.hypot(away[:, 0], away[:, 1]) < limit)
     # 0 … 1: how much a centre stands out, how well the outline keeps to its shape and tells the centre
     sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
     scores = (
-        relative / CONTRAST_OF_SCORE_1,
-        (shapes.closed - CLOSED_OF_SCORE_0) / (1.0 - CLOSED_OF_SCORE_0),
-        1.0 - shapes.rmse_px / size_tolerance(POLYGON_TOLERANCE, shapes.size_px),
-        1.0 - sigma / SIGMA_OF_SCORE_0_PX,
+        relative / CENTRE.full_contrast,
+        (shapes.closed - CENTRE.zero_closed) / (1.0 - CENTRE.zero_closed),
+        1.0 - shapes.rmse_px / compute_size_tolerance(SHAPE.polygon_tolerance, shapes.size_px),
+        1.0 - sigma / CENTRE.zero_sigma_px,
     )
     score = np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))
     index = np.flatnonzero(keep)
-    return _Found(
+    return _CentreCandidates(
         shapes.xy[index],
         shapes.size_px[index],
         contrast[index],
@@ -201,19 +223,19 @@ def _assess(
     )
 
 
-def weighted_centroids(shapes: Shapes, grey: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> np.ndarray:
+def compute_grey_centroids(shapes: Shapes, grey: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> np.ndarray:
     """Return the grey-weighted centroids ``(n, 2)`` over the shapes' boxes, turned as they are.
 
     Weights rise from 0 at the grey value of the surroundings to 1 at that of the inside.
     """
-    step = np.linspace(-0.5, 0.5, CENTROID_SAMPLES)
+    step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
     along, aside = (a.ravel() for a in np.meshgrid(step, step))
-    box = shapes.size_px + 2.0 * BOX_BEYOND_PX
+    box = shapes.size_px + 2.0 * CENTRE.box_margin_px
     along, aside = box[:, :1] * along, box[:, 1:] * aside
     cos, sin = np.cos(shapes.azimuth_rad)[:, None], np.sin(shapes.azimuth_rad)[:, None]
     x, y = shapes.xy[:, :1] + cos * along - sin * aside, shapes.xy[:, 1:] + sin * along + cos * aside
     difference = np.where(inside == outside, np.inf, inside - outside)
-    weight = np.clip((bilinear(grey, x, y) - outside[:, None]) / difference[:, None], 0.0, 1.0)
+    weight = np.clip((interpolate_bilinear(grey, x, y) - outside[:, None]) / difference[:, None], 0.0, 1.0)
     total = np.maximum(weight.sum(axis=1), 1e-9)
     return np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1)
 
@@ -221,15 +243,15 @@ def weighted_centroids(shapes: Shapes, grey: np.ndarray, inside: np.ndarray, out
 # ---- one centre an object --------------------------------------------------------------------------------------
 
 
-def _best_of_each(found: _Found, options: CentreOptions) -> tuple[list[int], list[float]]:
+def _select_best_centres(found: _CentreCandidates, options: CentreOptions) -> tuple[list[int], list[float]]:
     """Return the best centre of each object, and its quality; centres of the same place and similar size are one."""
     if not len(found.xy):
         return [], []
     size = np.sqrt(np.prod(found.size_px, axis=1))
-    pairs = cKDTree(found.xy).query_pairs(max(SAME_CENTRE * float(size.max()), 1.0), output_type="ndarray")
+    pairs = cKDTree(found.xy).query_pairs(max(CENTRE.same_centre * float(size.max()), 1.0), output_type="ndarray")
     first, second = pairs.T
     near = np.hypot(*(found.xy[first] - found.xy[second]).T) < np.maximum(
-        SAME_CENTRE * np.minimum(size[first], size[second]), 1.0
+        CENTRE.same_centre * np.minimum(size[first], size[second]), 1.0
     )
     near &= np.abs(np.log(size[first] / size[second])) < np.log(1.6)
     neighbours: list[list[int]] = [[] for _ in size]
@@ -243,7 +265,7 @@ def _best_of_each(found: _Found, options: CentreOptions) -> tuple[list[int], lis
             continue
         same = [row, *(other for other in neighbours[row] if free[other])]
         free[same] = False
-        support = min(float(found.support[same].sum()) / SUPPORT_OF_SCORE_1, 1.0)
+        support = min(float(found.support[same].sum()) / CENTRE.full_support, 1.0)
         worth = float((found.score[row] * support) ** 0.2)
         if worth >= options.quality:
             chosen.append(row)
@@ -251,8 +273,8 @@ def _best_of_each(found: _Found, options: CentreOptions) -> tuple[list[int], lis
     return chosen, quality
 
 
-def _centre(kind: str, shapes: Shapes, row: int, contrast: float, quality: float, origin: np.ndarray) -> Centre:
-    return Centre(
+def _centre(kind: str, shapes: Shapes, row: int, contrast: float, quality: float, origin: np.ndarray) -> GravityCentre:
+    return GravityCentre(
         shapes.xy[row] + origin, shapes.covariance_px2[row], kind, shapes.size_px[row], float(shapes.azimuth_rad[row]),
         float(shapes.rmse_px[row]), float(contrast), quality, shapes.edges[row][shapes.found[row]] + origin,
     )  # fmt: skip

@@ -14,26 +14,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.pixel_filters import blur, opencv_is_wanted, reduce_by_area, reduce_mask, slopes
-from .corners import gaussian_kernels
-from .stable_regions import MserLimits, mser_by_opencv, mser_by_tree
+from ...foundation.thresholds import threshold, thresholds
+from .corners import SIMULATED, make_gaussian_kernels
+from .stable_regions import MserLimits, find_mser_by_opencv, find_mser_by_tree
 
 BRIGHT, DARK, EVEN = 1, -1, 0
-REGION_SCALES = (1, 4)
-SMOOTHING_PX = 0.7
-LEVEL_STEP = 0.05  # of the grey levels in standard deviations, from -6.4 to 6.4
-STABLE_STEPS = 4  # levels outwards and inwards over which a region must change little
-LARGEST_CHANGE = 0.7  # of its area over them
-EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE = 16, 1.0  # of 255 steps of the slope
-HALF_SLOPE = 0.5  # standard deviations per pixel in the middle of those steps
-EVEN_WITHIN_PX = 1.5  # an even region ends so far inside its edge
-SMALLEST_AT_SCALE_PX = 12  # smaller ones are found at the finer scale
-FEWEST_PIXELS = 12
-COMPACTNESS = 0.86  # area over the area of the ellipse with the same moments: 1 ellipse, 0.955 rectangle
-SLENDEREST = 4.0  # longer regions are roads and shadows
+
+
+@thresholds
+class RegionThresholds:
+    """Which stable regions of the grey levels and of the slopes are compact candidates of objects."""
+
+    scales: tuple[int, int] = threshold((1, 4), "", "reductions of the image in which regions are searched")
+    smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before levels are cut")
+    level_step: float = threshold(0.05, "sigma", "distance of the 256 grey levels, in local standard deviations")
+    stable_steps: int = threshold(4, "levels", "distance of the levels compared", SIMULATED)
+    largest_change: float = threshold(0.7, "", "largest change of the area over them", SIMULATED)
+    even_stable_steps: int = threshold(16, "levels", "likewise of even regions, of 255 of the slope", SIMULATED)
+    even_largest_change: float = threshold(1.0, "", "likewise, largest change of the area", SIMULATED)
+    half_slope: float = threshold(0.5, "sigma/px", "slope in the middle of these steps")
+    even_inset_px: float = threshold(1.5, "px", "distance of the border of an even region inside its edge")
+    smallest_at_scale_px: int = threshold(12, "px", "smallest side in a reduced image")
+    fewest_pixels: int = threshold(12, "px", "smallest area of a region")
+    compactness: float = threshold(
+        0.86, "", "smallest area by that of the ellipse of the same moments (rectangle 0.955)", SIMULATED
+    )
+    largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
+
+
+REGION = RegionThresholds()
 
 
 @dataclass(frozen=True, eq=False)
-class Regions:
+class LevelRegions:
     """Compact regions of a window.
 
     pixels : (k, 2) column, row of the pixels, region after region, in the window reduced by ``scale``
@@ -53,66 +66,74 @@ class Regions:
         total = np.add.reduceat(self.pixels.astype(np.float64), self.bounds[:-1]) if len(self) else np.empty((0, 2))
         return (total / np.diff(self.bounds)[:, None] + 0.5) * self.scale[:, None] - 0.5
 
-    def select(self, keep: np.ndarray) -> Regions:
+    def select(self, keep: np.ndarray) -> LevelRegions:
         """Return some regions (mask)."""
         counts = np.diff(self.bounds)
-        return Regions(
+        return LevelRegions(
             self.pixels[np.repeat(keep, counts)], np.r_[0, np.cumsum(counts[keep])], self.scale[keep], self.sign[keep]
         )
 
 
-def compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Regions:
+def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> LevelRegions:
     """Return the compact regions of a normalised image with sides up to ``largest_px``.
 
     ``usable`` masks pixels: regions that contain others, or lie at the edge of the window, are left out.
     """
-    tables = list(_regions_by_kind(z, usable, largest_px))
+    tables = list(_find_regions(z, usable, largest_px))
     counts = np.concatenate([np.diff(table.bounds) for table in tables])
-    return Regions(
+    return LevelRegions(
         np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
         np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
     )  # fmt: skip
 
 
-def _regions_by_kind(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[Regions]:
-    for scale in REGION_SCALES:
-        if scale > 1 and largest_px < SMALLEST_AT_SCALE_PX * scale:
+def _find_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[LevelRegions]:
+    for scale in REGION.scales:
+        if scale > 1 and largest_px < REGION.smallest_at_scale_px * scale:
             break
-        reduced, closed = _reduce(z, usable, scale)
+        reduced, closed = _reduce_image(z, usable, scale)
         reach = largest_px / scale
-        # A normalised image in steps of `LEVEL_STEP`, 0 … 255
-        level = np.rint(np.clip(reduced / LEVEL_STEP + 128.0, 0.0, 255.0)).astype(np.uint8)
+        # A normalised image in steps of `REGION.level_step`, 0 … 255
+        level = np.rint(np.clip(reduced / REGION.level_step + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
-            yield _compact(_stable(steps, STABLE_STEPS, LARGEST_CHANGE, reach), closed, reach, scale, sign)
-        if scale == REGION_SCALES[0]:
+            yield _select_compact(
+                _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach),
+                closed,
+                reach,
+                scale,
+                sign,
+            )
+        if scale == REGION.scales[0]:
             # 255 where a (smoothed) image has no slope, falling to 0 for very steep ones
-            smooth, slope = gaussian_kernels(0.5)
+            smooth, slope = make_gaussian_kernels(0.5)
             steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
-            evenness = np.rint(255.0 * HALF_SLOPE / (steepness + HALF_SLOPE)).astype(np.uint8)
-            even = _stable(evenness, EVEN_STABLE_STEPS, EVEN_LARGEST_CHANGE, reach)
-            yield _compact(even, closed, reach - 2.0 * EVEN_WITHIN_PX, scale, EVEN)
+            evenness = np.rint(255.0 * REGION.half_slope / (steepness + REGION.half_slope)).astype(np.uint8)
+            even = _find_stable_regions(evenness, REGION.even_stable_steps, REGION.even_largest_change, reach)
+            yield _select_compact(even, closed, reach - 2.0 * REGION.even_inset_px, scale, EVEN)
 
 
-def _reduce(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, np.ndarray]:
+def _reduce_image(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, np.ndarray]:
     """Return image and mask reduced by averaging ``scale`` x ``scale`` pixels, slightly smoothed."""
     if scale > 1:
         size = z.shape[1] // scale, z.shape[0] // scale
         z, usable = reduce_by_area(z, size), reduce_mask(usable, size)
-    return blur(z, SMOOTHING_PX), usable
+    return blur(z, REGION.smoothing_px), usable
 
 
-def _stable(steps: np.ndarray, stable_steps: int, largest_change: float, reach: float) -> tuple[list, np.ndarray]:
+def _find_stable_regions(
+    steps: np.ndarray, stable_steps: int, largest_change: float, reach: float
+) -> tuple[list, np.ndarray]:
     """Return pixels and boxes of the maximally stable regions that are brighter than their surroundings."""
-    limits = MserLimits(stable_steps, FEWEST_PIXELS, int(reach**2), largest_change)
-    find = mser_by_opencv if opencv_is_wanted() else mser_by_tree
+    limits = MserLimits(stable_steps, REGION.fewest_pixels, int(reach**2), largest_change)
+    find = find_mser_by_opencv if opencv_is_wanted() else find_mser_by_tree
     pixels = find(steps, limits)
     boxes = [(*low, *(high - low + 1)) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in pixels)]
     return pixels, np.array(boxes, dtype=np.int64).reshape(-1, 4)
 
 
-def _compact(
+def _select_compact(
     found: tuple[list, np.ndarray], usable: np.ndarray, reach: float, scale: int, sign: int
-) -> Regions:  # fmt: skip
+) -> LevelRegions:  # fmt: skip
     """Return the regions of usable pixels, away from the edges, whose moments fit their area."""
     pixels, boxes = found
     left, top, width, height = boxes.T
@@ -120,26 +141,26 @@ def _compact(
     keep = (width <= reach) & (height <= reach) & (left > 0) & (top > 0)
     keep &= (left + width < usable.shape[1]) & (top + height < usable.shape[0])
     keep &= count > 0.3 * width * height  # an ellipse fills 0.785 of an upright box, a square on its corner 0.5
-    if scale > REGION_SCALES[0]:
-        keep &= count >= SMALLEST_AT_SCALE_PX**2 // 2
+    if scale > REGION.scales[0]:
+        keep &= count >= REGION.smallest_at_scale_px**2 // 2
     chosen = [pixels[k] for k in np.flatnonzero(keep)]
     if not chosen:
         nothing = np.empty(0, dtype=np.int64)
-        return Regions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)
-    regions = Regions(
+        return LevelRegions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)
+    regions = LevelRegions(
         np.concatenate(chosen),
         np.r_[0, np.cumsum(count[keep])],
         np.full(len(chosen), scale),
         np.full(len(chosen), sign),
     )
-    good = _moments_fit(regions, EVEN_WITHIN_PX if sign == EVEN else 0.0)
+    good = _is_compact(regions, REGION.even_inset_px if sign == EVEN else 0.0)
     if not usable.all():
         free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
         good &= np.logical_and.reduceat(free, regions.bounds[:-1])
     return regions.select(good)
 
 
-def _moments_fit(regions: Regions, within_px: float) -> np.ndarray:
+def _is_compact(regions: LevelRegions, within_px: float) -> np.ndarray:
     """Return the mask of compact regions; ``within_px`` is what is missing all around before they are slender."""
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
@@ -154,4 +175,4 @@ def _moments_fit(regions: Regions, within_px: float) -> np.ndarray:
     root = np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
     longer, shorter = np.sqrt(half_trace + root), np.sqrt(np.maximum(half_trace - root, 1e-9))
     slender = (2.0 * longer + within_px) / (2.0 * shorter + within_px)
-    return (count >= COMPACTNESS * 4.0 * np.pi * np.sqrt(determinant)) & (slender < SLENDEREST)
+    return (count >= REGION.compactness * 4.0 * np.pi * np.sqrt(determinant)) & (slender < REGION.largest_elongation)

@@ -16,22 +16,32 @@ from scipy import ndimage
 
 from ...block.columns import Columns
 from ...foundation import pixel_filters as filters
-from .corners import gaussian_kernels
-from .level_regions import EVEN, EVEN_WITHIN_PX, Regions
+from ...foundation.thresholds import threshold, thresholds
+from .corners import SIMULATED, make_gaussian_kernels
+from .level_regions import EVEN, REGION, LevelRegions
 
-SLOPE_PX = 0.7  # standard deviation of the Gaussian: little of what lies beside an edge is mixed in
-STEP_PX = 0.5  # between samples along a normal
-NORMAL_REACH_PX = 2.5  # along a normal to each side, in pixels of the region's scale
-FINE_REACH_OF_SCALE = 0.75  # of the scale, from an edge measured in the reduced image
-FIRST_SHARE = 0.5  # of the largest slope, from which an edge of an even region is its edge
-SMOOTHED_POINTS = 1.5  # standard deviation of the outline's smoothing, in points
-OPENED_PIXELS = 60
-FEWEST_POINTS, MOST_POINTS = 16, 96
-OUTLINE_SLOPE_TO_NOISE = 4.0
+
+@thresholds
+class OutlineThresholds:
+    """How the outline of a region is sampled and its edge points are measured."""
+
+    slope_px: float = threshold(0.7, "px", "standard deviation of the Gaussian of the slope")
+    step_px: float = threshold(0.5, "px", "distance of samples along a normal")
+    normal_reach_px: float = threshold(2.5, "px", "search along a normal to each side, in pixels of the region's scale")
+    fine_reach: float = threshold(0.75, "", "search around an edge of the reduced image, by the scale")
+    first_peak_share: float = threshold(0.5, "", "share of the largest slope that makes an edge", SIMULATED)
+    smoothing_points: float = threshold(1.5, "points", "standard deviation of the Gaussian along the outline")
+    opened_pixels: int = threshold(60, "px", "area from which a region is opened, to cut its threads")
+    fewest_points: int = threshold(16, "points", "fewest points of an outline")
+    most_points: int = threshold(96, "points", "most points of an outline")
+    slope_to_noise: float = threshold(4.0, "sigma", "smallest slope of a clear edge")
+
+
+OUTLINE = OutlineThresholds()
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class SlopeImage:
     """Grey values of a window, reduced by ``scale``, their slope and its noise; unusable pixels have no slope."""
 
     grey: np.ndarray
@@ -42,7 +52,7 @@ class Slopes:
     @cached_property
     def gradient(self) -> np.ndarray:
         """Slope by column + 1j * slope by row, complex64."""
-        smooth, slope = gaussian_kernels(SLOPE_PX)
+        smooth, slope = make_gaussian_kernels(OUTLINE.slope_px)
         by = np.empty((*self.grey.shape, 2), dtype=np.float32)
         by[..., 0], by[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
         if not self.usable.all():
@@ -52,15 +62,15 @@ class Slopes:
     @property
     def threshold(self) -> float:
         """Smallest slope of a clear edge."""
-        return OUTLINE_SLOPE_TO_NOISE * self.noise * slope_noise()
+        return OUTLINE.slope_to_noise * self.noise * compute_slope_noise()
 
-    def reduce(self, scale: int) -> Slopes:
+    def reduce(self, scale: int) -> SlopeImage:
         """Return the same of the image reduced by averaging ``scale`` x ``scale`` pixels."""
         if scale == 1:
             return self
         size = self.grey.shape[1] // scale, self.grey.shape[0] // scale
         grey, usable = filters.reduce_by_area(self.grey, size), filters.reduce_mask(self.usable, size)
-        return Slopes(grey, usable, self.noise / scale, scale)
+        return SlopeImage(grey, usable, self.noise / scale, scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +88,15 @@ class Outlines(Columns):
     count: np.ndarray
 
 
-def slope_noise() -> float:
+def compute_slope_noise() -> float:
     """Return the standard deviation of the slope for noise of 1 grey value."""
-    smooth, slope = gaussian_kernels(SLOPE_PX)
+    smooth, slope = make_gaussian_kernels(OUTLINE.slope_px)
     return float(np.sqrt(np.sum(smooth**2) * np.sum(slope**2)))
 
 
-def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
+def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
     """Return the edge points of all regions."""
-    points, normals, counts = _pixel_outlines(regions)
+    points, normals, counts = _trace_pixel_outlines(regions)
     region = np.repeat(np.arange(len(regions)), counts)
     sign = -regions.sign[region].astype(np.float64)  # of the slope outwards
     scale = regions.scale[region]
@@ -94,10 +104,10 @@ def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
     for factor in np.unique(scale).tolist():
         here = scale == factor
         level = slopes.reduce(factor)
-        at, steep, clear = edges_along(level, points[here], normals[here], sign[here], NORMAL_REACH_PX)
+        at, steep, clear = find_edges_along(level, points[here], normals[here], sign[here], OUTLINE.normal_reach_px)
         at = (at + 0.5) * factor - 0.5
         if factor > 1:
-            at, steep, fine = edges_along(slopes, at, normals[here], sign[here], FINE_REACH_OF_SCALE * factor)
+            at, steep, fine = find_edges_along(slopes, at, normals[here], sign[here], OUTLINE.fine_reach * factor)
             clear &= fine
         points[here], slope[here], found[here] = at, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
@@ -106,44 +116,44 @@ def measure_outlines(slopes: Slopes, regions: Regions) -> Outlines:
 
 
 def _pad(values: np.ndarray, place: tuple[np.ndarray, np.ndarray], regions: int) -> np.ndarray:
-    table = np.zeros((regions, MOST_POINTS, *values.shape[1:]), dtype=values.dtype)
+    table = np.zeros((regions, OUTLINE.most_points, *values.shape[1:]), dtype=values.dtype)
     table[place] = values
     return table
 
 
-def edges_along(
-    slopes: Slopes, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, reach_px: float
+def find_edges_along(
+    slopes: SlopeImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where along each normal the edge is ``(n, 2)``, its slope ``(n,)`` and whether it is clear ``(n,)``.
 
     The edge is the largest slope of a ``sign``; where that is 0, the first one from inside that is nearly as large as
     any, whatever its sign. It must lie inside the reach. Positions are pixels of the slopes' image.
     """
-    steps = np.arange(-reach_px, reach_px + STEP_PX / 2.0, STEP_PX)
+    steps = np.arange(-reach_px, reach_px + OUTLINE.step_px / 2.0, OUTLINE.step_px)
     x = points[:, :1] + steps * normals[:, :1]
     y = points[:, 1:] + steps * normals[:, 1:]
-    gradient = bilinear(slopes.gradient, x, y)
+    gradient = interpolate_bilinear(slopes.gradient, x, y)
     along = normals[:, :1] * gradient.real + normals[:, 1:] * gradient.imag
     along = np.where(sign[:, None] == 0.0, np.abs(along), sign[:, None] * along)
     row, last = np.arange(len(points)), len(steps) - 1
     peak = along.copy()
     unsigned = sign == 0.0
-    peak[unsigned] = _first_peaks(along[unsigned])
+    peak[unsigned] = _mark_first_peaks(along[unsigned])
     best = np.argmax(peak, axis=1)
     middle = np.clip(best, 1, last - 1)
     before, at, after = along[row, middle - 1], along[row, middle], along[row, middle + 1]
     bend = before - 2.0 * at + after
     shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    offset = STEP_PX * (middle - last / 2.0 + np.clip(shift, -0.5, 0.5))
+    offset = OUTLINE.step_px * (middle - last / 2.0 + np.clip(shift, -0.5, 0.5))
     clear = (best > 0) & (best < last) & (at > slopes.threshold)
     return points + offset[:, None] * normals, at, clear
 
 
-def _first_peaks(along: np.ndarray) -> np.ndarray:
-    """Return 1 at the first local maximum of each row that is `FIRST_SHARE` of the largest, else 0."""
+def _mark_first_peaks(along: np.ndarray) -> np.ndarray:
+    """Return 1 at the first local maximum of each row that is `OUTLINE.first_peak_share` of the largest, else 0."""
     peak = np.zeros(along.shape, dtype=np.float32)
     inner = along[:, 1:-1]
-    large = inner >= FIRST_SHARE * along.max(axis=1, initial=0.0)[:, None]
+    large = inner >= OUTLINE.first_peak_share * along.max(axis=1, initial=0.0)[:, None]
     peak[:, 1:-1] = (inner >= along[:, :-2]) & (inner >= along[:, 2:]) & large
     return peak
 
@@ -151,10 +161,10 @@ def _first_peaks(along: np.ndarray) -> np.ndarray:
 # ---- pixel outlines --------------------------------------------------------------------------------------------
 
 
-def _pixel_outlines(regions: Regions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points around the regions and outward normals ``(k, 2)``, in pixels of their scale; counts ``(n,)``."""
-    points, counts = _evenly_spaced(_contours(regions))
-    _smooth(points, counts)
+    points, counts = _resample_contours(_trace_contours(regions))
+    _smooth_outlines(points, counts)
     starts = np.r_[0, np.cumsum(counts)[:-1]]
     after, before = np.arange(len(points)) + 1, np.arange(len(points)) - 1
     after[starts + counts - 1], before[starts] = starts, starts + counts - 1
@@ -166,11 +176,11 @@ def _pixel_outlines(regions: Regions) -> tuple[np.ndarray, np.ndarray, np.ndarra
     outwards = np.add.reduceat(np.sum((points - middle[region]) * normal, axis=1), starts)
     normal *= np.where(outwards < 0.0, -1.0, 1.0)[region, None]
     # the contour runs through pixel middles, the edge lies half a pixel outside, that of an even region farther
-    outside = np.where(regions.sign == EVEN, EVEN_WITHIN_PX, 0.5)[region]
+    outside = np.where(regions.sign == EVEN, REGION.even_inset_px, 0.5)[region]
     return points + outside[:, None] * normal, normal, counts
 
 
-def _contours(regions: Regions) -> list[np.ndarray]:
+def _trace_contours(regions: LevelRegions) -> list[np.ndarray]:
     """Return the middles of each region's outermost pixels in order, ``(k, 2)``."""
     starts = regions.bounds[:-1]
     low = np.minimum.reduceat(regions.pixels, starts) - 1
@@ -183,11 +193,11 @@ def _contours(regions: Regions) -> list[np.ndarray]:
         mask = np.zeros(lines * samples, dtype=bool)
         mask[place[first:last]] = True
         mask = mask.reshape(lines, samples)
-        masks.append(_without_threads(mask) if last - first >= OPENED_PIXELS else mask)
+        masks.append(_cut_threads(mask) if last - first >= OUTLINE.opened_pixels else mask)
     return [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
 
 
-def _without_threads(mask: np.ndarray) -> np.ndarray:
+def _cut_threads(mask: np.ndarray) -> np.ndarray:
     """Return the largest part of a mask without the threads by which it leaks into its surroundings."""
     core = filters.opened(mask, 3)
     if not core.any():
@@ -235,7 +245,7 @@ def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     return np.split(np.column_stack([column, row]), np.cumsum(np.bincount(region, minlength=len(masks)))[:-1])
 
 
-def _evenly_spaced(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _resample_contours(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return points about 1 px apart along closed contours, and their numbers: multiples of 4 in the limits."""
     lengths = np.array([len(contour) for contour in contours])
     starts = np.r_[0, np.cumsum(lengths)[:-1]]
@@ -245,7 +255,7 @@ def _evenly_spaced(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     step = every[following] - every
     way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # over all contours, one after the other
     around = way[starts + lengths] - way[starts]
-    counts = (4 * np.clip(np.rint(around / 4.0), FEWEST_POINTS / 4, MOST_POINTS / 4)).astype(np.int64)
+    counts = (4 * np.clip(np.rint(around / 4.0), OUTLINE.fewest_points / 4, OUTLINE.most_points / 4)).astype(np.int64)
     region = np.repeat(np.arange(len(counts)), counts)
     number = np.arange(len(region)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
     wanted = way[starts][region] + around[region] * number / counts[region]
@@ -254,17 +264,17 @@ def _evenly_spaced(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return every[segment] + share[:, None] * step[segment], counts
 
 
-def _smooth(points: np.ndarray, counts: np.ndarray) -> None:
+def _smooth_outlines(points: np.ndarray, counts: np.ndarray) -> None:
     """Smooth closed outlines by a Gaussian, in the frequency domain, in place."""
     starts = np.r_[0, np.cumsum(counts)[:-1]]
     for count in np.unique(counts).tolist():
         rows = starts[counts == count][:, None] + np.arange(count)
-        gain = np.exp(-2.0 * (np.pi * SMOOTHED_POINTS * np.fft.fftfreq(count)) ** 2)
+        gain = np.exp(-2.0 * (np.pi * OUTLINE.smoothing_points * np.fft.fftfreq(count)) ** 2)
         smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
         points[rows, 0], points[rows, 1] = smooth.real, smooth.imag
 
 
-def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def interpolate_bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return an image at positions inside it (columns x, rows y); outside its border values go on."""
     x = np.clip(x, 0.0, image.shape[1] - 1.001)
     y = np.clip(y, 0.0, image.shape[0] - 1.001)

@@ -87,13 +87,13 @@ class InterestPoints(Columns):
 def join_points(tables: Sequence[InterestPoints]) -> InterestPoints:
     """Return tables under each other; an empty one for none."""
     if not tables:
-        return no_points()
+        return make_empty_points()
     return InterestPoints(
         *(np.concatenate([getattr(table, field.name) for table in tables]) for field in fields(InterestPoints))
     )
 
 
-def no_points() -> InterestPoints:
+def make_empty_points() -> InterestPoints:
     """Return a table without rows."""
     nothing = np.empty(0)
     return InterestPoints(
@@ -102,7 +102,7 @@ def no_points() -> InterestPoints:
     )  # fmt: skip
 
 
-def spread_over_grid(points: InterestPoints, cell_px: float, per_cell: int) -> np.ndarray:
+def select_best_per_cell(points: InterestPoints, cell_px: float, per_cell: int) -> np.ndarray:
     """Return indices, ascending, of the ``per_cell`` best points in every cell of a grid; best by quality, strength."""
     cell = np.floor((points.xy + 0.5) / cell_px).astype(np.int64)
     order = np.lexsort((-points.strength, -points.quality, cell[:, 0], cell[:, 1]))

@@ -15,18 +15,31 @@ import numpy as np
 
 from ...block.block import Raster
 from ...camera.rpc import RPC
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import moved_ground
-from .outlines import bilinear
+from .outlines import interpolate_bilinear
 from .points import InterestPoints
-from .windows import Area, cores
+from .windows import Area, tile_region
 
-BEYOND_PX = 5.0  # of the outline, where what stands beside is looked for
-INSIDE = 0.6  # share of the radius at which the two halves are compared
-AROUND_SHADOW = 32
-SIDE, OTHER_HALF = 0.7, 0.0  # cosines to the direction towards the sun: of its side above, of all others below
-THING_DARKER, HALF_BRIGHTER = 0.2, 0.1  # shares of the contrast between the open ground and the centre
-ROUND_ABOUT_PX = 8
-STEP_M = 100.0  # over which a direction is carried into the image
+REAL_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)"
+
+
+@thresholds
+class ShadowThresholds:
+    """Which dark centres are the shadow side of something; compared are grey values around them."""
+
+    beyond_px: float = threshold(5.0, "px", "distance of the samples of the casting object", REAL_IMAGES)
+    inside: float = threshold(0.6, "", "share of the radius at which the two halves are compared", REAL_IMAGES)
+    samples: int = threshold(32, "points", "samples around an outline")
+    side: float = threshold(0.7, "", "cosine to the sun from which a sample is on its side", REAL_IMAGES)
+    other_half: float = threshold(0.0, "", "and below which it is on the other sides", REAL_IMAGES)
+    object_darker: float = threshold(0.2, "", "smallest darkness of the object, by the contrast", REAL_IMAGES)
+    half_brighter: float = threshold(0.1, "", "smallest difference of the halves, likewise", REAL_IMAGES)
+    margin_px: int = threshold(8, "px", "margin of the pixels read")
+    step_m: float = threshold(100.0, "m", "length on the ground over which a direction is carried into the image")
+
+
+SHADOW = ShadowThresholds()
 
 
 def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray) -> np.ndarray:
@@ -50,21 +63,21 @@ def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray
     dark = np.flatnonzero(points.is_centre & (points.contrast < 0.0))
     if not len(dark):
         return found
-    reach = int(np.ceil(points.size_px[dark, 0].max() / 2.0 + BEYOND_PX)) + ROUND_ABOUT_PX
-    for core in cores(Area(0, 0, *raster.size)):
+    reach = int(np.ceil(points.size_px[dark, 0].max() / 2.0 + SHADOW.beyond_px)) + SHADOW.margin_px
+    for core in tile_region(Area(0, 0, *raster.size)):
         here = dark[core.contains(points.xy[dark])]
         if len(here):
             left, top = max(core.left - reach, 0), max(core.top - reach, 0)
             right, bottom = (min(end + reach, size) for end, size in zip(core.bounds[2:], raster.size, strict=True))
             grey, _ = raster.read(left, top, right - left, bottom - top)
-            found[here] = _on_shadow_side(
+            found[here] = _is_on_shadow_side(
                 grey.astype(np.float32), points.xy[here] - (left, top), points.size_px[here], points.azimuth_rad[here],
                 towards_sun,
             )  # fmt: skip
     return found
 
 
-def image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float) -> np.ndarray:
+def compute_image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float) -> np.ndarray:
     """Return a direction on the ground as it is in the middle of an image.
 
     Parameters
@@ -83,29 +96,33 @@ def image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float) -> np.n
     """
     middle = (np.array([size], dtype=np.float64) - 1.0) / 2.0
     here = rpc.localize(middle, rpc.height_off).ground
-    step = STEP_M * np.array([[np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg)), 0.0]])
+    step = SHADOW.step_m * np.array([[np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg)), 0.0]])
     along = rpc.project(moved_ground(here, step)) - rpc.project(here)
     return np.asarray(along[0] / np.hypot(*along[0]))
 
 
-def _on_shadow_side(
+def _is_on_shadow_side(
     grey: np.ndarray, xy: np.ndarray, size_px: np.ndarray, azimuth_rad: np.ndarray, towards_sun: np.ndarray
 ) -> np.ndarray:
     """Return the mask ``(n,)`` of centres at ``xy (n, 2)`` in a window's pixels; their outlines are taken as ovals."""
-    direction = 2.0 * np.pi * np.arange(AROUND_SHADOW) / AROUND_SHADOW
+    direction = 2.0 * np.pi * np.arange(SHADOW.samples) / SHADOW.samples
     cosine = np.cos(direction) * towards_sun[0] + np.sin(direction) * towards_sun[1]
-    sunny, shady, others = cosine > SIDE, cosine < -SIDE, cosine < OTHER_HALF
+    sunny, shady, others = cosine > SHADOW.side, cosine < -SHADOW.side, cosine < SHADOW.other_half
     half = size_px / 2.0
     turn = direction - azimuth_rad[:, None]
     radius = half.prod(axis=1)[:, None] / np.hypot(half[:, 1:] * np.cos(turn), half[:, :1] * np.sin(turn))
 
     def around(share: float, beyond_px: float) -> np.ndarray:
         away = share * radius + beyond_px
-        return np.asarray(bilinear(grey, xy[:, :1] + away * np.cos(direction), xy[:, 1:] + away * np.sin(direction)))
+        return np.asarray(
+            interpolate_bilinear(grey, xy[:, :1] + away * np.cos(direction), xy[:, 1:] + away * np.sin(direction))
+        )
 
-    inside, beyond = around(INSIDE, 0.0), around(1.0, BEYOND_PX)
+    inside, beyond = around(SHADOW.inside, 0.0), around(1.0, SHADOW.beyond_px)
     ground = np.median(beyond[:, others], axis=1)
     contrast = ground - np.median(around(0.5, 0.0), axis=1)
     thing = ground - beyond[:, sunny].mean(axis=1)
     halves = inside[:, sunny].mean(axis=1) - inside[:, shady].mean(axis=1)
-    return np.asarray((contrast > 0.0) & (thing > THING_DARKER * contrast) & (halves > HALF_BRIGHTER * contrast))
+    return np.asarray(
+        (contrast > 0.0) & (thing > SHADOW.object_darker * contrast) & (halves > SHADOW.half_brighter * contrast)
+    )

@@ -14,26 +14,47 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from ...foundation.thresholds import threshold, thresholds
 from ..targets.ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
-from .outlines import Outlines, Slopes, edges_along
+from .corners import SIMULATED
+from .outlines import Outlines, SlopeImage, find_edges_along
 
-CLOSED_SHARE = 0.85  # of the outline with a clear edge that lies on the shape
-SIDES_SHARE, SIDE_SHARE = 0.72, 0.6  # likewise of the four sides of a rectangle, and of each
-SMALLEST_SIGMA_PX = 0.02
-CORRELATED_PX = 4.0  # errors of edge points nearer than that are alike
-ELLIPSE_TOLERANCE = (0.20, 0.012)  # px, and share of the diameter: rmse of the outline about the shape
-RECTANGLE_TOLERANCE = (0.2, 0.004)
-POLYGON_TOLERANCE = (0.5, 0.04)  # of the outline about its own smoothed self
-POLYGON_INDEPENDENT = 8  # parts of a polygon's outline whose errors have nothing to do with each other
-FOURFOLD = 0.25  # how much the normals keep to four directions: 1 all of them, 0 as on a circle
-SQUAREST_DEG = 55.0  # angle at the corners of a rectangle seen from aside, at least
-SOLIDITY = 0.88  # area of a polygon over that of its convex hull
-ROBUST_PX = (1.0, 0.5, 0.3, 0.3)  # residuals of half weight (about), from step to step
-ON_SHAPE_PX = 0.6
-FINAL_STEPS = 3  # of Gauss-Newton: the last one moves centres by less than 1e-3 px
-ELLIPSE_POINTS, SIDE_POINTS = 48, 20
-FINE_REACH_PX = 1.25
-CORNER_SHARE, CORNER_PX = 0.12, 1.5  # of a side, that its rounded corners take away at each end
+
+@thresholds
+class ShapeThresholds:
+    """When an ellipse, a rectangle or a polygon explains an outline."""
+
+    closed_share: float = threshold(0.85, "", "smallest share of the outline with a clear edge on the shape", SIMULATED)
+    sides_share: float = threshold(0.72, "", "likewise of the four sides of a rectangle together", SIMULATED)
+    side_share: float = threshold(0.6, "", "likewise of each side", SIMULATED)
+    sigma_floor_px: float = threshold(0.02, "px", "smallest standard deviation of a centre")
+    correlation_length_px: float = threshold(4.0, "px", "correlation length of errors of edge points", SIMULATED)
+    ellipse_tolerance: tuple[float, float] = threshold(
+        (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED
+    )
+    rectangle_tolerance: tuple[float, float] = threshold(
+        (0.2, 0.004), "px, share", "likewise about a rectangle", SIMULATED
+    )
+    polygon_tolerance: tuple[float, float] = threshold(
+        (0.5, 0.04), "px, share", "likewise about the smoothed outline", SIMULATED
+    )
+    independent_parts: int = threshold(8, "parts", "parts of a polygon's outline with independent errors")
+    fourfold: float = threshold(0.25, "", "smallest fourfold mean of the normals (circle 0)", SIMULATED)
+    smallest_angle_deg: float = threshold(55.0, "°", "smallest angle at the corners of a rectangle in an oblique view")
+    solidity: float = threshold(0.88, "", "smallest area of a polygon over that of its convex hull", SIMULATED)
+    robust_px: tuple[float, ...] = threshold(
+        (1.0, 0.5, 0.3, 0.3), "px", "residuals of a quarter weight, step by step", SIMULATED
+    )
+    on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point that counts as on the shape")
+    final_steps: int = threshold(3, "steps", "Gauss-Newton steps at the end (the last: < 1e-3 px)", SIMULATED)
+    ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
+    side_points: int = threshold(20, "points", "edge points measured along a side")
+    fine_reach_px: float = threshold(1.25, "px", "search along the normals of the shape")
+    corner_share: float = threshold(0.12, "", "share of a side at each end that its rounded corner takes away")
+    corner_px: float = threshold(1.5, "px", "but at least so much")
+
+
+SHAPE = ShapeThresholds()
 
 
 class Shapes(NamedTuple):
@@ -60,67 +81,72 @@ class Shapes(NamedTuple):
         return Shapes(*(column[keep] for column in self))
 
 
-def size_tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarray:
+def compute_size_tolerance(limits: tuple[float, float], size_px: np.ndarray) -> np.ndarray:
     """Return the tolerable rmse ``(n,)`` of shapes of ``size_px (n, 2)``."""
     return np.asarray(limits[0] + limits[1] * np.sqrt(np.prod(size_px, axis=1)))
 
 
-def _floor(covariance: np.ndarray) -> np.ndarray:
-    """Return covariances of at least `SMALLEST_SIGMA_PX`."""
-    return covariance + SMALLEST_SIGMA_PX**2 * np.eye(2)
+def _add_sigma_floor(covariance: np.ndarray) -> np.ndarray:
+    """Return covariances of at least `SHAPE.sigma_floor_px`."""
+    return covariance + SHAPE.sigma_floor_px**2 * np.eye(2)
 
 
-def _kept_weight(residual: np.ndarray, scale_px: float) -> np.ndarray:
+def _robust_weight(residual: np.ndarray, scale_px: float) -> np.ndarray:
     return 1.0 / (1.0 + (residual / scale_px) ** 2) ** 2
 
 
-def _share(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
+def _mean_of_rows(mask: np.ndarray, of: np.ndarray | float) -> np.ndarray:
     return np.asarray(mask.sum(axis=1) / np.maximum(of, 1.0))
 
 
 # ---- ellipses --------------------------------------------------------------------------------------------------
 
 
-def fit_ellipses(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes:
+def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
     """Return the ellipses through outlines; ``sign (n,)`` is that of the slope outwards, 0 for any."""
-    tried = _share(outlines.found, outlines.count) >= CLOSED_SHARE
+    tried = _mean_of_rows(outlines.found, outlines.count) >= SHAPE.closed_share
     xy, weight = outlines.xy[tried], outlines.found[tried].astype(np.float64)
     centre, Q, good = direct_ellipses(xy, weight)
     good &= np.linalg.det(Q) > 1e-12
     Q = np.where(good[:, None, None], Q, np.eye(2))
     residual = distances(xy, centre, Q)
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
-    good &= rmse < 1.5 * size_tolerance(ELLIPSE_TOLERANCE, 2.0 * axes_of(Q)[0])  # quick: most outlines are no ellipses
+    good &= rmse < 1.5 * compute_size_tolerance(
+        SHAPE.ellipse_tolerance, 2.0 * axes_of(Q)[0]
+    )  # quick: most outlines are no ellipses
     tried[tried] = good
-    return _spread_out(_remeasured_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
+    return _expand_rows(_remeasure_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
 
 
-def _remeasured_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: Slopes, sign: np.ndarray) -> Shapes:
-    points, normals = _on_ellipses(centre, Q)
-    edges, found = _remeasure(slopes, points, normals, sign)
+def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
+    points, normals = _place_on_ellipses(centre, Q)
+    edges, found = _measure_edges(slopes, points, normals, sign)
     weight = found.astype(np.float64)
-    for scale_px in ROBUST_PX:
+    for scale_px in SHAPE.robust_px:
         residual = distances(edges, centre, Q)
-        weight = found * _kept_weight(residual, scale_px)
+        weight = found * _robust_weight(residual, scale_px)
         centre, Q = improved_ellipses(edges, weight, centre, Q, 1)
-    on_shape = found & (np.abs(distances(edges, centre, Q)) < ON_SHAPE_PX)
+    on_shape = found & (np.abs(distances(edges, centre, Q)) < SHAPE.on_shape_px)
     weight = on_shape.astype(np.float64)
-    centre, Q = improved_ellipses(edges, weight, centre, Q, FINAL_STEPS)
+    centre, Q = improved_ellipses(edges, weight, centre, Q, SHAPE.final_steps)
     residual = distances(edges, centre, Q)
     semi_axes, azimuth = axes_of(Q)
     size = 2.0 * semi_axes
-    spacing = np.pi * np.sqrt(np.prod(size, axis=1)) / ELLIPSE_POINTS
-    covariance = centre_covariances(edges, weight, centre, Q) * np.maximum(CORRELATED_PX / spacing, 1.0)[:, None, None]
+    spacing = np.pi * np.sqrt(np.prod(size, axis=1)) / SHAPE.ellipse_points
+    covariance = (
+        centre_covariances(edges, weight, centre, Q)
+        * np.maximum(SHAPE.correlation_length_px / spacing, 1.0)[:, None, None]
+    )
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
-    closed = _share(on_shape, ELLIPSE_POINTS)
-    good = (rmse <= size_tolerance(ELLIPSE_TOLERANCE, size)) & (closed >= CLOSED_SHARE)
-    return Shapes(good, centre, _floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
+    closed = _mean_of_rows(on_shape, SHAPE.ellipse_points)
+    good = (rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)) & (closed >= SHAPE.closed_share)
+    return Shapes(good, centre, _add_sigma_floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
 
 
-def _on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points on ellipses and outward normals, ``(n, ELLIPSE_POINTS, 2)``."""
+def _place_on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points on ellipses and outward normals, ``(n, points, 2)``."""
     semi_axes, azimuth = axes_of(Q)
-    t = 2.0 * np.pi * np.arange(ELLIPSE_POINTS) / ELLIPSE_POINTS
+    t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
     along, aside = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
     cos, sin = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
     d = np.stack([cos * along - sin * aside, sin * along + cos * aside], axis=-1)
@@ -128,18 +154,18 @@ def _on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndar
     return centre[:, None] + d, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
 
 
-def _remeasure(
-    slopes: Slopes, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
+def _measure_edges(
+    slopes: SlopeImage, points: np.ndarray, normals: np.ndarray, sign: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return edge points near points ``(n, k, 2)`` along their normals, and the mask of the clear ones ``(n, k)``."""
     count = points.shape[1]
-    edges, _, found = edges_along(
-        slopes, points.reshape(-1, 2), normals.reshape(-1, 2), np.repeat(sign, count), FINE_REACH_PX
+    edges, _, found = find_edges_along(
+        slopes, points.reshape(-1, 2), normals.reshape(-1, 2), np.repeat(sign, count), SHAPE.fine_reach_px
     )
     return edges.reshape(points.shape), found.reshape(points.shape[:2])
 
 
-def _spread_out(shapes: Shapes, rows: np.ndarray) -> Shapes:
+def _expand_rows(shapes: Shapes, rows: np.ndarray) -> Shapes:
     """Return shapes of the masked rows as a table of all rows."""
     table = [np.zeros((len(rows), *column.shape[1:]), dtype=column.dtype) for column in shapes]
     for full, column in zip(table, shapes, strict=True):
@@ -150,25 +176,25 @@ def _spread_out(shapes: Shapes, rows: np.ndarray) -> Shapes:
 # ---- rectangles ------------------------------------------------------------------------------------------------
 
 
-def fit_rectangles(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes:
+def fit_rectangles(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
     """Return the parallelograms through outlines: the normals fall into four directions, one for each side."""
     weight = outlines.found.astype(np.float64)
     angle = np.arctan2(outlines.normal[..., 1], outlines.normal[..., 0])
     fourfold = np.sum(weight * np.exp(4j * angle), axis=1) / np.maximum(weight.sum(axis=1), 1.0)
-    good = np.abs(fourfold) >= FOURFOLD
+    good = np.abs(fourfold) >= SHAPE.fourfold
     azimuth = np.angle(fourfold[good]) / 4.0
     turn = angle[good] - azimuth[:, None]
     sides = np.stack([np.cos(turn - k * np.pi / 2.0) > 0.85 for k in range(4)], axis=1)
     xy = np.broadcast_to(outlines.xy[good][:, None], (*sides.shape, 2))
-    lines = _side_lines(xy, (sides & outlines.found[good][:, None]).astype(np.float64), ROBUST_PX[:2])
+    lines = _fit_sides(xy, (sides & outlines.found[good][:, None]).astype(np.float64), SHAPE.robust_px[:2])
     for _ in range(2):
-        points, normals, usable = _on_sides(lines)
+        points, normals, usable = _place_on_sides(lines)
         shape = points.shape[:3]
-        flat = len(points), 4 * SIDE_POINTS, 2
-        edges, found = _remeasure(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
-        lines = _side_lines(edges.reshape(*shape, 2), found.reshape(shape).astype(np.float64), ROBUST_PX[1:])
+        flat = len(points), 4 * SHAPE.side_points, 2
+        edges, found = _measure_edges(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
+        lines = _fit_sides(edges.reshape(*shape, 2), found.reshape(shape).astype(np.float64), SHAPE.robust_px[1:])
         lines = lines._replace(good=lines.good & usable)
-    return _spread_out(_rectangles(lines, edges.reshape(*shape, 2), found.reshape(shape)), good)
+    return _expand_rows(_make_rectangles(lines, edges.reshape(*shape, 2), found.reshape(shape)), good)
 
 
 class _Sides(NamedTuple):
@@ -186,7 +212,7 @@ class _Sides(NamedTuple):
     good: np.ndarray
 
 
-def _side_lines(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...]) -> _Sides:
+def _fit_sides(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...]) -> _Sides:
     """Return two pairs of parallel lines through points ``(n, 4, k, 2)`` with weights ``(n, 4, k)``."""
     weight = found
     for scale_px in (*robust_px, 0.0):
@@ -199,24 +225,24 @@ def _side_lines(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...])
         side_normal = np.concatenate([normal, normal], axis=1)
         residual = np.sum(d * side_normal[:, :, None], axis=-1)
         if scale_px:
-            weight = found * _kept_weight(residual, scale_px)
+            weight = found * _robust_weight(residual, scale_px)
     offset = np.sum(middle * side_normal, axis=-1)
     good = (found.sum(axis=2) >= 3.0).all(axis=1)
     cross = normal[:, 0, 0] * normal[:, 1, 1] - normal[:, 0, 1] * normal[:, 1, 0]
-    good &= np.abs(cross) > np.sin(np.radians(SQUAREST_DEG))
+    good &= np.abs(cross) > np.sin(np.radians(SHAPE.smallest_angle_deg))
     inverse = np.linalg.inv(np.where(good[:, None, None], normal, np.eye(2)))
     ends = np.stack([offset[:, [0, 2, 2, 0]], offset[:, [1, 1, 3, 3]]], axis=-1)  # sides 0&1, 2&1, 2&3, 0&3
     corners = ends @ np.swapaxes(inverse, 1, 2)
     return _Sides(normal, offset, residual, weight, corners, good)
 
 
-def _on_sides(lines: _Sides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points on the sides and outward normals ``(n, 4, SIDE_POINTS, 2)``, and whether all sides are usable."""
+def _place_on_sides(lines: _Sides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points on the sides and outward normals ``(n, 4, points, 2)``, and whether all sides are usable."""
     c = lines.corners
     starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k lies between corners k - 1 and k
     length = np.linalg.norm(ends - starts, axis=-1)
-    margin = np.clip(np.maximum(CORNER_SHARE, CORNER_PX / np.maximum(length, 1e-6)), 0.0, 0.4)
-    t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SIDE_POINTS)
+    margin = np.clip(np.maximum(SHAPE.corner_share, SHAPE.corner_px / np.maximum(length, 1e-6)), 0.0, 0.4)
+    t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
     points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
     normal = np.concatenate([lines.normal, lines.normal], axis=1)
     outwards = np.sum((0.5 * (starts + ends) - c.mean(axis=1)[:, None]) * normal, axis=-1)
@@ -224,13 +250,13 @@ def _on_sides(lines: _Sides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, np.broadcast_to(normal[:, :, None], points.shape), (length > 3.0).all(axis=1)
 
 
-def _rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
-    on_side = found & (np.abs(lines.residual) < ON_SHAPE_PX)
+def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
+    on_side = found & (np.abs(lines.residual) < SHAPE.on_shape_px)
     counted = np.maximum(on_side.sum(axis=2), 1.0)
     variance = np.sum(on_side * lines.residual**2, axis=2) / np.maximum(counted - 1.5, 1.0)
     variance /= np.maximum(on_side.mean(axis=2), 0.1) ** 4  # where many points lie off a side, the others may err too
     length = np.linalg.norm(lines.corners - np.roll(lines.corners, 1, axis=1), axis=-1)
-    independent = np.clip(length / CORRELATED_PX, 1.0, counted)
+    independent = np.clip(length / SHAPE.correlation_length_px, 1.0, counted)
     offset_variance = variance / independent
     pair_variance = (offset_variance[:, :2] + offset_variance[:, 2:]) / 4.0  # of the middle of two sides
     inverse = np.linalg.inv(np.where(lines.good[:, None, None], lines.normal, np.eye(2)))
@@ -243,11 +269,11 @@ def _rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
     size = np.sort(sides, axis=1)[:, ::-1]
     rmse = np.sqrt(np.sum(on_side * lines.residual**2, axis=(1, 2)) / counted.sum(axis=1))
     closed = on_side.mean(axis=(1, 2))
-    good = lines.good & (closed >= SIDES_SHARE) & (on_side.mean(axis=2).min(axis=1) >= SIDE_SHARE)
-    good &= rmse <= size_tolerance(RECTANGLE_TOLERANCE, size)
+    good = lines.good & (closed >= SHAPE.sides_share) & (on_side.mean(axis=2).min(axis=1) >= SHAPE.side_share)
+    good &= rmse <= compute_size_tolerance(SHAPE.rectangle_tolerance, size)
     count = edges.shape[1] * edges.shape[2]
     return Shapes(
-        good, lines.corners.mean(axis=1), _floor(covariance), size, azimuth, rmse, closed,
+        good, lines.corners.mean(axis=1), _add_sigma_floor(covariance), size, azimuth, rmse, closed,
         edges.reshape(-1, count, 2), on_side.reshape(-1, count),
     )  # fmt: skip
 
@@ -255,7 +281,7 @@ def _rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
 # ---- polygons --------------------------------------------------------------------------------------------------
 
 
-def fit_polygons(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes:
+def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
     """Return the polygons of the edge points: centroid, and the diameters of the ellipse with their moments."""
     count = outlines.found.sum(axis=1)
     order = np.argsort(~outlines.found, axis=1, kind="stable")
@@ -266,23 +292,25 @@ def fit_polygons(outlines: Outlines, slopes: Slopes, sign: np.ndarray) -> Shapes
     after = np.where(column + 1 < count[:, None], column + 1, 0)
     before = np.where(column > 0, column - 1, np.maximum(count - 1, 0)[:, None])
     following, preceding = (np.take_along_axis(xy, index[..., None], axis=1) for index in (after, before))
-    area, centroid, moments = polygon_moments(xy, following, used)
+    area, centroid, moments = compute_polygon_moments(xy, following, used)
     values, axes = np.linalg.eigh(moments)
     size = 4.0 * np.sqrt(np.maximum(values[:, ::-1], 1e-12))
     rough = np.sum((xy - (following + preceding) / 2.0) * normal, axis=-1)
     rmse = np.sqrt(np.sum(used * rough**2, axis=1) / np.maximum(count, 1) / 1.5)  # of white errors: variance 1 + 2/4
-    variance = 2.0 * rmse**2 / POLYGON_INDEPENDENT  # as of a circle
+    variance = 2.0 * rmse**2 / SHAPE.independent_parts  # as of a circle
     azimuth = (np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) + np.pi / 2.0) % np.pi - np.pi / 2.0
     closed = count / np.maximum(outlines.count, 1)
-    good = (closed >= CLOSED_SHARE) & (area > 1.0) & (rmse <= size_tolerance(POLYGON_TOLERANCE, size))
+    good = (
+        (closed >= SHAPE.closed_share) & (area > 1.0) & (rmse <= compute_size_tolerance(SHAPE.polygon_tolerance, size))
+    )
     for row in np.flatnonzero(good):
         hull = ConvexHull(xy[row, : count[row]])
-        good[row] = area[row] >= SOLIDITY * hull.volume  # of two dimensions: the area
-    covariance = _floor(variance[:, None, None] * np.eye(2))
+        good[row] = area[row] >= SHAPE.solidity * hull.volume  # of two dimensions: the area
+    covariance = _add_sigma_floor(variance[:, None, None] * np.eye(2))
     return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
 
 
-def polygon_moments(
+def compute_polygon_moments(
     xy: np.ndarray, following: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return areas (n,), centroids (n, 2) and central second moments over the area (n, 2, 2) of polygons' insides.
@@ -303,6 +331,6 @@ def polygon_moments(
     return np.abs(area), centre + origin, moments
 
 
-ShapeFit = Callable[[Outlines, Slopes, np.ndarray], Shapes]
+ShapeFit = Callable[[Outlines, SlopeImage, np.ndarray], Shapes]
 #: Shapes in the order in which they are tried; the key is the point's kind.
 SHAPES: dict[str, ShapeFit] = {"ellipse": fit_ellipses, "rectangle": fit_rectangles, "region": fit_polygons}

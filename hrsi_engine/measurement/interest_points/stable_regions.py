@@ -15,8 +15,6 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-FEW_PAIRS = 500  #: are grouped one by one; SciPy's graphs take a third of a millisecond however small they are
-
 
 class MserLimits(NamedTuple):
     """Levels to both sides over which a region must change little; its area in pixels; the largest change."""
@@ -27,7 +25,7 @@ class MserLimits(NamedTuple):
     largest_change: float
 
 
-def mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
+def find_mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
     """Return column and row ``(k, 2)`` of the pixels of each stable region that is brighter than its surroundings.
 
     Pixels at the edges of the image belong to none.
@@ -41,13 +39,13 @@ def mser_by_opencv(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
     return list(finder.detectRegions(image)[0])
 
 
-def mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
-    """As `mser_by_opencv`, which decides otherwise here and there where two regions change alike."""
+def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
+    """As `find_mser_by_opencv`, which decides otherwise here and there where two regions change alike."""
     inside = np.ascontiguousarray(image[1:-1, 1:-1])
     if not inside.size:
         return []
-    tree = _tree_of(inside)
-    pixels, begin = _pixels_by_region(tree)
+    tree = _build_tree(inside)
+    pixels, begin = _sort_pixels_by_region(tree)
     found = []
     for region in np.flatnonzero(_is_stable(tree, limits)).tolist():
         place = pixels[begin[region] : begin[region] + tree.area[region]]
@@ -56,7 +54,7 @@ def mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]:
     return found
 
 
-class _Tree(NamedTuple):
+class _ComponentTree(NamedTuple):
     """All regions of an image, those at brighter levels first.
 
     depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself where none;
@@ -70,10 +68,10 @@ class _Tree(NamedTuple):
     entered: np.ndarray
 
 
-def _tree_of(image: np.ndarray) -> _Tree:
+def _build_tree(image: np.ndarray) -> _ComponentTree:
     """Return the tree of an image of at most 256 levels: level by level, its pixels join the regions beside them."""
     depth = (image.max() - image).ravel()
-    first, second = _neighbours(image.shape)
+    first, second = _list_neighbours(image.shape)
     later = depth[first] < depth[second]  # two neighbours are joined when the darker one enters
     first, second = np.where(later, second, first), np.where(later, first, second)
     order = np.argsort(depth[first], kind="stable")
@@ -91,12 +89,14 @@ def _tree_of(image: np.ndarray) -> _Tree:
         place[new] = np.arange(len(new))
         beside = second[pairs]
         is_new = entered[beside] < 0
-        old = _largest_yet(holder, entered[beside[~is_new]])  # many times the same: it is joined with itself
+        old = _find_roots(holder, entered[beside[~is_new]])  # many times the same: it is joined with itself
         slot[old] = np.arange(len(old))
         of_old = len(new) + np.arange(len(old))
         to = np.empty(len(beside), np.int64)
         to[is_new], to[~is_new] = place[beside[is_new]], of_old
-        made, region = _groups(len(new) + len(old), np.r_[place[first[pairs]], of_old], np.r_[to, len(new) + slot[old]])
+        made, region = _group_pairs(
+            len(new) + len(old), np.r_[place[first[pairs]], of_old], np.r_[to, len(new) + slot[old]]
+        )
         is_once = slot[old] == np.arange(len(old))
         old = old[is_once]
         own, into = region[: len(new)], region[len(new) :][is_once] + count
@@ -109,12 +109,12 @@ def _tree_of(image: np.ndarray) -> _Tree:
         by_area = np.argsort(area[old], kind="stable")  # the largest part comes last and stays
         main[into[by_area]] = old[by_area]
         count += made
-    return _Tree(level_of[:count], area[:count], parent[:count], main[:count], entered)
+    return _ComponentTree(level_of[:count], area[:count], parent[:count], main[:count], entered)
 
 
-def _groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
+def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
     """Return how many groups pairs make of ``count`` things, and the group of each."""
-    if len(first) > FEW_PAIRS:
+    if len(first) > 500:  # a SciPy graph takes a third of a millisecond however small it is
         graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), (count, count))
         return csgraph.connected_components(graph, directed=False)
     head = list(range(count))  # of each thing one of its group that is not behind it
@@ -132,14 +132,14 @@ def _groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.
     return made, np.array(group, np.int64)
 
 
-def _neighbours(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _list_neighbours(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return all pairs of pixels that share a side."""
     pixel = np.arange(shape[0] * shape[1]).reshape(shape)
     first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
     return first, np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
 
 
-def _largest_yet(holder: np.ndarray, region: np.ndarray) -> np.ndarray:
+def _find_roots(holder: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Return the largest regions yet that hold some; the ways to them are short from now on."""
     at = region
     while not np.array_equal(further := holder[at], at):
@@ -149,7 +149,7 @@ def _largest_yet(holder: np.ndarray, region: np.ndarray) -> np.ndarray:
     return at
 
 
-def _is_stable(tree: _Tree, limits: MserLimits) -> np.ndarray:
+def _is_stable(tree: _ComponentTree, limits: MserLimits) -> np.ndarray:
     """Return which regions are stable ``(n,)``."""
     itself = np.arange(len(tree.area))
     inner = outer = itself
@@ -166,7 +166,7 @@ def _is_stable(tree: _Tree, limits: MserLimits) -> np.ndarray:
     return stable & (change <= before) & (change <= change[tree.parent])
 
 
-def _pixels_by_region(tree: _Tree) -> tuple[np.ndarray, np.ndarray]:
+def _sort_pixels_by_region(tree: _ComponentTree) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels in an order in which those of each region stand together, and where they begin ``(n,)``."""
     begin = np.zeros(len(tree.area), np.int64)
     taken = np.bincount(tree.entered, minlength=len(tree.area))  # a region's own pixels come first

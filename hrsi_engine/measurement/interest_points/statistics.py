@@ -14,14 +14,24 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.pixel_filters import enlarge, filter_separably
 from ...foundation.robust_scale import MAD_TO_SIGMA
-from .windows import GRID_PX, SATURATED_SHARE, Area, DetectionWindow, read_window
+from ...foundation.thresholds import threshold, thresholds
+from .windows import WINDOWS, Area, DetectionWindow, read_window
 
-STATISTICS_CELL_PX = GRID_PX
-CELLS_AVERAGED = 5
-HALO_PX = STATISTICS_CELL_PX * (CELLS_AVERAGED // 2 + 1)  # what the local mean of a pixel depends on
-SAMPLE_PX, SAMPLES_PER_SIDE = 512, 4
-NOISE_FLOOR = 4.0  # local deviations below so many times the noise are noise
-CONTRAST_FLOOR = 0.15  # or below this share of the image's median deviation
+
+@thresholds
+class StatisticsThresholds:
+    """How local mean and standard deviation are estimated, and from where on a deviation is structure."""
+
+    averaged_cells: int = threshold(5, "cells", "side of the square of cells that a local mean is taken from")
+    sample_px: int = threshold(512, "px", "side of a sample area of an image's statistics")
+    samples_per_side: int = threshold(4, "areas", "most sample areas along each side of an image")
+    noise_floor: float = threshold(4.0, "sigma", "local deviations below so many times the noise are noise")
+    contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
+
+
+STATISTICS = StatisticsThresholds()
+
+STATISTICS_HALO_PX = WINDOWS.grid_px * (STATISTICS.averaged_cells // 2 + 1)  # what the local mean of a pixel depends on
 _BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 
 
@@ -34,49 +44,55 @@ class ImageStatistics:
     deviation_floor: float
 
 
-def image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) -> ImageStatistics:
+def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) -> ImageStatistics:
     """Return the statistics of a region, from up to 4 x 4 windows of 512 x 512 pixels spread over it."""
-    samples = [read_window(raster, core, 0, None) for core in sample_areas(region)]
-    saturation = _saturation(samples) if mask_saturated else None
-    noises = [_noise(window) for window in samples if window.usable.any()]
+    samples = [read_window(raster, core, 0, None) for core in choose_sample_areas(region)]
+    saturation = _find_saturation(samples) if mask_saturated else None
+    noises = [_estimate_noise(window) for window in samples if window.usable.any()]
     noise = float(np.median(noises)) if noises else 0.0
-    deviations = [_moments(*_cell_sums(window))[1] for window in samples]
+    deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
     known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
     typical = float(np.median(known)) if len(known) else 0.0
-    return ImageStatistics(saturation, noise, max(NOISE_FLOOR * noise, CONTRAST_FLOOR * typical, 1e-6))
+    return ImageStatistics(
+        saturation, noise, max(STATISTICS.noise_floor * noise, STATISTICS.contrast_floor * typical, 1e-6)
+    )
 
 
-def sample_areas(region: Area) -> list[Area]:
+def choose_sample_areas(region: Area) -> list[Area]:
     """Return the areas that stand for a region: all of it where it is small."""
-    lefts = _starts(region.left, region.right)
-    tops = _starts(region.top, region.bottom)
+    lefts = _choose_starts(region.left, region.right)
+    tops = _choose_starts(region.top, region.bottom)
     return [
-        Area(x, y, min(x + SAMPLE_PX, region.right), min(y + SAMPLE_PX, region.bottom)) for y in tops for x in lefts
+        Area(x, y, min(x + STATISTICS.sample_px, region.right), min(y + STATISTICS.sample_px, region.bottom))
+        for y in tops
+        for x in lefts
     ]
 
 
-def _starts(first: int, end: int) -> list[int]:
-    count = min(SAMPLES_PER_SIDE, -(-(end - first) // SAMPLE_PX))
-    last = max(first, end - SAMPLE_PX)
-    return sorted({int(start) // GRID_PX * GRID_PX for start in np.linspace(first, last, count)} | {first})[:count]
+def _choose_starts(first: int, end: int) -> list[int]:
+    count = min(STATISTICS.samples_per_side, -(-(end - first) // STATISTICS.sample_px))
+    last = max(first, end - STATISTICS.sample_px)
+    return sorted(
+        {int(start) // WINDOWS.grid_px * WINDOWS.grid_px for start in np.linspace(first, last, count)} | {first}
+    )[:count]
 
 
-def _saturation(samples: list[DetectionWindow]) -> float | None:
+def _find_saturation(samples: list[DetectionWindow]) -> float | None:
     """Return the largest grey value where suspiciously many pixels share it."""
     greys = [window.grey[window.usable] for window in samples if window.usable.any()]
     if not greys:
         return None
     largest = max(float(grey.max()) for grey in greys)
     share = sum(int(np.sum(grey == largest)) for grey in greys) / sum(grey.size for grey in greys)
-    return largest if share > SATURATED_SHARE else None
+    return largest if share > WINDOWS.saturated_share else None
 
 
-def _noise(window: DetectionWindow) -> float:
+def _estimate_noise(window: DetectionWindow) -> float:
     """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
     curved = np.abs(filter_separably(window.grey, _BENT, _BENT)) / 6.0
-    lines, samples = (length // STATISTICS_CELL_PX * STATISTICS_CELL_PX for length in curved.shape)
+    lines, samples = (length // WINDOWS.grid_px * WINDOWS.grid_px for length in curved.shape)
     cells = curved[:lines, :samples].reshape(
-        lines // STATISTICS_CELL_PX, STATISTICS_CELL_PX, samples // STATISTICS_CELL_PX, STATISTICS_CELL_PX
+        lines // WINDOWS.grid_px, WINDOWS.grid_px, samples // WINDOWS.grid_px, WINDOWS.grid_px
     )
     usable = window.usable[:lines, :samples].reshape(cells.shape).all(axis=(1, 3))
     if not usable.any():
@@ -86,37 +102,37 @@ def _noise(window: DetectionWindow) -> float:
 
 def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
     """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
-    mean, deviation = (_interpolate(values) for values in _local_moments(window))
+    mean, deviation = (_interpolate_cells(values) for values in _compute_local_moments(window))
     relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)
     return np.where(np.isfinite(relative), relative, 0.0).astype(np.float32)
 
 
-def _cell_sums(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sum_cells(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return number of usable pixels, sum and sum of squares of each cell, float64."""
-    lines, samples = (length // STATISTICS_CELL_PX for length in window.grey.shape)
-    shape = lines, STATISTICS_CELL_PX, samples, STATISTICS_CELL_PX
-    area = np.s_[: lines * STATISTICS_CELL_PX, : samples * STATISTICS_CELL_PX]
+    lines, samples = (length // WINDOWS.grid_px for length in window.grey.shape)
+    shape = lines, WINDOWS.grid_px, samples, WINDOWS.grid_px
+    area = np.s_[: lines * WINDOWS.grid_px, : samples * WINDOWS.grid_px]
     weight = window.usable[area].astype(np.float64)
     grey = window.grey[area] * weight
     return tuple(layer.reshape(shape).sum(axis=(1, 3)) for layer in (weight, grey, grey * grey))
 
 
-def _local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
+def _compute_local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and deviation of the usable pixels in the cells around each cell."""
-    kernel = np.ones(CELLS_AVERAGED)
-    sums = [filter_separably(layer, kernel, kernel, "constant") for layer in _cell_sums(window)]
-    return _moments(*sums)
+    kernel = np.ones(STATISTICS.averaged_cells)
+    sums = [filter_separably(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
+    return _compute_moments(*sums)
 
 
-def _moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count
         variance = np.maximum(squares / count - mean**2, 0.0)
     return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)
 
 
-def _interpolate(cells: np.ndarray) -> np.ndarray:
+def _interpolate_cells(cells: np.ndarray) -> np.ndarray:
     """Return cell values at every pixel, bilinear between the cells' middles."""
     known = np.isfinite(cells)
     filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
-    return enlarge(filled, STATISTICS_CELL_PX)
+    return enlarge(filled, WINDOWS.grid_px)

@@ -7,19 +7,27 @@ by the support of the detector; only points inside the core are kept.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...block.block import Raster
 from ...foundation.pixel_filters import box_mean, dilate, opened
+from ...foundation.thresholds import threshold, thresholds
 
-CORE_PX = 1536  # with a halo of 256: windows of 2048 x 2048
-GRID_PX = 32  # windows begin at multiples of this: cells of the statistics, pyramid factors
-SATURATED_SHARE = 1e-4  # of the pixels at the largest grey value, above which that value is saturation
-FILLED_FROM_PX = 31  # side of the square around an invalid pixel whose valid ones stand for it
-SATURATED_AREA_PX = 3  # side of the smallest saturated area: single glints stay
+
+@thresholds
+class WindowThresholds:
+    """Size of the windows that an image is read in, and which of their pixels are saturated."""
+
+    core_px: int = threshold(1536, "px", "side of a core; with a halo of 256 a window has 2048 x 2048 pixels")
+    grid_px: int = threshold(32, "px", "windows begin at multiples of it; side of the cells of local statistics")
+    saturated_share: float = threshold(1e-4, "", "share of pixels from which the largest grey value is saturated")
+    fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces an invalid pixel")
+    saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area; single glints stay usable")
+
+
+WINDOWS = WindowThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +71,7 @@ class DetectionWindow:
         return np.array([self.area.left, self.area.top], dtype=np.float64)
 
 
-def cores(region: Area, step: int = CORE_PX) -> list[Area]:
+def tile_region(region: Area, step: int = WINDOWS.core_px) -> list[Area]:
     """Return the cores that tile a region of an image, row by row."""
     lefts = range(region.left // step * step, region.right, step)
     tops = range(region.top // step * step, region.bottom, step)
@@ -76,40 +84,34 @@ def cores(region: Area, step: int = CORE_PX) -> list[Area]:
 
 def read_window(raster: Raster, core: Area, halo_px: int, saturation: float | None) -> DetectionWindow:
     """Return the window of a core; ``saturation`` is the grey value from which pixels are saturated."""
-    left, top = (max(start - halo_px, 0) // GRID_PX * GRID_PX for start in (core.left, core.top))
+    left, top = (max(start - halo_px, 0) // WINDOWS.grid_px * WINDOWS.grid_px for start in (core.left, core.top))
     right, bottom = (
-        -(-min(end + halo_px, size) // GRID_PX) * GRID_PX
+        -(-min(end + halo_px, size) // WINDOWS.grid_px) * WINDOWS.grid_px
         for end, size in zip((core.right, core.bottom), raster.size, strict=True)
     )
     s0, l0 = max(left, 0), max(top, 0)
     s1, l1 = min(right, raster.size[0]), min(bottom, raster.size[1])
     pixels, valid = raster.read(s0, l0, s1 - s0, l1 - l0)
-    grey = _fill(pixels.astype(np.float32), valid)
-    usable = valid & ~saturated_areas(grey, saturation)
+    grey = _fill_invalid(pixels.astype(np.float32), valid)
+    usable = valid & ~find_saturated_areas(grey, saturation)
     if grey.shape != (bottom - top, right - left):
         edges = ((l0 - top, bottom - l1), (s0 - left, right - s1))
         grey, usable = np.pad(grey, edges, mode="edge"), np.pad(usable, edges)
     return DetectionWindow(Area(left, top, right, bottom), core, grey, usable)
 
 
-def windows(raster: Raster, region: Area, halo_px: int, saturation: float | None) -> Iterator[DetectionWindow]:
-    """Yield the windows of all cores of a region, one in memory at a time."""
-    for core in cores(region):
-        yield read_window(raster, core, halo_px, saturation)
-
-
-def saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:
+def find_saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarray:
     """Return the mask of areas of saturated pixels, with the pixels beside them."""
     if saturation is None:
         return np.zeros(grey.shape, dtype=bool)
-    return dilate(opened(grey >= saturation, SATURATED_AREA_PX), SATURATED_AREA_PX)
+    return dilate(opened(grey >= saturation, WINDOWS.saturated_side_px), WINDOWS.saturated_side_px)
 
 
-def _fill(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the pixels with the invalid ones replaced by nearby valid ones, so that filters make no false edges."""
     if valid.all() or not valid.any():
         return grey
     grey = np.where(valid, grey, np.float32(0.0))
-    mean, share = (box_mean(layer.astype(np.float64), FILLED_FROM_PX) for layer in (grey, valid))
-    near = mean / np.maximum(share, FILLED_FROM_PX**-2.0)
+    mean, share = (box_mean(layer.astype(np.float64), WINDOWS.fill_side_px) for layer in (grey, valid))
+    near = mean / np.maximum(share, WINDOWS.fill_side_px**-2.0)
     return np.where(valid, grey, near.astype(np.float32))

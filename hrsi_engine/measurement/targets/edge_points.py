@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.pixel_filters import erode, slopes
-from ..interest_points.corners import gaussian_kernels
-from ..interest_points.outlines import SLOPE_PX, bilinear, slope_noise
+from ..interest_points.corners import make_gaussian_kernels
+from ..interest_points.outlines import OUTLINE, compute_slope_noise, interpolate_bilinear
 
 EDGE_SLOPE_TO_NOISE = 5.0
 WEAKEST_EDGE_SHARE = 0.15  # of the strongest slope in the window
@@ -33,20 +33,21 @@ class EdgePoints:
 
 def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
     """Return the sub-pixel edge points of grey values (float32) away from unusable pixels."""
-    smooth, slope = gaussian_kernels(SLOPE_PX)
+    smooth, slope = make_gaussian_kernels(OUTLINE.slope_px)
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)
     threshold = max(
-        EDGE_SLOPE_TO_NOISE * noise * slope_noise(), WEAKEST_EDGE_SHARE * float(strength[clear].max(initial=0.0))
+        EDGE_SLOPE_TO_NOISE * noise * compute_slope_noise(),
+        WEAKEST_EDGE_SHARE * float(strength[clear].max(initial=0.0)),
     )
     rows, columns = np.nonzero(clear & (strength > threshold))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
     rows, columns = rows[inner], columns[inner]
     at = strength[rows, columns]
     direction = np.column_stack([by_x[rows, columns], by_y[rows, columns]]) / at[:, None]
-    before = bilinear(strength, columns - direction[:, 0], rows - direction[:, 1])
-    after = bilinear(strength, columns + direction[:, 0], rows + direction[:, 1])
+    before = interpolate_bilinear(strength, columns - direction[:, 0], rows - direction[:, 1])
+    after = interpolate_bilinear(strength, columns + direction[:, 0], rows + direction[:, 1])
     bend = before - 2.0 * at + after
     peak = (at >= before) & (at > after) & (bend < 0.0)
     offset = 0.5 * (before - after)[peak] / bend[peak]

@@ -13,9 +13,9 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
-from ..interest_points.gravity_centres import STRONG_SHAPE, Centre, gravity_centres
+from ..interest_points.gravity_centres import CENTRE, GravityCentre, find_gravity_centres
 from ..interest_points.options import CentreOptions
-from ..interest_points.statistics import ImageStatistics, image_statistics
+from ..interest_points.statistics import ImageStatistics, estimate_image_statistics
 from ..interest_points.windows import Area, DetectionWindow, read_window
 from .edge_points import EdgePoints, find_edge_points, straight_segments
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
@@ -134,7 +134,7 @@ def _around(raster: Raster, middle: np.ndarray, half: float) -> Area:
 
 
 def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tuple[DetectionWindow, ImageStatistics]:
-    statistics = image_statistics(raster, _around(raster, middle, STATISTICS_PX))
+    statistics = estimate_image_statistics(raster, _around(raster, middle, STATISTICS_PX))
     window = read_window(raster, _around(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
     return window, statistics
 
@@ -150,7 +150,7 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     wanted = CentreOptions(options.smallest_px, options.largest_px, quality=WORST_QUALITY)
     found = [
         centre
-        for centre in gravity_centres(window, statistics, wanted)
+        for centre in find_gravity_centres(window, statistics, wanted)
         if np.hypot(*(centre.xy - approximate)) <= _reach(centre, options) and centre.sigma_px <= WORST_SIGMA_PX
     ]
     if not found:
@@ -162,22 +162,22 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     return _from_ellipse(best) if best.kind == "ellipse" else _from_outline(best)
 
 
-def _reach(centre: Centre, options: TargetOptions) -> float:
+def _reach(centre: GravityCentre, options: TargetOptions) -> float:
     """Return how far from the approximate position a centre may be: that of a weak object so far as it covers it.
 
     Where the target itself is not seen, something weak beside it would be taken for it.
     """
-    if centre.quality >= STRONG_SHAPE:
+    if centre.quality >= CENTRE.strong_quality:
         return options.search_px
     return min(options.search_px, float(centre.size_px[0]) / 2.0)
 
 
-def _preference(centre: Centre, approximate: np.ndarray, options: TargetOptions) -> float:
+def _preference(centre: GravityCentre, approximate: np.ndarray, options: TargetOptions) -> float:
     distance = float(np.hypot(*(centre.xy - approximate))) / options.search_px
     return centre.quality + (0.2 if centre.kind == "ellipse" else 0.0) - 0.7 * distance
 
 
-def _from_ellipse(centre: Centre) -> TargetMeasurement:
+def _from_ellipse(centre: GravityCentre) -> TargetMeasurement:
     """Return the centre by an ellipse fit that is robust against stray edge points."""
     ellipse = fit_ellipse_robust(centre.outline)
     return _ellipse_measurement(ellipse, centre.outline, centre.quality)
@@ -190,7 +190,7 @@ def _ellipse_measurement(ellipse: Ellipse, edges: np.ndarray, quality: float) ->
     )  # fmt: skip
 
 
-def _from_outline(centre: Centre) -> TargetMeasurement:
+def _from_outline(centre: GravityCentre) -> TargetMeasurement:
     used = np.ones(len(centre.outline), dtype=bool)
     return TargetMeasurement(
         TARGET_CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used,

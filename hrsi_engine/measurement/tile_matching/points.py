@@ -12,7 +12,7 @@ import numpy as np
 
 from ...foundation.pixel_filters import box_mean, filter_separably
 from ...foundation.robust_scale import MAD_TO_SIGMA
-from ..interest_points.corners import far_from_unusable, local_maxima, structure_tensor
+from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
 from .options import TileMatchOptions
 from .types import ImageTile
 
@@ -43,14 +43,14 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     half = max(options.windows_px) // 2
     if min(tile.pixels.shape) <= 2 * half + 2 * EDGE_PX:
         return np.empty((0, 2), dtype=np.int64)
-    tensor = structure_tensor(tile.pixels)
+    tensor = compute_structure_tensor(tile.pixels)
     half_trace = 0.5 * (tensor.xx + tensor.yy)
     strength = half_trace - np.sqrt((0.5 * (tensor.xx - tensor.yy)) ** 2 + tensor.xy**2)
     smallest = min(options.windows_px) // 2
-    strength[~far_from_unusable(tile.valid, smallest + EDGE_PX)] = 0.0
+    strength[~mask_usable_surroundings(tile.valid, smallest + EDGE_PX)] = 0.0
     margin = smallest + EDGE_PX
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
-    rows, columns = np.nonzero(local_maxima(strength, options.spacing_px))
+    rows, columns = np.nonzero(find_local_maxima(strength, options.spacing_px))
     noise = tile_noise(tile)
     # What noise alone leaves of a match's precision, px: the tensor is averaged over the matching window
     side = 2 * smallest + 1
