@@ -48,7 +48,7 @@ def threshold(value: Value, unit: str, meaning: str, origin: str = JUDGEMENT) ->
     return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(threshold,))
+@dataclass_transform(frozen_default=True)  # to type checkers each `threshold` is a plain default
 def thresholds(topic: type[Topic]) -> type[Topic]:
     """Make a topic's class a frozen dataclass and require a docstring and `threshold` for each field."""
     made: Any = dataclass(frozen=True)(topic)

@@ -161,8 +161,8 @@ def _find_seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         bright = np.where(xx[row, column] + yy[row, column] < 0.0, 1.0, -1.0)
         at = (np.column_stack([column, row]) + 0.5) * factor - 0.5
         found.append((at, np.full(len(row), sigma), bright))
-    xy, sigma, sign = (np.concatenate(part) for part in zip(*found, strict=True))
-    return xy, sigma, sign
+    xy, scales, sign = (np.concatenate(part) for part in zip(*found, strict=True))
+    return xy, scales, sign
 
 
 class _SlopePyramid:
