@@ -32,7 +32,7 @@ class CornerThresholds:
     model_sigma_px: float = threshold(0.25, "px", "repeatability of a maximum between views, beside noise", SIMULATED)
 
 
-CORNERS = CornerThresholds()
+CORNER_DETECTION = CornerThresholds()
 
 
 class StructureTensor(NamedTuple):
@@ -53,9 +53,9 @@ class CornerPeaks(NamedTuple):
 
 def compute_structure_tensor(grey: np.ndarray) -> StructureTensor:
     """Return the structure tensor of an image (thesis eq. 3.1), float32."""
-    smooth, slope = make_gaussian_kernels(CORNERS.derivative_px)
+    smooth, slope = make_gaussian_kernels(CORNER_DETECTION.derivative_px)
     by_x, by_y = slopes(np.asarray(grey, np.float32), smooth, slope, "reflect")
-    patch, _ = make_gaussian_kernels(CORNERS.patch_px)
+    patch, _ = make_gaussian_kernels(CORNER_DETECTION.patch_px)
 
     def mean(product: np.ndarray) -> np.ndarray:
         return filter_separably(product, patch, patch, "reflect")
@@ -83,7 +83,7 @@ def compute_foerstner_strength(tensor: StructureTensor, options: CornerOptions) 
     """Return Förstner's w where the gradients are round enough, else 0."""
     trace = np.maximum(tensor.xx + tensor.yy, np.float32(1e-12))
     determinant = tensor.xx * tensor.yy - tensor.xy**2
-    return np.where(4.0 * determinant > CORNERS.roundness * trace**2, determinant / trace, np.float32(0.0))
+    return np.where(4.0 * determinant > CORNER_DETECTION.roundness * trace**2, determinant / trace, np.float32(0.0))
 
 
 Strength = Callable[[StructureTensor, CornerOptions], np.ndarray]
@@ -91,7 +91,7 @@ Strength = Callable[[StructureTensor, CornerOptions], np.ndarray]
 
 def compute_corner_halo_px(options: CornerOptions) -> int:
     """Return how far a window must reach beyond its core."""
-    return STATISTICS_HALO_PX + CORNERS.support_px + int(np.ceil(options.radius_px)) + 1
+    return STATISTICS_HALO_PX + CORNER_DETECTION.support_px + int(np.ceil(options.radius_px)) + 1
 
 
 def find_corner_peaks(
@@ -100,10 +100,16 @@ def find_corner_peaks(
     """Return the local maxima of a window's core with positive strength, all above 0; thresholds come later."""
     tensor = compute_structure_tensor(normalise(window, statistics))
     strength = strength_of(tensor, options)
-    strength[~mask_usable_surroundings(window.usable, CORNERS.support_px)] = 0.0
-    inner = strength[CORNERS.support_px : -CORNERS.support_px, CORNERS.support_px : -CORNERS.support_px].copy()
+    strength[~mask_usable_surroundings(window.usable, CORNER_DETECTION.support_px)] = 0.0
+    inner = strength[
+        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
+        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
+    ].copy()
     strength[:] = 0.0  # at the edges of the image the filters saw its mirror image
-    strength[CORNERS.support_px : -CORNERS.support_px, CORNERS.support_px : -CORNERS.support_px] = inner
+    strength[
+        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
+        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
+    ] = inner
     rows, columns = np.nonzero(find_local_maxima(strength, options.radius_px))
     offset = compute_peak_offsets(strength, rows, columns)
     xy = np.column_stack([columns, rows]) + offset + window.origin
@@ -141,6 +147,6 @@ def compute_peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.nda
 def _estimate_sigmas(tensor: StructureTensor, rows: np.ndarray, columns: np.ndarray, noise: float) -> np.ndarray:
     """Return the standard deviation of a coordinate: what noise moves the point by, and what the model leaves."""
     xx, xy, yy = (layer[rows, columns].astype(np.float64) for layer in tensor)
-    effective = 4.0 * np.pi * CORNERS.patch_px**2  # pixels in the patch
+    effective = 4.0 * np.pi * CORNER_DETECTION.patch_px**2  # pixels in the patch
     by_noise = noise**2 / effective * (xx + yy) / np.maximum(xx * yy - xy**2, 1e-12) / 2.0
-    return np.sqrt(by_noise + CORNERS.model_sigma_px**2)
+    return np.sqrt(by_noise + CORNER_DETECTION.model_sigma_px**2)

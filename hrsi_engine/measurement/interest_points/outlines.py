@@ -37,7 +37,7 @@ class OutlineThresholds:
     slope_to_noise: float = threshold(4.0, "sigma", "smallest slope of a clear edge")
 
 
-OUTLINE = OutlineThresholds()
+OUTLINE_SAMPLING = OutlineThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class SlopeImage:
     @cached_property
     def gradient(self) -> np.ndarray:
         """Slope by column + 1j * slope by row, complex64."""
-        smooth, slope = make_gaussian_kernels(OUTLINE.slope_px)
+        smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
         by = np.empty((*self.grey.shape, 2), dtype=np.float32)
         by[..., 0], by[..., 1] = filters.slopes(self.grey, smooth, slope, "reflect")
         if not self.usable.all():
@@ -62,7 +62,7 @@ class SlopeImage:
     @property
     def threshold(self) -> float:
         """Smallest slope of a clear edge."""
-        return OUTLINE.slope_to_noise * self.noise * compute_slope_noise()
+        return OUTLINE_SAMPLING.slope_to_noise * self.noise * compute_slope_noise()
 
     def reduce(self, scale: int) -> SlopeImage:
         """Return the same of the image reduced by averaging ``scale`` x ``scale`` pixels."""
@@ -90,7 +90,7 @@ class Outlines(Columns):
 
 def compute_slope_noise() -> float:
     """Return the standard deviation of the slope for noise of 1 grey value."""
-    smooth, slope = make_gaussian_kernels(OUTLINE.slope_px)
+    smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
     return float(np.sqrt(np.sum(smooth**2) * np.sum(slope**2)))
 
 
@@ -104,10 +104,14 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
     for factor in np.unique(scale).tolist():
         here = scale == factor
         level = slopes.reduce(factor)
-        at, steep, clear = find_edges_along(level, points[here], normals[here], sign[here], OUTLINE.normal_reach_px)
+        at, steep, clear = find_edges_along(
+            level, points[here], normals[here], sign[here], OUTLINE_SAMPLING.normal_reach_px
+        )
         at = (at + 0.5) * factor - 0.5
         if factor > 1:
-            at, steep, fine = find_edges_along(slopes, at, normals[here], sign[here], OUTLINE.fine_reach * factor)
+            at, steep, fine = find_edges_along(
+                slopes, at, normals[here], sign[here], OUTLINE_SAMPLING.fine_reach * factor
+            )
             clear &= fine
         points[here], slope[here], found[here] = at, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
@@ -116,7 +120,7 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
 
 
 def _pad(values: np.ndarray, place: tuple[np.ndarray, np.ndarray], regions: int) -> np.ndarray:
-    table = np.zeros((regions, OUTLINE.most_points, *values.shape[1:]), dtype=values.dtype)
+    table = np.zeros((regions, OUTLINE_SAMPLING.most_points, *values.shape[1:]), dtype=values.dtype)
     table[place] = values
     return table
 
@@ -129,7 +133,7 @@ def find_edges_along(
     The edge is the largest slope of a ``sign``; where that is 0, the first one from inside that is nearly as large as
     any, whatever its sign. It must lie inside the reach. Positions are pixels of the slopes' image.
     """
-    steps = np.arange(-reach_px, reach_px + OUTLINE.step_px / 2.0, OUTLINE.step_px)
+    steps = np.arange(-reach_px, reach_px + OUTLINE_SAMPLING.step_px / 2.0, OUTLINE_SAMPLING.step_px)
     x = points[:, :1] + steps * normals[:, :1]
     y = points[:, 1:] + steps * normals[:, 1:]
     gradient = interpolate_bilinear(slopes.gradient, x, y)
@@ -144,16 +148,16 @@ def find_edges_along(
     before, at, after = along[row, middle - 1], along[row, middle], along[row, middle + 1]
     bend = before - 2.0 * at + after
     shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    offset = OUTLINE.step_px * (middle - last / 2.0 + np.clip(shift, -0.5, 0.5))
+    offset = OUTLINE_SAMPLING.step_px * (middle - last / 2.0 + np.clip(shift, -0.5, 0.5))
     clear = (best > 0) & (best < last) & (at > slopes.threshold)
     return points + offset[:, None] * normals, at, clear
 
 
 def _mark_first_peaks(along: np.ndarray) -> np.ndarray:
-    """Return 1 at the first local maximum of each row that is `OUTLINE.first_peak_share` of the largest, else 0."""
+    """Return 1 at the first local maximum of each row that is `OUTLINE_SAMPLING.first_peak_share` of the largest, else 0."""
     peak = np.zeros(along.shape, dtype=np.float32)
     inner = along[:, 1:-1]
-    large = inner >= OUTLINE.first_peak_share * along.max(axis=1, initial=0.0)[:, None]
+    large = inner >= OUTLINE_SAMPLING.first_peak_share * along.max(axis=1, initial=0.0)[:, None]
     peak[:, 1:-1] = (inner >= along[:, :-2]) & (inner >= along[:, 2:]) & large
     return peak
 
@@ -193,7 +197,7 @@ def _trace_contours(regions: LevelRegions) -> list[np.ndarray]:
         mask = np.zeros(lines * samples, dtype=bool)
         mask[place[first:last]] = True
         mask = mask.reshape(lines, samples)
-        masks.append(_cut_threads(mask) if last - first >= OUTLINE.opened_pixels else mask)
+        masks.append(_cut_threads(mask) if last - first >= OUTLINE_SAMPLING.opened_pixels else mask)
     return [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
 
 
@@ -255,7 +259,9 @@ def _resample_contours(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarr
     step = every[following] - every
     way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # over all contours, one after the other
     around = way[starts + lengths] - way[starts]
-    counts = (4 * np.clip(np.rint(around / 4.0), OUTLINE.fewest_points / 4, OUTLINE.most_points / 4)).astype(np.int64)
+    counts = (
+        4 * np.clip(np.rint(around / 4.0), OUTLINE_SAMPLING.fewest_points / 4, OUTLINE_SAMPLING.most_points / 4)
+    ).astype(np.int64)
     region = np.repeat(np.arange(len(counts)), counts)
     number = np.arange(len(region)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
     wanted = way[starts][region] + around[region] * number / counts[region]
@@ -269,7 +275,7 @@ def _smooth_outlines(points: np.ndarray, counts: np.ndarray) -> None:
     starts = np.r_[0, np.cumsum(counts)[:-1]]
     for count in np.unique(counts).tolist():
         rows = starts[counts == count][:, None] + np.arange(count)
-        gain = np.exp(-2.0 * (np.pi * OUTLINE.smoothing_points * np.fft.fftfreq(count)) ** 2)
+        gain = np.exp(-2.0 * (np.pi * OUTLINE_SAMPLING.smoothing_points * np.fft.fftfreq(count)) ** 2)
         smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
         points[rows, 0], points[rows, 1] = smooth.real, smooth.imag
 

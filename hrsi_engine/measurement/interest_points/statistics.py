@@ -29,9 +29,11 @@ class StatisticsThresholds:
     contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
 
 
-STATISTICS = StatisticsThresholds()
+LOCAL_STATISTICS = StatisticsThresholds()
 
-STATISTICS_HALO_PX = WINDOWS.grid_px * (STATISTICS.averaged_cells // 2 + 1)  # what the local mean of a pixel depends on
+STATISTICS_HALO_PX = WINDOWS.grid_px * (
+    LOCAL_STATISTICS.averaged_cells // 2 + 1
+)  # what the local mean of a pixel depends on
 _BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 
 
@@ -54,7 +56,7 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
     typical = float(np.median(known)) if len(known) else 0.0
     return ImageStatistics(
-        saturation, noise, max(STATISTICS.noise_floor * noise, STATISTICS.contrast_floor * typical, 1e-6)
+        saturation, noise, max(LOCAL_STATISTICS.noise_floor * noise, LOCAL_STATISTICS.contrast_floor * typical, 1e-6)
     )
 
 
@@ -63,15 +65,17 @@ def choose_sample_areas(region: Area) -> list[Area]:
     lefts = _choose_starts(region.left, region.right)
     tops = _choose_starts(region.top, region.bottom)
     return [
-        Area(x, y, min(x + STATISTICS.sample_px, region.right), min(y + STATISTICS.sample_px, region.bottom))
+        Area(
+            x, y, min(x + LOCAL_STATISTICS.sample_px, region.right), min(y + LOCAL_STATISTICS.sample_px, region.bottom)
+        )
         for y in tops
         for x in lefts
     ]
 
 
 def _choose_starts(first: int, end: int) -> list[int]:
-    count = min(STATISTICS.samples_per_side, -(-(end - first) // STATISTICS.sample_px))
-    last = max(first, end - STATISTICS.sample_px)
+    count = min(LOCAL_STATISTICS.samples_per_side, -(-(end - first) // LOCAL_STATISTICS.sample_px))
+    last = max(first, end - LOCAL_STATISTICS.sample_px)
     return sorted(
         {int(start) // WINDOWS.grid_px * WINDOWS.grid_px for start in np.linspace(first, last, count)} | {first}
     )[:count]
@@ -119,7 +123,7 @@ def _sum_cells(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def _compute_local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and deviation of the usable pixels in the cells around each cell."""
-    kernel = np.ones(STATISTICS.averaged_cells)
+    kernel = np.ones(LOCAL_STATISTICS.averaged_cells)
     sums = [filter_separably(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
     return _compute_moments(*sums)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...foundation.pixel_filters import erode, slopes
 from ..interest_points.corners import make_gaussian_kernels
-from ..interest_points.outlines import OUTLINE, compute_slope_noise, interpolate_bilinear
+from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, interpolate_bilinear
 
 EDGE_SLOPE_TO_NOISE = 5.0
 WEAKEST_EDGE_SHARE = 0.15  # of the strongest slope in the window
@@ -33,7 +33,7 @@ class EdgePoints:
 
 def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
     """Return the sub-pixel edge points of grey values (float32) away from unusable pixels."""
-    smooth, slope = make_gaussian_kernels(OUTLINE.slope_px)
+    smooth, slope = make_gaussian_kernels(OUTLINE_SAMPLING.slope_px)
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)
