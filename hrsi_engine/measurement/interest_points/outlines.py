@@ -154,7 +154,7 @@ def find_edges_along(
 
 
 def _mark_first_peaks(along: np.ndarray) -> np.ndarray:
-    """Return 1 at the first local maximum of each row that is `OUTLINE_SAMPLING.first_peak_share` of the largest, else 0."""
+    """Return 1 at the first local maximum of each row that is nearly the largest (`first_peak_share`), else 0."""
     peak = np.zeros(along.shape, dtype=np.float32)
     inner = along[:, 1:-1]
     large = inner >= OUTLINE_SAMPLING.first_peak_share * along.max(axis=1, initial=0.0)[:, None]
