@@ -17,7 +17,7 @@ from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters.images import image_id
-from ..hrsi_engine.measurement.targets.measuring import WORST_SIGMA_PX, TargetMeasurement, measure_edges, measure_target
+from ..hrsi_engine.measurement.targets.measuring import TARGETS, TargetMeasurement, measure_edges, measure_target
 from ..hrsi_engine.plausibility.places import EDGE_SLACK_PX
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
@@ -203,7 +203,7 @@ def _of_edges(
         kind = _kind(options.kind, str(points.kind[rows[0]]), name)
         made = measure_edges(points.xy[rows], kind)
         targets.append(Target(name, image, made))
-        if not made.refusal and (made.sigma_px > WORST_SIGMA_PX or not made.used.all()):
+        if not made.refusal and (made.sigma_px > TARGETS.largest_sigma_px or not made.used.all()):
             warnings.append(
                 f"{file}: the edge points of {name} on {image} do not fit one another (RMSE {made.rmse_px:.1f} px, "
                 f"{np.sum(~made.used)} of {len(rows)} left out): measure again those that lie apart"

@@ -8,13 +8,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from .arrows import arrow_path, round_length
 
 CARD_WIDTH, CARD_MARGIN, CARD_KEY = 360.0, 14.0, 24.0
 CARD_ARROW = 26.0  # drawing units of the typical residual
 CARD_CUT = 80.0  # the longest arrow
-FEWEST_OF_FIELD = 3  # residuals in a cell from which a mean is drawn
-FIELD_SIGMAS = 2.0  # standard errors from which a mean is more than chance
+
+
+@thresholds
+class CardThresholds:
+    """From where on the mean residual of a cell is drawn as systematic."""
+
+    fewest_residuals: int = threshold(3, "residuals", "fewest residuals of a cell with a mean")
+    mean_sigmas: float = threshold(
+        2.0, "sigma", "standard errors from which a mean is more than chance", "normal distribution: 5 %"
+    )
+
+
+CARD = CardThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +140,7 @@ def _cells(card: ImageCard, width: float, height: float) -> Iterable[str]:
 def _field(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:
     """Draw the mean residual of each part, faint where it is no more than chance."""
     rows, columns = card.means.shape[:2]
-    sure = (np.abs(card.means) > FIELD_SIGMAS * card.mean_sigmas).any(axis=2)
+    sure = (np.abs(card.means) > CARD.mean_sigmas * card.mean_sigmas).any(axis=2)
     for row, column in np.argwhere(np.isfinite(card.means).all(axis=2)).tolist():
         x = CARD_MARGIN + (column + 0.5) * width / columns
         y = CARD_MARGIN + (row + 0.5) * height / rows

@@ -19,7 +19,7 @@ from ..block.footprints import compute_footprint, compute_footprints
 from ..block.points import ROLE_LABELS, Role
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
-from ..drawing.image_cards import FEWEST_OF_FIELD, ImageCard
+from ..drawing.image_cards import CARD, ImageCard
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..ground.map_crs import middle_position
@@ -255,7 +255,7 @@ def _means(cell: np.ndarray, residual: np.ndarray, shape: tuple[int, int]) -> tu
     total, square = (
         np.stack([_sums(cell, values, shape) for values in columns.T], axis=2) for columns in (residual, residual**2)
     )
-    mean = np.where(count >= FEWEST_OF_FIELD, total / count, np.nan)
+    mean = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
     return mean, np.sqrt(np.maximum(square / count - mean**2, 0.0) / (count - 1))
 
 

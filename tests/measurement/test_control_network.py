@@ -33,13 +33,13 @@ from hrsi.hrsi_engine.measurement.control_network.network import NO_FATHER, Netw
 from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.refinement import agreeing, epipolar_residuals
 from hrsi.hrsi_engine.measurement.control_network.super_points import candidates, match_super_points
-from hrsi.hrsi_engine.measurement.control_network.thresholds import (
+from hrsi.hrsi_engine.measurement.control_network.tolerances import (
     Tolerance,
     distance_difference,
     effective_distances,
     tolerance_of,
 )
-from hrsi.hrsi_engine.measurement.control_network.unknown_scale import GLANCE_PX, feature_vote
+from hrsi.hrsi_engine.measurement.control_network.unknown_scale import SCALE, feature_vote
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
 TOLERANCE = Tolerance(1.5, 0.01)
@@ -300,7 +300,8 @@ def test_wrong_use():
 
 def test_large_windows_are_refused(monkeypatch):
     window = true_pair("grass", 100).first
-    monkeypatch.setattr(matching, "LARGEST_WINDOW_PX", 99 * 100)
+    limits = replace(matching.CONTROL_NETWORK, largest_window_px=99 * 100)
+    monkeypatch.setattr(matching, "CONTROL_NETWORK", limits)
     with pytest.raises(InputError, match="100 x 100 pixels is too large"):
         match_windows(window, window)
 
@@ -334,7 +335,7 @@ def test_features_tell_where_the_second_window_shows_the_first():
     """Windows with origins of their own, looked at as they are and reduced: the map is that of the images' pixels."""
     pair = true_pair("grass", 400, 30.0, scale=0.8)
     windows = Area(40, 60, 390, 380), Area(20, 10, 400, 400)
-    for most_px in (GLANCE_PX, 60_000):
+    for most_px in (SCALE.glance_px, 60_000):
         vote = feature_vote(pair.first, pair.second, *windows, most_px=most_px)
         assert vote.scales[0] < 0.8 < vote.scales[1]
         xy = np.random.default_rng(5).uniform(100.0, 300.0, (50, 2))

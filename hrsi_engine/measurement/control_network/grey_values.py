@@ -5,11 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from ...foundation.pixel_filters import interpolate
+from ...foundation.thresholds import threshold, thresholds
 from .views import NetworkWindow
 
-PATCH_HALF_PX = 8  # patches of 17 x 17 pixels
-LEAST_USABLE = 0.75  # share of a patch's pixels that must be usable in both images
-PATCHES_PER_BATCH = 1800  # in memory
+
+@thresholds
+class PatchThresholds:
+    """Patches whose grey values are correlated."""
+
+    half_px: int = threshold(8, "px", "half side: patches of 17 x 17 px")
+    least_usable: float = threshold(0.75, "", "smallest share of pixels usable in both windows")
+    batch: int = threshold(1800, "patches", "patches in memory at a time")
+
+
+PATCHES = PatchThresholds()
 
 
 def patch_correlation(
@@ -18,15 +27,15 @@ def patch_correlation(
     first_xy: np.ndarray,
     second_xy: np.ndarray,
     A: np.ndarray,
-    half_px: int = PATCH_HALF_PX,
+    half_px: int = PATCHES.half_px,
 ) -> np.ndarray:
     """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
 
     0 where too few pixels of the patch are usable.
     """
     result = np.empty(len(first_xy))
-    for start in range(0, len(first_xy), PATCHES_PER_BATCH):
-        part = slice(start, start + PATCHES_PER_BATCH)
+    for start in range(0, len(first_xy), PATCHES.batch):
+        part = slice(start, start + PATCHES.batch)
         y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
         offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
         # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
@@ -38,7 +47,7 @@ def patch_correlation(
             (values - ((values * weight).sum(axis=1) / count)[:, None]) * weight for values in (ours, theirs)
         )  # fmt: skip
         product = (a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12))
-        result[part] = np.where(weight.mean(axis=1) >= LEAST_USABLE, product, 0.0)
+        result[part] = np.where(weight.mean(axis=1) >= PATCHES.least_usable, product, 0.0)
     return result
 
 

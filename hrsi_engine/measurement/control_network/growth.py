@@ -17,17 +17,26 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.thresholds import threshold, thresholds
 from .assignment import mutual_best
 from .grey_values import patch_correlation
 from .local_affine import LocalAffine, local_affine
 from .network import Network
 from .polar import turn_by, wrap_angle
-from .thresholds import Tolerance
+from .tolerances import Tolerance
 from .views import NetworkWindow
 
-CANDIDATES_PER_NODE = 12
-MOST_ROUNDS = 200
-CLOSER = 0.75  # a point is matched again under a node that is nearer by this factor
+
+@thresholds
+class GrowthThresholds:
+    """How the rounds of growth search and end."""
+
+    most_candidates: int = threshold(12, "points", "most candidates of a point")
+    most_rounds: int = threshold(200, "rounds", "most rounds of all stages")
+    closer: float = threshold(0.75, "", "ratio of distances from which a point is matched again under a nearer node")
+
+
+GROWTH = GrowthThresholds()
 
 
 class Stage(NamedTuple):
@@ -58,7 +67,7 @@ def grown(
     rounds = 0
     for stage in options.stages:
         tried = np.full(len(first.xy), np.inf)  # distance of the node that each point was last matched under
-        while len(network) >= 3 and rounds < MOST_ROUNDS:
+        while len(network) >= 3 and rounds < GROWTH.most_rounds:
             rounds += 1
             advance(progress, 1.0 - 1.0 / (1.0 + rounds / 8.0), f"control network: {len(network)} correspondences")
             new = _one_round(network, first, second, options, stage, tried)
@@ -97,7 +106,7 @@ def _one_round(
     free[network.first_row] = False
     rows = np.flatnonzero(free)
     distance, node = cKDTree(network.first).query(first.xy[rows])
-    fresh = (distance <= stage.reach_px) & (distance < CLOSER * tried[rows])
+    fresh = (distance <= stage.reach_px) & (distance < GROWTH.closer * tried[rows])
     tried[rows[fresh]] = distance[fresh]
     rows, node = rows[fresh], node[fresh]
     point, other = _candidates(network, first, second, rows, node, stage.tolerance)
@@ -135,7 +144,7 @@ def _candidates(
     allowed = tolerance.at(distance) * np.maximum(scale[node], 1.0)
     predicted = network.second[node] + turn_by(arm, rotation[node], scale[node])
     near, place = cKDTree(second.xy[others]).query(
-        predicted, k=min(CANDIDATES_PER_NODE, len(others)), distance_upper_bound=float(1.5 * allowed.max())
+        predicted, k=min(GROWTH.most_candidates, len(others)), distance_upper_bound=float(1.5 * allowed.max())
     )
     place = place.reshape(len(rows), -1)
     point, column = np.nonzero(np.isfinite(near.reshape(len(rows), -1)))

@@ -12,12 +12,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
 from .polar import turn_by
 
-AFFINE_NEIGHBOURS = 12
-PULL = 0.5  # weight of the whole network's similarity, in nodes at the neighbours' mean distance
-ITERATIONS = 5
-SCALE_PX = 1.0  # of the Cauchy weights: what neighbours differ by where all are right
+
+@thresholds
+class LocalAffineThresholds:
+    """The robust affine map through the nodes around a point."""
+
+    neighbours: int = threshold(12, "nodes", "nodes of a map")
+    similarity_weight: float = threshold(0.5, "nodes", "weight of the whole network's similarity at the mean distance")
+    iterations: int = threshold(5, "steps", "reweighted solutions")
+    scale_px: float = threshold(1.0, "px", "smallest scale of the Cauchy weights: differences of right neighbours")
+
+
+LOCAL_AFFINE = LocalAffineThresholds()
 
 
 class LocalAffine(NamedTuple):
@@ -51,14 +60,14 @@ def local_affine(
     design = np.concatenate([np.ones((*dx.shape[:2], 1)), dx / length[:, None, None]], axis=2)
     start = np.median(dy, axis=1)
     residual = dy - start[:, None, :]
-    for _ in range(ITERATIONS):
+    for _ in range(LOCAL_AFFINE.iterations):
         squared = np.sum(residual**2, axis=2)
         # Before the affine terms are known all neighbours are off: the scale shrinks with their median.
-        weight = 1.0 / (1.0 + squared / np.maximum(np.median(squared, axis=1, keepdims=True), SCALE_PX**2))
+        weight = 1.0 / (1.0 + squared / np.maximum(np.median(squared, axis=1, keepdims=True), LOCAL_AFFINE.scale_px**2))
         weighted = np.transpose(design * weight[..., None], (0, 2, 1))
         normal = weighted @ design
-        normal[:, 1, 1] += PULL
-        normal[:, 2, 2] += PULL
+        normal[:, 1, 1] += LOCAL_AFFINE.similarity_weight
+        normal[:, 2, 2] += LOCAL_AFFINE.similarity_weight
         normal[:, 0, 0] += 1e-9
         solution = np.linalg.solve(normal, weighted @ dy)
         residual = dy - design @ solution
@@ -69,7 +78,7 @@ def local_affine(
 
 def _neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
     """Return the rows ``(n, k)`` of the nearest nodes, without those left out."""
-    count = min(AFFINE_NEIGHBOURS, len(nodes) - (leave_out is not None))
+    count = min(LOCAL_AFFINE.neighbours, len(nodes) - (leave_out is not None))
     _, near = cKDTree(nodes).query(points, k=count + (leave_out is not None))
     near = near.reshape(len(points), -1)
     if leave_out is None:

@@ -11,6 +11,7 @@ from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.detectors import clip_to_image
 from ..interest_points.options import (
     CANDIDATE_QUALITY,
@@ -26,15 +27,24 @@ from .options import ControlNetworkOptions
 from .refinement import Positions, refine_matches
 from .seeding import Seed, SeedOptions, seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
-from .thresholds import Tolerance, tolerance_of
-from .unknown_scale import LOOK_PX, UNKNOWN_SCALES, FeatureVote, feature_vote
+from .tolerances import Tolerance, tolerance_of
+from .unknown_scale import SCALE, FeatureVote, feature_vote
 from .views import NetworkWindow, network_window
 
-STEEP_DEG = 30.0  # slope of the later stages of growth
-NEAR_PX, FAR_PX = 60.0, 150.0  # from the closest node
-REDUCED_FROM = 1.25  # ratio of pixel sizes above which the finer window is reduced to the coarser one
-EQUAL_SCALES = (1.0, 1.0)
-LARGEST_WINDOW_PX = 8192 * 8192
+
+@thresholds
+class ControlNetworkThresholds:
+    """How a network grows, and which windows are matched."""
+
+    steep_deg: float = threshold(30.0, "°", "slope of the ground in the later stages of growth")
+    near_px: float = threshold(60.0, "px", "distance from the closest node in the first stages")
+    far_px: float = threshold(150.0, "px", "and in the last one, across gaps")
+    reduction_ratio: float = threshold(1.25, "", "ratio of pixel sizes from which the finer window is reduced")
+    equal_scales: tuple[float, float] = threshold((1.0, 1.0), "", "range of scales tried first")
+    largest_window_px: int = threshold(8192 * 8192, "px", "largest area of a window, for the memory")
+
+
+CONTROL_NETWORK = ControlNetworkThresholds()
 
 
 def tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) -> Tolerance:
@@ -46,8 +56,12 @@ def tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) ->
 
 def growth_options(options: ControlNetworkOptions) -> GrowthOptions:
     """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
-    gentle, steep = tolerance(options), tolerance(options, max(STEEP_DEG, options.max_slope_deg))
-    stages = Stage(gentle, NEAR_PX), Stage(steep, NEAR_PX), Stage(steep, FAR_PX)
+    gentle, steep = tolerance(options), tolerance(options, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg))
+    stages = (
+        Stage(gentle, CONTROL_NETWORK.near_px),
+        Stage(steep, CONTROL_NETWORK.near_px),
+        Stage(steep, CONTROL_NETWORK.far_px),
+    )
     return GrowthOptions(stages, options.correlation, options.consistency_px)
 
 
@@ -160,15 +174,15 @@ def match_windows(
     if options.scales is not None:
         return _match_at(first, second, options, FeatureVote(options.scales), areas, progress)
     # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for
-    vote, equal = feature_vote(first, second, *areas), FeatureVote(EQUAL_SCALES)
-    told = vote.scales != UNKNOWN_SCALES and not _tells_equal(vote)
+    vote, equal = feature_vote(first, second, *areas), FeatureVote(CONTROL_NETWORK.equal_scales)
+    told = vote.scales != SCALE.unknown_scales and not _tells_equal(vote)
     if not told:
         equal = equal._replace(affine=vote.affine)
     found = _match_at(first, second, options, vote if told else equal, areas, stage(progress, 0.0, 0.5))
     if found.status == FOUND:
         return found
     right = _tells_equal(vote)
-    vote = feature_vote(first, second, *areas, most_px=LOOK_PX)
+    vote = feature_vote(first, second, *areas, most_px=SCALE.look_px)
     if vote.affine is None:
         if right or (not told and _tells_equal(vote)):
             return found  # the scale was right: another one would not help
@@ -176,12 +190,16 @@ def match_windows(
             vote = equal
     again = _match_at(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
     # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
-    return again if again.status == FOUND or vote.scales not in (UNKNOWN_SCALES, EQUAL_SCALES) else found
+    return (
+        again
+        if again.status == FOUND or vote.scales not in (SCALE.unknown_scales, CONTROL_NETWORK.equal_scales)
+        else found
+    )
 
 
 def _tells_equal(vote: FeatureVote) -> bool:
     """Return whether features vote for equal scales."""
-    return vote.scales != UNKNOWN_SCALES and vote.scales[0] <= 1.0 <= vote.scales[1]
+    return vote.scales != SCALE.unknown_scales and vote.scales[0] <= 1.0 <= vote.scales[1]
 
 
 def _match_at(
@@ -191,7 +209,9 @@ def _match_at(
     """Match two windows whose scale is known, or lies in a range."""
     known = vote.scales
     usual = float(np.sqrt(known[0] * known[1]))
-    reductions = [max(ratio, 1.0) if ratio >= REDUCED_FROM else 1.0 for ratio in (1.0 / usual, usual)]
+    reductions = [
+        max(ratio, 1.0) if ratio >= CONTROL_NETWORK.reduction_ratio else 1.0 for ratio in (1.0 / usual, usual)
+    ]
     views = [
         _view(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
         for k, (raster, window, reduction) in enumerate(zip((first, second), areas, reductions, strict=True))
@@ -214,7 +234,7 @@ def _view(
     raster: Raster, area: Area, options: ControlNetworkOptions, reduction: float, progress: Progress
 ) -> NetworkWindow:
     samples, lines = area.right - area.left, area.bottom - area.top
-    if samples * lines > LARGEST_WINDOW_PX:
+    if samples * lines > CONTROL_NETWORK.largest_window_px:
         raise InputError(
             f"a window of {samples} x {lines} pixels is too large to match at once: "
             "choose windows of at most 8192 x 8192, or use tie-points for whole scenes with RPCs"

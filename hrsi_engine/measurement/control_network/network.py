@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .polar import wrap_angle
+from .tolerances import NETWORK
 
 NO_FATHER = -1
-SHORTEST_START_PX = 20.0  # a nearer ancestor gives no direction: half a pixel there is more than a degree
-ANCESTORS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +64,11 @@ class Network:
         rotation = np.full(len(self), overall)
         scale = np.full(len(self), float(np.hypot(*self.matrix[:, 0])))
         ancestor, open_ = self.father.copy(), np.ones(len(self), dtype=bool)
-        for _ in range(ANCESTORS):
+        for _ in range(NETWORK.ancestors):
             open_ &= ancestor != NO_FATHER
             ours, theirs = self.first[ancestor] - self.first, self.second[ancestor] - self.second
             distance = np.hypot(*ours.T)
-            here = open_ & (distance >= SHORTEST_START_PX)
+            here = open_ & (distance >= NETWORK.shortest_arm_px)
             turn = np.arctan2(theirs[:, 1], theirs[:, 0]) - np.arctan2(ours[:, 1], ours[:, 0])
             rotation[here] = overall + wrap_angle(turn[here] - overall)
             open_ &= ~here

@@ -7,19 +7,30 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions
 from .local_affine import LocalAffine, local_affine
 from .network import Network
+from .tolerances import NETWORK_PAIRS
 from .views import NetworkWindow
 
 LSM = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small
-REFINED_LEAST_CORRELATION = 0.75  # of windows that lie on each other to a fraction of a pixel
-MOST_MOVED_PX = 2.0  # from where the interest points are: a strongest response repeats to a pixel or two
-MOST_SIGMA_PX = 0.3
-OUTLIER_FLOOR_PX = 0.75  # residuals below are never called outliers
-ROBUST_SIGMAS = 4.0
-REFINEMENT_ROUNDS = 8
+
+
+@thresholds
+class RefinementThresholds:
+    """Which nodes least-squares matching, neighbours and epipolar geometry confirm."""
+
+    least_correlation: float = threshold(0.75, "", "smallest correlation of matched windows", NETWORK_PAIRS)
+    largest_move_px: float = threshold(2.0, "px", "largest distance from the interest point", NETWORK_PAIRS)
+    largest_sigma_px: float = threshold(0.3, "px", "largest standard deviation of a coordinate")
+    outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier", NETWORK_PAIRS)
+    outlier_sigmas: float = threshold(4.0, "sigma", "smallest epipolar residual of an outlier")
+    most_rounds: int = threshold(8, "rounds", "most rounds of rejection")
+
+
+REFINEMENT = RefinementThresholds()
 
 
 class Positions(NamedTuple):
@@ -47,8 +58,12 @@ def refine_matches(
     found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, LSM)
     sigma = found.sigma_px
     moved = np.hypot(*(found.xy - start).T)
-    good = (found.status == DONE) & (found.correlation >= REFINED_LEAST_CORRELATION) & (moved <= MOST_MOVED_PX)
-    good &= np.nan_to_num(sigma, nan=np.inf) <= MOST_SIGMA_PX
+    good = (
+        (found.status == DONE)
+        & (found.correlation >= REFINEMENT.least_correlation)
+        & (moved <= REFINEMENT.largest_move_px)
+    )
+    good &= np.nan_to_num(sigma, nan=np.inf) <= REFINEMENT.largest_sigma_px
     good, residual, across = agreeing(centre, found.xy, good, network.matrix, consistency_px)
     positions = Positions(centre, found.xy, sigma, found.correlation, residual, across)
     return network.kept(good), Positions(*(column[good] for column in positions))
@@ -60,7 +75,7 @@ def agreeing(
     """Return the mask of good pairs that agree with their neighbours and the epipolar geometry, and both residuals."""
     good = good.copy()
     residual, across = np.full(len(first), np.nan), np.full(len(first), np.nan)
-    for _ in range(REFINEMENT_ROUNDS):
+    for _ in range(REFINEMENT.most_rounds):
         rows = np.flatnonzero(good)
         if len(rows) < 6:
             return np.zeros(len(first), dtype=bool), residual, across
@@ -69,7 +84,7 @@ def agreeing(
         across[rows] = epipolar_residuals(first[rows], second[rows])
         sigma = robust_sigma(across[rows])
         keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
-        keep &= np.abs(across[rows]) <= max(ROBUST_SIGMAS * sigma, OUTLIER_FLOOR_PX)
+        keep &= np.abs(across[rows]) <= max(REFINEMENT.outlier_sigmas * sigma, REFINEMENT.outlier_floor_px)
         good[rows[~keep]] = False
         if keep.all():
             break

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent, stage
+from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.points import InterestPoints, select_best_per_cell
 from .assignment import mutual_best
 from .grey_values import patch_correlation
@@ -27,7 +28,7 @@ from .local_affine import similarity_matrix
 from .network import NO_FATHER, Network
 from .super_points import (
     AMBIGUOUS,
-    RIVAL_CORRESPONDENCES_SHARE,
+    SUPER_POINTS,
     Hypothesis,
     SuperMatch,
     candidates,
@@ -35,18 +36,40 @@ from .super_points import (
     likely_hypotheses,
     match_super_points,
 )
-from .thresholds import Tolerance
+from .tolerances import NETWORK_PAIRS, Tolerance
 from .views import NetworkWindow
 
-SEEDING_CELL_PX, PER_CELL = 100.0, 7  # of super points: about 110 in 400 x 400 pixels, as in the thesis
-PART_PX = 400.0
-LEAST_SUPER_POINTS = 8
-LEAST_NODES, LEAST_NETWORK_SHARE = 8, 0.3  # of the nodes must look alike; by chance one in twenty does
-SEED_CONSISTENCY_PX = 4.0  # far nodes on relief
-GREY_REACHES = 1.0, 0.6  # shares of the reach: near leaves are fewer, and fit less by chance
-FEATURE_REACH_PX = 8.0  # from where features put a point to where relief may have moved it
-FEATURE_SPREAD_PX = 0.75  # of what grows from features: where it is not one geometry, it scatters by a pixel or more
-LIKELY = 150  # pairs of roots that are compared by grey values
+
+@thresholds
+class SeedThresholds:
+    """Which super points a network begins with, and when its first nodes are believed."""
+
+    cell_px: float = threshold(
+        100.0, "px", "side of the cells of super points", "thesis section 3.3: about 110 in 400 x 400 px"
+    )
+    points_per_cell: int = threshold(
+        7, "points", "super points in a cell", "thesis section 3.3: about 110 in 400 x 400 px"
+    )
+    part_px: float = threshold(
+        400.0, "px", "side of the parts of the first window", "thesis section 3.3: windows of 400 x 400 px"
+    )
+    fewest_points: int = threshold(8, "points", "fewest super points of a part and of the second window")
+    fewest_nodes: int = threshold(8, "nodes", "fewest nodes of a first network that correlate", NETWORK_PAIRS)
+    smallest_node_share: float = threshold(
+        0.3, "", "likewise, as a share of all its nodes (by chance 0.05)", NETWORK_PAIRS
+    )
+    consistency_px: float = threshold(4.0, "px", "largest difference of a first node from its neighbours, on relief")
+    grey_reaches: tuple[float, float] = threshold(
+        (1.0, 0.6), "", "reaches tried by grey values: near leaves are fewer and fit less by chance", NETWORK_PAIRS
+    )
+    feature_reach_px: float = threshold(8.0, "px", "distance from where features put a point", NETWORK_PAIRS)
+    feature_spread_px: float = threshold(
+        0.75, "px", "largest epipolar scatter of what grows from features", NETWORK_PAIRS
+    )
+    likely_pairs: int = threshold(150, "pairs", "pairs of roots that are compared by grey values", NETWORK_PAIRS)
+
+
+SEEDING = SeedThresholds()
 
 
 class Seed(NamedTuple):
@@ -76,17 +99,17 @@ def super_point_rows(points: InterestPoints) -> np.ndarray:
 
     The thesis takes the strongest of a whole window; cells do the same for windows of any size.
     """
-    return select_best_per_cell(points, SEEDING_CELL_PX, PER_CELL)
+    return select_best_per_cell(points, SEEDING.cell_px, SEEDING.points_per_cell)
 
 
 def parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
     """Return the super points of each part of the first window, parts near the middle first."""
-    count = np.maximum(np.rint(view.size / PART_PX), 1).astype(int)
+    count = np.maximum(np.rint(view.size / SEEDING.part_px), 1).astype(int)
     number = np.minimum((view.xy[rows] / (view.size / count)).astype(int), count - 1)
     every = np.stack(np.meshgrid(*map(np.arange, count)), axis=-1).reshape(-1, 2)
     from_middle = np.hypot(*(((every + 0.5) / count - 0.5) * view.size).T)
     found = [rows[(number == every[part]).all(axis=1)] for part in np.argsort(from_middle, kind="stable")]
-    return [part for part in found if len(part) >= LEAST_SUPER_POINTS]
+    return [part for part in found if len(part) >= SEEDING.fewest_points]
 
 
 def seeds(
@@ -102,7 +125,7 @@ def seeds(
     ``similarity (2, 3)`` is where features put the first window's points, if they tell that.
     """
     ours, theirs = super_point_rows(first.points), super_point_rows(second.points)
-    every = parts(first, ours) if len(theirs) >= LEAST_SUPER_POINTS else []
+    every = parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
     for number, rows in enumerate(every):
         part = stage(progress, number / len(every), (number + 1) / len(every))
         match = match_super_points(
@@ -130,10 +153,10 @@ def grey_seeds(
 ) -> Iterator[Seed]:
     """Yield the network of the hypothesis of which most nodes look alike, if no other has nearly as many."""
     tested, hypotheses = [], []
-    for share in GREY_REACHES:
+    for share in SEEDING.grey_reaches:
         reach_px = share * options.reach_px
         sets = candidates(first.xy[rows], second.xy[theirs], options.tolerance, reach_px, options.scales)
-        hypotheses += likely_hypotheses(sets, LIKELY)
+        hypotheses += likely_hypotheses(sets, SEEDING.likely_pairs)
     for hypothesis in hypotheses:
         whole = as_network(hypothesis, first, second, rows, theirs)
         network = verify(whole, first, second, options.correlation)
@@ -143,7 +166,7 @@ def grey_seeds(
         return
     most, network, best = max(tested, key=lambda entry: entry[0])
     rivals = [count for count, _, other in tested if is_rival(sets, best, other)]
-    if max(rivals, default=0) < RIVAL_CORRESPONDENCES_SHARE * most:
+    if max(rivals, default=0) < SUPER_POINTS.rival_share * most:
         yield Seed(network, best, max(rivals, default=0))
 
 
@@ -152,13 +175,13 @@ def feature_seeds(
 ) -> Iterator[Seed]:
     """Yield the network of the interest points that look alike near where a similarity puts them."""
     matrix, shift = similarity[:, :2], similarity[:, 2]
-    near = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, FEATURE_REACH_PX)
+    near = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, SEEDING.feature_reach_px)
     a = np.repeat(np.arange(len(near)), [len(rows) for rows in near])
     b = np.array([row for rows in near for row in rows], dtype=int)
     alike = patch_correlation(first, second, first.xy[a], second.xy[b], np.broadcast_to(matrix, (len(a), 2, 2)))
     likely = np.flatnonzero(alike >= options.correlation)
     chosen = likely[mutual_best(a[likely], b[likely], -alike[likely])]
-    if len(chosen) < LEAST_NODES:
+    if len(chosen) < SEEDING.fewest_nodes:
         return
     # The root is the node nearest to the middle of all
     away = np.hypot(*(first.xy[a[chosen]] - np.median(first.xy[a[chosen]], axis=0)).T)
@@ -168,11 +191,11 @@ def feature_seeds(
     every = np.arange(max(len(first.xy), len(second.xy)))
     network = verify(as_network(found, first, second, every, every), first, second, options.correlation)
     if _enough(network, found):
-        yield Seed(network, found, 0, FEATURE_SPREAD_PX)
+        yield Seed(network, found, 0, SEEDING.feature_spread_px)
 
 
 def _enough(network: Network, hypothesis: Hypothesis) -> bool:
-    return len(network) >= max(LEAST_NODES, LEAST_NETWORK_SHARE * hypothesis.count)
+    return len(network) >= max(SEEDING.fewest_nodes, SEEDING.smallest_node_share * hypothesis.count)
 
 
 def as_network(
@@ -191,4 +214,4 @@ def verify(network: Network, first: NetworkWindow, second: NetworkWindow, least:
     matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
     correlation = patch_correlation(first, second, network.first, network.second, matrices)
     network = replace(network, correlation=correlation).kept(correlation >= least)
-    return network.kept(consistent(network, SEED_CONSISTENCY_PX))
+    return network.kept(consistent(network, SEEDING.consistency_px))

@@ -28,20 +28,36 @@ import numpy as np
 from scipy.stats import binom
 
 from ...foundation.progress import Progress, advance, silent, stage
+from ...foundation.thresholds import threshold, thresholds
 from .assignment import mutual_best
 from .polar import Leaves, leaves_of, turn_by, wrap_angle
-from .thresholds import Tolerance
+from .tolerances import Tolerance
 from .voting import vote_bounds
 
-RIVAL_CORRESPONDENCES_SHARE = 0.75  # of the winner's correspondences: a rival with more makes the match ambiguous
-SHARED = 0.3  # of a hypothesis's correspondences that are the winner's too: then it is no rival
-LOG10_NFA = -3.0  # larger ones are chance
-CELLS_PER_BATCH = 2_000_000
-SECTORS = 360
-_SECTOR_RAD = 2.0 * np.pi / SECTORS
-ROUNDING_RAD = 1e-9  # bounds must not lose a correspondence at the edge of its tolerance
-RIVAL_GRADIENT = 0.2  # roofs and slopes may displace a root by this share of its distance and be the same match
-RIVAL_TURN_RAD = np.radians(15.0)  # a hypothesis that differs by more is another one
+
+@thresholds
+class SuperPointThresholds:
+    """When the best pair of roots is more than chance and has no rival."""
+
+    rival_share: float = threshold(
+        0.75, "", "correspondences of a rival, by the winner's, from which a match is ambiguous"
+    )
+    shared: float = threshold(0.3, "", "share of correspondences in common from which a hypothesis is the same match")
+    log10_nfa: float = threshold(
+        -3.0, "log10", "largest number of false alarms of a match", "Desolneux, Moisan and Morel 2000"
+    )
+    cells_per_batch: int = threshold(2_000_000, "cells", "leaf pairs by starting points in memory at a time")
+    sectors: int = threshold(360, "sectors", "sectors of the rotation in which leaf pairs are counted")
+    rounding_rad: float = threshold(
+        1e-9, "rad", "slack of bounds, not to lose a correspondence at the edge of its tolerance"
+    )
+    rival_gradient: float = threshold(0.2, "", "displacement of the root by relief, by its distance, in one match")
+    rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of the rotation in one match")
+
+
+SUPER_POINTS = SuperPointThresholds()
+
+_SECTOR_RAD = 2.0 * np.pi / SUPER_POINTS.sectors
 
 FOUND, AMBIGUOUS, NO_MATCH = "found", "ambiguous", "no match"
 
@@ -117,20 +133,22 @@ def support_bounds(pairs: LeafPairs, least: int) -> np.ndarray:
     # How many leaf pairs may allow the rotation of each, ``(k,)``: at least as many as do
     low = np.floor((pairs.turn_rad - pairs.allowed_rad) / _SECTOR_RAD).astype(int)
     high = np.ceil((pairs.turn_rad + pairs.allowed_rad) / _SECTOR_RAD).astype(int)
-    width = np.minimum(high - low, SECTORS)
-    low %= SECTORS
-    change = np.bincount(low, minlength=2 * SECTORS + 1) - np.bincount(low + width, minlength=2 * SECTORS + 1)
-    votes = change.cumsum()[: 2 * SECTORS].reshape(2, SECTORS).sum(axis=0)
-    agreeing_pairs = votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SECTORS]
+    width = np.minimum(high - low, SUPER_POINTS.sectors)
+    low %= SUPER_POINTS.sectors
+    change = np.bincount(low, minlength=2 * SUPER_POINTS.sectors + 1) - np.bincount(
+        low + width, minlength=2 * SUPER_POINTS.sectors + 1
+    )
+    votes = change.cumsum()[: 2 * SUPER_POINTS.sectors].reshape(2, SUPER_POINTS.sectors).sum(axis=0)
+    agreeing_pairs = votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SUPER_POINTS.sectors]
     rows = np.flatnonzero(agreeing_pairs >= least)
     if not len(rows):
         return bounds
     group = np.flatnonzero(np.r_[True, np.diff(pairs.first) > 0])
-    step = max(1, CELLS_PER_BATCH // len(pairs.first))
+    step = max(1, SUPER_POINTS.cells_per_batch // len(pairs.first))
     for start in range(0, len(rows), step):
         part = rows[start : start + step]
         turn = np.abs(pairs.turn_rad[None, :] - pairs.turn_rad[part, None])
-        near = np.minimum(turn, 2.0 * np.pi - turn) <= pairs.allowed_rad[None, :] + ROUNDING_RAD
+        near = np.minimum(turn, 2.0 * np.pi - turn) <= pairs.allowed_rad[None, :] + SUPER_POINTS.rounding_rad
         bounds[part] = np.logical_or.reduceat(near, group, axis=1).sum(axis=1)
     return bounds
 
@@ -208,7 +226,7 @@ def match_super_points(
     if best is None:
         return SuperMatch(NO_MATCH, None, 0, 0.0, evaluated)
     # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
-    runner_up, least = 0, np.maximum(significant_counts(sets), int(np.ceil(RIVAL_CORRESPONDENCES_SHARE * best.count)))
+    runner_up, least = 0, np.maximum(significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count)))
     for bound, roots, scale in sets.rank_roots():
         if bound <= runner_up or bound < least.min():
             break
@@ -218,7 +236,7 @@ def match_super_points(
             found = evaluate()
             if found.count > runner_up and found.count >= least[roots[0]] and is_rival(sets, best, found):
                 runner_up = found.count
-    status = AMBIGUOUS if runner_up >= RIVAL_CORRESPONDENCES_SHARE * best.count else FOUND
+    status = AMBIGUOUS if runner_up >= SUPER_POINTS.rival_share * best.count else FOUND
     return SuperMatch(status, best, runner_up, log10_false_alarms(sets, best), evaluated)
 
 
@@ -269,13 +287,16 @@ def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
     One that shares leaf pairs with the winner is the same match, seen from a root on a roof or a slope.
     """
     shared = set(map(tuple, best.pairs.tolist())) & set(map(tuple, other.pairs.tolist()))
-    if len(shared) >= SHARED * other.count:
+    if len(shared) >= SUPER_POINTS.shared * other.count:
         return False
     offset = sets.first[other.roots[0]] - sets.first[best.roots[0]]
     predicted = sets.second[best.roots[1]] + turn_by(offset, best.rotation_rad, best.scale)
     away = float(np.hypot(*(sets.second[other.roots[1]] - predicted))) / best.scale
     turn = abs(float(wrap_angle(np.array(other.rotation_rad - best.rotation_rad))))
-    return away > 2.0 * sets.tolerance.base_px + RIVAL_GRADIENT * np.hypot(*offset) or turn > RIVAL_TURN_RAD
+    return (
+        away > 2.0 * sets.tolerance.base_px + SUPER_POINTS.rival_gradient * np.hypot(*offset)
+        or turn > SUPER_POINTS.rival_turn_rad
+    )
 
 
 def log10_false_alarms(sets: RootPairs, best: Hypothesis) -> float:
@@ -291,7 +312,7 @@ def log10_false_alarms(sets: RootPairs, best: Hypothesis) -> float:
 def significant_counts(sets: RootPairs) -> np.ndarray:
     """Return for each root of the first set from how many correspondences a hypothesis is more than chance, (m,)."""
     leaves, share = np.array([_chances(sets, root) for root in range(len(sets.first))]).T
-    return binom.isf(10.0**LOG10_NFA / _tests(sets), leaves, share).astype(int) + 1 + GIVEN
+    return binom.isf(10.0**SUPER_POINTS.log10_nfa / _tests(sets), leaves, share).astype(int) + 1 + GIVEN
 
 
 GIVEN = 2  # root and starting point correspond by construction

@@ -13,19 +13,33 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.pixel_filters import reduce_by_area, reduce_mask
+from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.windows import Area
 from ..tile_matching.features import SiftFeatures, root_sift, sift_features
 from ..tile_matching.rpc_consistency import mutual_matches
+from .tolerances import NETWORK_PAIRS
 
-SCALE_FEATURES = 6000
-SCALE_RATIO = 0.85  # lenient: the vote rejects what is wrong
-VOTE_PX = 4.0  # relief moves points
-VOTES_TAKEN, FARTHER_THAN_PX = 5000, 20.0  # of two pairs each, whose points are so far apart
-FEWEST_VOTES = 10
-CLEAR_VOTES = 15  # that a network may begin with; by chance three or four of some hundred pairs agree
-UNKNOWN_SCALES = (0.6, 1.7)  # searched step by step where features tell nothing
-AROUND = 1.05  # factor to both sides of the scale found
-GLANCE_PX, LOOK_PX = 500_000, 16_000_000  # pixels of a window that features are found in: quickly, and thoroughly
+
+@thresholds
+class ScaleThresholds:
+    """How features vote for the similarity of two windows."""
+
+    features: int = threshold(6000, "features", "most features of a window")
+    ratio: float = threshold(
+        0.85, "", "largest ratio of the two nearest descriptors; the vote rejects what is wrong", "Lowe 2004: 0.8"
+    )
+    vote_px: float = threshold(4.0, "px", "largest residual of a pair that votes, relief included")
+    samples: int = threshold(5000, "samples", "random samples of two pairs")
+    shortest_base_px: float = threshold(20.0, "px", "smallest distance of the two points of a sample")
+    fewest_votes: int = threshold(10, "pairs", "fewest votes that tell the scale", NETWORK_PAIRS)
+    clear_votes: int = threshold(15, "pairs", "votes from which a network may begin (chance: 4 at most)", NETWORK_PAIRS)
+    unknown_scales: tuple[float, float] = threshold((0.6, 1.7), "", "scales searched where features tell nothing")
+    margin: float = threshold(1.05, "", "factor to both sides of the scale found")
+    glance_px: int = threshold(500_000, "px", "area of a window that features are first found in")
+    look_px: int = threshold(16_000_000, "px", "and where that fails")
+
+
+SCALE = ScaleThresholds()
 
 
 class FeatureVote(NamedTuple):
@@ -35,14 +49,14 @@ class FeatureVote(NamedTuple):
     affine : (2, 3) similarity from positions of the first image to those of the second; None without a clear vote
     """
 
-    scales: tuple[float, float] = UNKNOWN_SCALES
+    scales: tuple[float, float] = SCALE.unknown_scales
     affine: np.ndarray | None = None
 
 
 def feature_vote(
-    first: Raster, second: Raster, first_window: Area, second_window: Area, most_px: int = GLANCE_PX
+    first: Raster, second: Raster, first_window: Area, second_window: Area, most_px: int = SCALE.glance_px
 ) -> FeatureVote:
-    """Return what the features of two windows vote for; `UNKNOWN_SCALES` where they tell nothing.
+    """Return what the features of two windows vote for; `SCALE.unknown_scales` where they tell nothing.
 
     Both windows are reduced alike until the larger has at most ``most_px`` pixels: that is quick, and tells as much
     where they show the same.
@@ -53,7 +67,7 @@ def feature_vote(
     here, there = (
         _scale_features(raster, area, reduction) for raster, area in zip((first, second), areas, strict=True)
     )
-    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), SCALE_RATIO)
+    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), SCALE.ratio)
     found = _common_similarity(here.xy[i], there.xy[j])
     if found is None:
         return FeatureVote()
@@ -63,7 +77,8 @@ def feature_vote(
     origins = [np.array([area.left, area.top], dtype=np.float64) for area in areas]
     shift = origins[1] - 0.5 + reduction * (shift + 0.5 - 0.5 * matrix.sum(axis=1)) - matrix @ (origins[0] - 0.5)
     return FeatureVote(
-        (scale / AROUND, scale * AROUND), np.column_stack([matrix, shift]) if votes >= CLEAR_VOTES else None
+        (scale / SCALE.margin, scale * SCALE.margin),
+        np.column_stack([matrix, shift]) if votes >= SCALE.clear_votes else None,
     )
 
 
@@ -72,19 +87,19 @@ def _common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarra
 
     None where too few do. A similarity is ``w = a z + b`` in complex numbers; two pairs are a sample.
     """
-    if len(first) < FEWEST_VOTES:
+    if len(first) < SCALE.fewest_votes:
         return None
     z, w = (np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0] for xy in (first, second))
-    one, other = np.random.default_rng(1).integers(0, len(z), (2, VOTES_TAKEN))
-    apart = np.abs(z[one] - z[other]) > FARTHER_THAN_PX
+    one, other = np.random.default_rng(1).integers(0, len(z), (2, SCALE.samples))
+    apart = np.abs(z[one] - z[other]) > SCALE.shortest_base_px
     one, other = one[apart], other[apart]
     a = (w[one] - w[other]) / (z[one] - z[other])
     b = w[one] - a * z[one]
-    votes = [int(np.sum(np.abs(w - (a_k * z + b_k)) <= VOTE_PX)) for a_k, b_k in zip(a, b, strict=True)]
-    if not votes or max(votes) < FEWEST_VOTES:
+    votes = [int(np.sum(np.abs(w - (a_k * z + b_k)) <= SCALE.vote_px)) for a_k, b_k in zip(a, b, strict=True)]
+    if not votes or max(votes) < SCALE.fewest_votes:
         return None
     best = int(np.argmax(votes))
-    agree = np.abs(w - (a[best] * z + b[best])) <= VOTE_PX
+    agree = np.abs(w - (a[best] * z + b[best])) <= SCALE.vote_px
     (a_all, b_all), *_ = np.linalg.lstsq(np.column_stack([z[agree], np.ones(max(votes))]), w[agree], rcond=None)
     matrix = np.array([[a_all.real, -a_all.imag], [a_all.imag, a_all.real]])
     return matrix, np.array([b_all.real, b_all.imag]), max(votes)
@@ -96,4 +111,4 @@ def _scale_features(raster: Raster, area: Area, reduction: float) -> SiftFeature
     if reduction > 1.0:
         size = int(grey.shape[1] / reduction), int(grey.shape[0] / reduction)
         grey, valid = reduce_by_area(np.asarray(grey, np.float32), size), reduce_mask(valid, size)
-    return sift_features(grey, valid, SCALE_FEATURES)
+    return sift_features(grey, valid, SCALE.features)

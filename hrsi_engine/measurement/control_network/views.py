@@ -16,8 +16,7 @@ from ..interest_points.options import DetectionOptions
 from ..interest_points.points import InterestPoints, join_points
 from ..interest_points.windows import Area
 from ..window_matching.windows import MatchImage
-
-WINDOW_SMOOTH_PX = 0.7  # before least-squares matching, against noise
+from .tolerances import NETWORK
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ class NetworkWindow:
     @cached_property
     def match_image(self) -> MatchImage:
         """The window prepared for least-squares matching."""
-        return MatchImage(self.grey, self.usable, WINDOW_SMOOTH_PX)
+        return MatchImage(self.grey, self.usable, NETWORK.smoothing_px)
 
     def in_image(self, xy: np.ndarray) -> np.ndarray:
         """Return positions ``(n, 2)`` of the window as sample and line of the image."""

@@ -17,12 +17,21 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import fft
 
+from ...foundation.thresholds import threshold, thresholds
 from .polar import leaves_of
-from .thresholds import Tolerance
+from .tolerances import Tolerance
 
-DIRECTIONS = 256
-RINGS_PX = 4.0
-PAIRS_PER_BATCH = 40_000  # of roots, of which the votes are in memory at the same time: about 120 MB
+
+@thresholds
+class VotingThresholds:
+    """Bins of the histograms by which pairs of roots are bounded."""
+
+    directions: int = threshold(256, "bins", "bins of direction")
+    ring_px: float = threshold(4.0, "px", "width of a bin of distance")
+    pairs_per_batch: int = threshold(40_000, "pairs", "pairs of roots in memory at a time, about 120 MB")
+
+
+VOTING = VotingThresholds()
 
 
 def vote_bounds(
@@ -36,33 +45,33 @@ def vote_bounds(
     bounds = np.zeros((len(first), len(second)), dtype=np.int32)
     for part, widened in _widened_batches(second / scale, tolerance, reach_px, len(first)):
         votes = np.matmul(counts, widened)
-        bounds[:, part] = np.rint(fft.irfft(votes, DIRECTIONS, axis=0).max(axis=0)).astype(np.int32)
+        bounds[:, part] = np.rint(fft.irfft(votes, VOTING.directions, axis=0).max(axis=0)).astype(np.int32)
     return bounds
 
 
 def _rings(reach_px: float) -> int:
-    return int(np.ceil(reach_px / RINGS_PX)) + 1
+    return int(np.ceil(reach_px / VOTING.ring_px)) + 1
 
 
 def _leaf_counts(points: np.ndarray, reach_px: float) -> np.ndarray:
     """Return the conjugate spectrum of the leaves' counts by root, ``(frequencies, roots, rings)`` complex64."""
-    counts = np.zeros((len(points), _rings(reach_px), DIRECTIONS), dtype=np.float32)
+    counts = np.zeros((len(points), _rings(reach_px), VOTING.directions), dtype=np.float32)
     for root in range(len(points)):
         leaves = leaves_of(points, root, reach_px)
-        ring = (leaves.distance_px / RINGS_PX).astype(int)
-        direction = np.floor(leaves.angle_rad / _STEP).astype(int) % DIRECTIONS
+        ring = (leaves.distance_px / VOTING.ring_px).astype(int)
+        direction = np.floor(leaves.angle_rad / _STEP).astype(int) % VOTING.directions
         np.add.at(counts[root], (ring, direction), 1.0)
     return np.ascontiguousarray(np.conj(fft.rfft(counts, axis=2)).transpose(2, 0, 1))
 
 
-_STEP = 2.0 * np.pi / DIRECTIONS
+_STEP = 2.0 * np.pi / VOTING.directions
 
 
 def _widened_batches(
     points: np.ndarray, tolerance: Tolerance, reach_px: float, roots: int
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield spectra ``(frequencies, rings, roots)`` of where a leaf would find a partner, some roots at a time."""
-    step = max(1, PAIRS_PER_BATCH // max(roots, 1))
+    step = max(1, VOTING.pairs_per_batch // max(roots, 1))
     for start in range(0, len(points), step):
         stop = min(start + step, len(points))
         found = np.stack([_widen(points, root, tolerance, reach_px) for root in range(start, stop)])
@@ -72,21 +81,21 @@ def _widened_batches(
 def _widen(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float) -> np.ndarray:
     """Return 1 in the bins ``(rings, directions)`` of which a leaf may meet one of this root's leaves, else 0."""
     rings = _rings(reach_px)
-    inner = np.arange(rings) * RINGS_PX
-    allowed = tolerance.at(inner + RINGS_PX)  # grows outwards, that of the angle inwards
+    inner = np.arange(rings) * VOTING.ring_px
+    allowed = tolerance.at(inner + VOTING.ring_px)  # grows outwards, that of the angle inwards
     angle = np.minimum(tolerance.angle_at(np.maximum(inner, 1e-3)), np.pi)
     leaves = leaves_of(points, root, reach_px + float(allowed[-1]))
     near = (leaves.distance_px >= (inner - allowed)[:, None]) & (
-        leaves.distance_px <= (inner + RINGS_PX + allowed)[:, None]
+        leaves.distance_px <= (inner + VOTING.ring_px + allowed)[:, None]
     )
     ring, leaf = np.nonzero(near)
     # The rotation may lie half a bin to either side, and the first leaf anywhere in its bin.
     low = np.ceil((leaves.angle_rad[leaf] - angle[ring]) / _STEP - 1.5).astype(int)
     high = np.floor((leaves.angle_rad[leaf] + angle[ring]) / _STEP + 0.5).astype(int)
     # 1 in the bins ``low … high`` of each arc, float32, directions wrapped
-    change = np.zeros((rings, 3 * DIRECTIONS + 1), dtype=np.int32)
-    start = low % DIRECTIONS
+    change = np.zeros((rings, 3 * VOTING.directions + 1), dtype=np.int32)
+    start = low % VOTING.directions
     np.add.at(change, (ring, start), 1)
-    np.add.at(change, (ring, start + (np.minimum(high, low + DIRECTIONS - 1) - low) + 1), -1)
-    covered = change.cumsum(axis=1)[:, : 3 * DIRECTIONS].reshape(rings, 3, DIRECTIONS).sum(axis=1)
+    np.add.at(change, (ring, start + (np.minimum(high, low + VOTING.directions - 1) - low) + 1), -1)
+    covered = change.cumsum(axis=1)[:, : 3 * VOTING.directions].reshape(rings, 3, VOTING.directions).sum(axis=1)
     return (covered > 0).astype(np.float32)

@@ -20,7 +20,7 @@ from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.streams import open_calls
 from ...foundation.workers.threads import thread_count
-from .blobs import REAL_PAIRS, Blobs, find_blobs
+from .blobs import BLOB_PAIRS, Blobs, find_blobs
 from .corners import (
     CornerPeaks,
     Strength,
@@ -42,7 +42,7 @@ BLOB = "blob"
 class DetectionThresholds:
     """Which images are large enough to detect in, and which centres are one object."""
 
-    shape_chance: float = threshold(2.0 / 3.0, "", "chance of the best shape to be found again", REAL_PAIRS)
+    shape_chance: float = threshold(2.0 / 3.0, "", "chance of the best shape to be found again", BLOB_PAIRS)
     same_centre: float = threshold(0.15, "", "distance of blob and shape of one object, by its diameter")
     same_size: float = threshold(1.4, "", "largest ratio of their diameters")
     smallest_side_px: int = threshold(32, "px", "smallest side of an image or window")

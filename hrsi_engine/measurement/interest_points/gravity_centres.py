@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.thresholds import threshold, thresholds
-from .corners import SIMULATED
+from .corners import SIMULATED_OBJECTS
 from .level_regions import EVEN, find_compact_regions
 from .options import CentreOptions
 from .outlines import Outlines, SlopeImage, interpolate_bilinear, measure_outlines
@@ -28,9 +28,9 @@ from .windows import DetectionWindow
 class CentreThresholds:
     """Which shapes have a gravity centre, and how their quality is scored."""
 
-    largest_gap: float = threshold(0.12, "", "largest share of the outline without a clear edge", SIMULATED)
+    largest_gap: float = threshold(0.12, "", "largest share of the outline without a clear edge", SIMULATED_OBJECTS)
     centroid_agreement: tuple[float, float] = threshold(
-        (0.4, 0.05), "px, share", "largest distance of centroid and centre", SIMULATED
+        (0.4, 0.05), "px, share", "largest distance of centroid and centre", SIMULATED_OBJECTS
     )
     centroid_samples: int = threshold(13, "points", "side of the sample grid of the grey-weighted centroid")
     box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape: the blurred edge belongs to it")
@@ -39,11 +39,13 @@ class CentreThresholds:
     same_log_radius: float = threshold(0.06, "", "cell of the log of the mean radius, likewise")
     same_centre: float = threshold(0.1, "", "distance of centres of one object, as a share of the diameter")
     object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
-    full_support: int = threshold(4, "regions", "regions of one outline from which it scores 1", SIMULATED)
-    full_contrast: float = threshold(8.0, "sigma", "contrast from which it scores 1", SIMULATED)
-    zero_sigma_px: float = threshold(0.25, "px", "standard deviation of the centre from which it scores 0", SIMULATED)
-    zero_closed: float = threshold(0.65, "", "closed share of the outline below which it scores 0", SIMULATED)
-    strong_quality: float = threshold(0.75, "", "quality from which most views have the shape", SIMULATED)
+    full_support: int = threshold(4, "regions", "regions of one outline from which it scores 1", SIMULATED_OBJECTS)
+    full_contrast: float = threshold(8.0, "sigma", "contrast from which it scores 1", SIMULATED_OBJECTS)
+    zero_sigma_px: float = threshold(
+        0.25, "px", "standard deviation of the centre from which it scores 0", SIMULATED_OBJECTS
+    )
+    zero_closed: float = threshold(0.65, "", "closed share of the outline below which it scores 0", SIMULATED_OBJECTS)
+    strong_quality: float = threshold(0.75, "", "quality from which most views have the shape", SIMULATED_OBJECTS)
 
 
 CENTRE = CentreThresholds()

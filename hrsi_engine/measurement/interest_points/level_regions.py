@@ -15,7 +15,7 @@ import numpy as np
 
 from ...foundation.pixel_filters import blur, opencv_is_wanted, reduce_by_area, reduce_mask, slopes
 from ...foundation.thresholds import threshold, thresholds
-from .corners import SIMULATED, make_gaussian_kernels
+from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 from .stable_regions import MserLimits, find_mser_by_opencv, find_mser_by_tree
 
 BRIGHT, DARK, EVEN = 1, -1, 0
@@ -28,16 +28,16 @@ class RegionThresholds:
     scales: tuple[int, int] = threshold((1, 4), "", "reductions of the image in which regions are searched")
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before levels are cut")
     level_step: float = threshold(0.05, "sigma", "distance of the 256 grey levels, in local standard deviations")
-    stable_steps: int = threshold(4, "levels", "distance of the levels compared", SIMULATED)
-    largest_change: float = threshold(0.7, "", "largest change of the area over them", SIMULATED)
-    even_stable_steps: int = threshold(16, "levels", "likewise of even regions, of 255 of the slope", SIMULATED)
-    even_largest_change: float = threshold(1.0, "", "likewise, largest change of the area", SIMULATED)
+    stable_steps: int = threshold(4, "levels", "distance of the levels compared", SIMULATED_OBJECTS)
+    largest_change: float = threshold(0.7, "", "largest change of the area over them", SIMULATED_OBJECTS)
+    even_stable_steps: int = threshold(16, "levels", "likewise of even regions, of 255 of the slope", SIMULATED_OBJECTS)
+    even_largest_change: float = threshold(1.0, "", "likewise, largest change of the area", SIMULATED_OBJECTS)
     half_slope: float = threshold(0.5, "sigma/px", "slope in the middle of these steps")
     even_inset_px: float = threshold(1.5, "px", "distance of the border of an even region inside its edge")
     smallest_at_scale_px: int = threshold(12, "px", "smallest side in a reduced image")
     fewest_pixels: int = threshold(12, "px", "smallest area of a region")
     compactness: float = threshold(
-        0.86, "", "smallest area by that of the ellipse of the same moments (rectangle 0.955)", SIMULATED
+        0.86, "", "smallest area by that of the ellipse of the same moments (rectangle 0.955)", SIMULATED_OBJECTS
     )
     largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
 

@@ -17,7 +17,7 @@ from scipy import ndimage
 from ...block.columns import Columns
 from ...foundation import pixel_filters as filters
 from ...foundation.thresholds import threshold, thresholds
-from .corners import SIMULATED, make_gaussian_kernels
+from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 from .level_regions import EVEN, REGION, LevelRegions
 
 
@@ -29,7 +29,7 @@ class OutlineThresholds:
     step_px: float = threshold(0.5, "px", "distance of samples along a normal")
     normal_reach_px: float = threshold(2.5, "px", "search along a normal to each side, in pixels of the region's scale")
     fine_reach: float = threshold(0.75, "", "search around an edge of the reduced image, by the scale")
-    first_peak_share: float = threshold(0.5, "", "share of the largest slope that makes an edge", SIMULATED)
+    first_peak_share: float = threshold(0.5, "", "share of the largest slope that makes an edge", SIMULATED_OBJECTS)
     smoothing_points: float = threshold(1.5, "points", "standard deviation of the Gaussian along the outline")
     opened_pixels: int = threshold(60, "px", "area from which a region is opened, to cut its threads")
     fewest_points: int = threshold(16, "points", "fewest points of an outline")

@@ -21,20 +21,20 @@ from .outlines import interpolate_bilinear
 from .points import InterestPoints
 from .windows import Area, tile_region
 
-REAL_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)"
+SHADOW_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)"
 
 
 @thresholds
 class ShadowThresholds:
     """Which dark centres are the shadow side of something; compared are grey values around them."""
 
-    beyond_px: float = threshold(5.0, "px", "distance of the samples of the casting object", REAL_IMAGES)
-    inside: float = threshold(0.6, "", "share of the radius at which the two halves are compared", REAL_IMAGES)
+    beyond_px: float = threshold(5.0, "px", "distance of the samples of the casting object", SHADOW_IMAGES)
+    inside: float = threshold(0.6, "", "share of the radius at which the two halves are compared", SHADOW_IMAGES)
     samples: int = threshold(32, "points", "samples around an outline")
-    side: float = threshold(0.7, "", "cosine to the sun from which a sample is on its side", REAL_IMAGES)
-    other_half: float = threshold(0.0, "", "and below which it is on the other sides", REAL_IMAGES)
-    object_darker: float = threshold(0.2, "", "smallest darkness of the object, by the contrast", REAL_IMAGES)
-    half_brighter: float = threshold(0.1, "", "smallest difference of the halves, likewise", REAL_IMAGES)
+    side: float = threshold(0.7, "", "cosine to the sun from which a sample is on its side", SHADOW_IMAGES)
+    other_half: float = threshold(0.0, "", "and below which it is on the other sides", SHADOW_IMAGES)
+    object_darker: float = threshold(0.2, "", "smallest darkness of the object, by the contrast", SHADOW_IMAGES)
+    half_brighter: float = threshold(0.1, "", "smallest difference of the halves, likewise", SHADOW_IMAGES)
     margin_px: int = threshold(8, "px", "margin of the pixels read")
     step_m: float = threshold(100.0, "m", "length on the ground over which a direction is carried into the image")
 

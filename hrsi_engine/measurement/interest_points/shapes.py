@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from ...foundation.thresholds import threshold, thresholds
 from ..targets.ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
-from .corners import SIMULATED
+from .corners import SIMULATED_OBJECTS
 from .outlines import Outlines, SlopeImage, find_edges_along
 
 
@@ -24,29 +24,33 @@ from .outlines import Outlines, SlopeImage, find_edges_along
 class ShapeThresholds:
     """When an ellipse, a rectangle or a polygon explains an outline."""
 
-    closed_share: float = threshold(0.85, "", "smallest share of the outline with a clear edge on the shape", SIMULATED)
-    sides_share: float = threshold(0.72, "", "likewise of the four sides of a rectangle together", SIMULATED)
-    side_share: float = threshold(0.6, "", "likewise of each side", SIMULATED)
+    closed_share: float = threshold(
+        0.85, "", "smallest share of the outline with a clear edge on the shape", SIMULATED_OBJECTS
+    )
+    sides_share: float = threshold(0.72, "", "likewise of the four sides of a rectangle together", SIMULATED_OBJECTS)
+    side_share: float = threshold(0.6, "", "likewise of each side", SIMULATED_OBJECTS)
     sigma_floor_px: float = threshold(0.02, "px", "smallest standard deviation of a centre")
-    correlation_length_px: float = threshold(4.0, "px", "correlation length of errors of edge points", SIMULATED)
+    correlation_length_px: float = threshold(
+        4.0, "px", "correlation length of errors of edge points", SIMULATED_OBJECTS
+    )
     ellipse_tolerance: tuple[float, float] = threshold(
-        (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED
+        (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED_OBJECTS
     )
     rectangle_tolerance: tuple[float, float] = threshold(
-        (0.2, 0.004), "px, share", "likewise about a rectangle", SIMULATED
+        (0.2, 0.004), "px, share", "likewise about a rectangle", SIMULATED_OBJECTS
     )
     polygon_tolerance: tuple[float, float] = threshold(
-        (0.5, 0.04), "px, share", "likewise about the smoothed outline", SIMULATED
+        (0.5, 0.04), "px, share", "likewise about the smoothed outline", SIMULATED_OBJECTS
     )
     independent_parts: int = threshold(8, "parts", "parts of a polygon's outline with independent errors")
-    fourfold: float = threshold(0.25, "", "smallest fourfold mean of the normals (circle 0)", SIMULATED)
+    fourfold: float = threshold(0.25, "", "smallest fourfold mean of the normals (circle 0)", SIMULATED_OBJECTS)
     smallest_angle_deg: float = threshold(55.0, "°", "smallest angle at the corners of a rectangle in an oblique view")
-    solidity: float = threshold(0.88, "", "smallest area of a polygon over that of its convex hull", SIMULATED)
+    solidity: float = threshold(0.88, "", "smallest area of a polygon over that of its convex hull", SIMULATED_OBJECTS)
     robust_px: tuple[float, ...] = threshold(
-        (1.0, 0.5, 0.3, 0.3), "px", "residuals of a quarter weight, step by step", SIMULATED
+        (1.0, 0.5, 0.3, 0.3), "px", "residuals of a quarter weight, step by step", SIMULATED_OBJECTS
     )
     on_shape_px: float = threshold(0.6, "px", "largest residual of an edge point that counts as on the shape")
-    final_steps: int = threshold(3, "steps", "Gauss-Newton steps at the end (the last: < 1e-3 px)", SIMULATED)
+    final_steps: int = threshold(3, "steps", "Gauss-Newton steps at the end (the last: < 1e-3 px)", SIMULATED_OBJECTS)
     ellipse_points: int = threshold(48, "points", "edge points measured around an ellipse")
     side_points: int = threshold(20, "points", "edge points measured along a side")
     fine_reach_px: float = threshold(1.25, "px", "search along the normals of the shape")

@@ -11,12 +11,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.pixel_filters import erode, slopes
+from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import make_gaussian_kernels
 from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, interpolate_bilinear
 
-EDGE_SLOPE_TO_NOISE = 5.0
-WEAKEST_EDGE_SHARE = 0.15  # of the strongest slope in the window
-NEAR_LINE_PX, SAME_DIRECTION_DEG, LARGEST_GAP_PX = 0.8, 20.0, 2.5
+
+@thresholds
+class EdgeThresholds:
+    """Which pixels are edge points, and which of them a straight segment."""
+
+    slope_to_noise: float = threshold(5.0, "sigma", "smallest slope of an edge point")
+    weakest_share: float = threshold(0.15, "", "likewise, as a share of the strongest slope of the window")
+    line_distance_px: float = threshold(0.8, "px", "largest distance from the line of a segment")
+    direction_deg: float = threshold(20.0, "°", "largest difference of the slope's direction in a segment")
+    largest_gap_px: float = threshold(2.5, "px", "largest gap in a segment")
+
+
+EDGES = EdgeThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +49,8 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)
     threshold = max(
-        EDGE_SLOPE_TO_NOISE * noise * compute_slope_noise(),
-        WEAKEST_EDGE_SHARE * float(strength[clear].max(initial=0.0)),
+        EDGES.slope_to_noise * noise * compute_slope_noise(),
+        EDGES.weakest_share * float(strength[clear].max(initial=0.0)),
     )
     rows, columns = np.nonzero(clear & (strength > threshold))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
@@ -85,14 +96,14 @@ def _run_through(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:
     run = np.array([seed])
     for _ in range(3):
         offset = points.xy - centre
-        near = free & (np.abs(offset @ normal) < NEAR_LINE_PX)
-        near &= points.direction @ normal > np.cos(np.radians(SAME_DIRECTION_DEG))
+        near = free & (np.abs(offset @ normal) < EDGES.line_distance_px)
+        near &= points.direction @ normal > np.cos(np.radians(EDGES.direction_deg))
         candidates = np.flatnonzero(near)
         if len(candidates) < 3:
             return candidates
         along = offset[candidates] @ np.array([-normal[1], normal[0]])
         order = np.argsort(along)
-        breaks = np.flatnonzero(np.diff(along[order]) > LARGEST_GAP_PX)
+        breaks = np.flatnonzero(np.diff(along[order]) > EDGES.largest_gap_px)
         middle = int(np.searchsorted(along[order], 0.0))
         start = int(breaks[breaks < middle][-1]) + 1 if np.any(breaks < middle) else 0
         end = int(breaks[breaks >= middle][0]) + 1 if np.any(breaks >= middle) else len(order)

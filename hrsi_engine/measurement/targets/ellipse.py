@@ -14,10 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.errors import SolveError
+from ...foundation.thresholds import threshold, thresholds
 
-FEWEST_ON_ELLIPSE = 6  # five determine an ellipse: the sixth tells how good it is
-_ITERATIONS = 20
-_STEP_PX = 1e-5
+
+@thresholds
+class EllipseThresholds:
+    """How ellipses are fitted."""
+
+    fewest_points: int = threshold(
+        6, "points", "fewest edge points: five determine an ellipse, one is redundant", "theory"
+    )
+    iterations: int = threshold(20, "steps", "most Gauss-Newton steps")
+    step_px: float = threshold(1e-5, "px", "smallest movement of the centre that is followed")
+
+
+ELLIPSES = EllipseThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +86,7 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
     ellipse = _fit(xy, near, FITS[method])
     for _ in range(3):
         near = np.abs(ellipse.residual_px) < tolerance_px
-        if near.sum() < FEWEST_ON_ELLIPSE or np.array_equal(near, ellipse.used):
+        if near.sum() < ELLIPSES.fewest_points or np.array_equal(near, ellipse.used):
             break
         ellipse = _fit(xy, near, FITS[method])
     return ellipse
@@ -86,22 +97,24 @@ def _largest_agreement(xy: np.ndarray, tolerance_px: float, rng: np.random.Gener
     chosen = np.zeros((trials, len(xy)))
     chosen[0] = 1.0
     for trial in range(1, trials):
-        chosen[trial, rng.choice(len(xy), FEWEST_ON_ELLIPSE, replace=False)] = 1.0
+        chosen[trial, rng.choice(len(xy), ELLIPSES.fewest_points, replace=False)] = 1.0
     every = np.broadcast_to(xy, (trials, *xy.shape))
     centre, Q, good = direct_ellipses(every, chosen)
     near = (np.abs(distances(every, centre, Q)) < tolerance_px) & good[:, None]
     agreeing = near.sum(axis=1)
     best = near[0] if agreeing[0] > 0.95 * len(xy) else near[np.argmax(agreeing)]
-    if best.sum() < FEWEST_ON_ELLIPSE:
+    if best.sum() < ELLIPSES.fewest_points:
         raise SolveError(
-            f"no ellipse passes within {tolerance_px:g} px of {FEWEST_ON_ELLIPSE} of the {len(xy)} edge points"
+            f"no ellipse passes within {tolerance_px:g} px of {ELLIPSES.fewest_points} of the {len(xy)} edge points"
         )
     return np.asarray(best)
 
 
 def _require_points(count: int) -> None:
-    if count < FEWEST_ON_ELLIPSE:
-        raise SolveError(f"an ellipse needs {FEWEST_ON_ELLIPSE} edge points or more, {count} were given: measure more")
+    if count < ELLIPSES.fewest_points:
+        raise SolveError(
+            f"an ellipse needs {ELLIPSES.fewest_points} edge points or more, {count} were given: measure more"
+        )
 
 
 def _fit(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
@@ -202,7 +215,7 @@ def geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, 
 
 
 def improved_ellipses(
-    xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = _ITERATIONS
+    xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = ELLIPSES.iterations
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return centres and forms after so many Gauss-Newton steps towards least squared distances, or less."""
     centre, Q = centre.copy(), Q.copy()
@@ -219,7 +232,7 @@ def improved_ellipses(
         rows, step, moved = rows[closed], step[closed], moved[closed]
         centre[rows] += step[:, :2]
         Q[rows] = moved
-        rows = rows[np.abs(step[:, :2]).max(axis=1) >= _STEP_PX]
+        rows = rows[np.abs(step[:, :2]).max(axis=1) >= ELLIPSES.step_px]
         if not len(rows):
             break
     return centre, Q

@@ -13,9 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...foundation.errors import SolveError
+from ...foundation.thresholds import threshold, thresholds
 
-FEWEST_ON_LINE = 3  # on each line
-SMALLEST_INTERSECTION_DEG = 20.0  # flatter intersections are not corners
+
+@thresholds
+class LineThresholds:
+    """When edge points make a line, and two lines a corner."""
+
+    fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
+    smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of two lines that are intersected")
+
+
+LINES = LineThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +85,7 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
     line = _fit(xy, used)
     for _ in range(5 if tolerance_px is not None else 0):
         near = np.abs(line.residual_px) < max(float(tolerance_px or 0.0), 1.5 * np.median(np.abs(line.residual_px)))
-        if near.sum() < FEWEST_ON_LINE or np.array_equal(near, used):
+        if near.sum() < LINES.fewest_points or np.array_equal(near, used):
             break
         used = near
         line = _fit(xy, used)
@@ -84,8 +93,10 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
 
 
 def _fit(xy: np.ndarray, used: np.ndarray) -> Line:
-    if used.sum() < FEWEST_ON_LINE:
-        raise SolveError(f"a line needs {FEWEST_ON_LINE} edge points or more, {used.sum()} were given: measure more")
+    if used.sum() < LINES.fewest_points:
+        raise SolveError(
+            f"a line needs {LINES.fewest_points} edge points or more, {used.sum()} were given: measure more"
+        )
     centroid = xy[used].mean(axis=0)
     spread, axes = np.linalg.eigh(np.cov((xy[used] - centroid).T, bias=True))
     if not spread[1] > 0.0:
@@ -104,7 +115,7 @@ def intersect_lines(first: Line, second: Line) -> Corner:
     The variance of an edge point comes from both lines' residuals together.
     """
     angle = float(np.degrees(np.arccos(np.clip(abs(first.direction @ second.direction), 0.0, 1.0))))
-    if angle < SMALLEST_INTERSECTION_DEG:
+    if angle < LINES.smallest_angle_deg:
         raise SolveError(f"the two edges meet at {angle:.0f} degrees only: no corner can be measured there")
     normals = np.array([first.normal, second.normal])
     position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])
@@ -132,20 +143,22 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
     best: tuple[tuple[int, float], np.ndarray, np.ndarray] | None = None
     for first in _candidate_lines(xy):
         own = np.abs(_distance(xy, first)) < tolerance_px
-        if own.sum() < FEWEST_ON_LINE or (~own).sum() < FEWEST_ON_LINE:
+        if own.sum() < LINES.fewest_points or (~own).sum() < LINES.fewest_points:
             continue
         for second in _candidate_lines(xy[~own]):
             other = np.abs(_distance(xy, second)) < tolerance_px
             nearer = np.abs(_distance(xy, first)) <= np.abs(_distance(xy, second))
             a, b = own & (nearer | ~other), other & ~(own & nearer)
-            if min(a.sum(), b.sum()) < FEWEST_ON_LINE:
+            if min(a.sum(), b.sum()) < LINES.fewest_points:
                 continue
             misfit = float(np.sum(_distance(xy[a], first) ** 2) + np.sum(_distance(xy[b], second) ** 2))
             score = (int(a.sum() + b.sum()), -misfit)
             if best is None or score > best[0]:
                 best = score, a, b
     if best is None:
-        raise SolveError(f"the edge points do not lie on two lines with {FEWEST_ON_LINE} points each: measure more")
+        raise SolveError(
+            f"the edge points do not lie on two lines with {LINES.fewest_points} points each: measure more"
+        )
     return best[1], best[2]
 
 

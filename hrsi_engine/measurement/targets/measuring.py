@@ -13,6 +13,7 @@ import numpy as np
 
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
+from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.gravity_centres import CENTRE, GravityCentre, find_gravity_centres
 from ..interest_points.options import CentreOptions
 from ..interest_points.statistics import ImageStatistics, estimate_image_statistics
@@ -23,17 +24,28 @@ from .line_corner import Corner, Line, fit_line, intersect_lines, split_into_lin
 from .options import TargetOptions
 
 TARGET_CENTER, TARGET_CORNER = "center", "corner"
-WORST_SIGMA_PX = 0.5
-WORST_QUALITY = 0.4  # of a region whose centre was asked for
-WORST_EDGE_RMSE_PX = 0.5
-SMALLEST_CORNER_DEG = 30.0
-SHORTEST_EDGE_PX = 3.0
-LARGEST_TURN_DEG = 20.0  # of the slope along an edge
-EDGE_USED_PX = 20.0  # edges are used up to this far from the corner
-ROUNDED_PX = 1.5  # and from here on: nearer, the corner is rounded by the sensor
-END_NEAR_PX = 4.0  # an edge begins at most so far from the corner
-NEAR_EDGE_PX = 0.6  # edge points farther from their line are stray
-STATISTICS_PX = 256  # half side of the area whose statistics hold for a target
+
+
+@thresholds
+class TargetThresholds:
+    """Which measured centres and corners are refused, and which part of an edge is used."""
+
+    largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a coordinate")
+    smallest_quality: float = threshold(
+        0.4, "", "smallest quality of the region of a centre", "simulated targets, 2026-11-21"
+    )
+    largest_rmse_px: float = threshold(0.5, "px", "largest RMS of edge points about the edges of a corner")
+    smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of the edges of a corner")
+    shortest_edge_px: float = threshold(3.0, "px", "shortest edge")
+    largest_turn_deg: float = threshold(20.0, "°", "largest turn of the slope along an edge")
+    far_px: float = threshold(20.0, "px", "edges are used up to this distance from the corner")
+    near_px: float = threshold(1.5, "px", "and from here on: nearer, the sensor rounds the corner")
+    end_px: float = threshold(4.0, "px", "largest distance of an edge's end from the corner")
+    stray_px: float = threshold(0.6, "px", "edge points farther from their line are stray")
+    statistics_px: int = threshold(256, "px", "half side of the area of local statistics")
+
+
+TARGETS = TargetThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +146,7 @@ def _around(raster: Raster, middle: np.ndarray, half: float) -> Area:
 
 
 def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tuple[DetectionWindow, ImageStatistics]:
-    statistics = estimate_image_statistics(raster, _around(raster, middle, STATISTICS_PX))
+    statistics = estimate_image_statistics(raster, _around(raster, middle, TARGETS.statistics_px))
     window = read_window(raster, _around(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
     return window, statistics
 
@@ -147,11 +159,12 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     window, statistics = _window(raster, approximate, options.search_px, options.largest_px + 64.0)
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
-    wanted = CentreOptions(options.smallest_px, options.largest_px, quality=WORST_QUALITY)
+    wanted = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
     found = [
         centre
         for centre in find_gravity_centres(window, statistics, wanted)
-        if np.hypot(*(centre.xy - approximate)) <= _reach(centre, options) and centre.sigma_px <= WORST_SIGMA_PX
+        if np.hypot(*(centre.xy - approximate)) <= _reach(centre, options)
+        and centre.sigma_px <= TARGETS.largest_sigma_px
     ]
     if not found:
         raise SolveError(
@@ -207,14 +220,14 @@ def _close(ring: np.ndarray) -> np.ndarray:
 
 def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
     """Return where the two clearest straight edges near a position meet; raises `SolveError` where there are none."""
-    window, statistics = _window(raster, approximate, options.search_px + EDGE_USED_PX + 4.0, 0.0)
+    window, statistics = _window(raster, approximate, options.search_px + TARGETS.far_px + 4.0, 0.0)
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
     points = find_edge_points(window.grey, window.usable, statistics.noise)
-    segments = straight_segments(points, SHORTEST_EDGE_PX)
+    segments = straight_segments(points, TARGETS.shortest_edge_px)
     origin = window.origin
     candidates = []
-    for first, second, rough in _crossings(points, segments, approximate - origin, options.search_px + END_NEAR_PX):
+    for first, second, rough in _crossings(points, segments, approximate - origin, options.search_px + TARGETS.end_px):
         made = _corner_of(points, first, second, rough, approximate - origin, options.search_px)
         if made is not None:
             candidates.append(made)
@@ -235,7 +248,7 @@ def _crossings(
     offset = np.array([line.normal @ (line.centroid - approximate) for line in lines])
     i, j = np.triu_indices(len(lines), 1)
     sine = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    steep = np.abs(sine) > np.sin(np.radians(SMALLEST_CORNER_DEG - LARGEST_TURN_DEG / 2.0))
+    steep = np.abs(sine) > np.sin(np.radians(TARGETS.smallest_angle_deg - TARGETS.largest_turn_deg / 2.0))
     i, j, sine = i[steep], j[steep], sine[steep, None]
     across = np.column_stack([normal[:, 1], -normal[:, 0]])
     crossing = (offset[i, None] * across[j] - offset[j, None] * across[i]) / sine
@@ -255,18 +268,18 @@ def _corner_of(
     if one is None or other is None:
         return None
     try:
-        corner = intersect_lines(*(fit_line(part, tolerance_px=NEAR_EDGE_PX) for part in (one, other)))
+        corner = intersect_lines(*(fit_line(part, tolerance_px=TARGETS.stray_px) for part in (one, other)))
     except SolveError:
         return None
     away = float(np.hypot(*(corner.position - approximate)))
-    good = corner.angle_deg >= SMALLEST_CORNER_DEG and corner.rmse_px <= WORST_EDGE_RMSE_PX
-    good &= all(_turn_deg(points, segment, rough) < LARGEST_TURN_DEG for segment in (first, second))
-    if away > search_px or not good or corner.sigma_px > WORST_SIGMA_PX:
+    good = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_rmse_px
+    good &= all(_turn_deg(points, segment, rough) < TARGETS.largest_turn_deg for segment in (first, second))
+    if away > search_px or not good or corner.sigma_px > TARGETS.largest_sigma_px:
         return None
-    lengths = [min(np.ptp(line.reach_px), EDGE_USED_PX) for line in corner.lines]
+    lengths = [min(np.ptp(line.reach_px), TARGETS.far_px) for line in corner.lines]
     strength = [float(np.median(points.strength[segment])) for segment in (first, second)]
     score = (
-        min(lengths) / EDGE_USED_PX
+        min(lengths) / TARGETS.far_px
         + 0.5 * sum(strength) / (2.0 * float(points.strength.max()))
         - 1.2 * away / search_px
     )
@@ -276,7 +289,7 @@ def _corner_of(
 def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
     """Return by how much the slope turns along an edge near its corner: chords of a circle are no edges of a corner."""
     distance = np.hypot(*(points.xy[segment] - corner).T)
-    near = distance <= EDGE_USED_PX
+    near = distance <= TARGETS.far_px
     direction = points.direction[segment][near]
     if len(direction) < 4:
         return 0.0
@@ -288,15 +301,15 @@ def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> fl
 def _used_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
     """Return a segment's points at the right distances from the corner, None where it does not begin or end there."""
     distance = np.hypot(*(xy - corner).T)
-    if distance.min() > END_NEAR_PX:
+    if distance.min() > TARGETS.end_px:
         return None
     direction = xy[np.argmax(distance)] - corner
     one_side = (xy - corner) @ direction > 0.0
-    if np.sum(~one_side & (distance > END_NEAR_PX)) > 0.3 * len(xy):  # the edge goes on: a crossing, not a corner
+    if np.sum(~one_side & (distance > TARGETS.end_px)) > 0.3 * len(xy):  # the edge goes on: a crossing, not a corner
         return None
-    chosen = one_side & (distance >= ROUNDED_PX) & (distance <= EDGE_USED_PX)
+    chosen = one_side & (distance >= TARGETS.near_px) & (distance <= TARGETS.far_px)
     part = xy[chosen]
-    return part if len(part) >= 3 and np.ptp(distance[chosen]) >= SHORTEST_EDGE_PX - ROUNDED_PX else None
+    return part if len(part) >= 3 and np.ptp(distance[chosen]) >= TARGETS.shortest_edge_px - TARGETS.near_px else None
 
 
 def _corner_measurement(corner: Corner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:

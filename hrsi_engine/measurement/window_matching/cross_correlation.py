@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-LEAST_CONTRAST_SHARE = 1e-9  # of grey values, as a share of the area's, below which there is nothing to compare
+from .windows import MATCHING
 
 
 def correlation_surface(template: np.ndarray, area: np.ndarray) -> np.ndarray:
@@ -23,7 +23,7 @@ def correlation_surface(template: np.ndarray, area: np.ndarray) -> np.ndarray:
     sums = fft.irfft2(product, size)[:lines, :samples]
     shape = template.shape[0], template.shape[1]
     squares = window_sums(other**2, shape) - window_sums(other, shape) ** 2 / template.size
-    known = squares > LEAST_CONTRAST_SHARE * template.size * np.mean(other**2)
+    known = squares > MATCHING.least_contrast * template.size * np.mean(other**2)
     norm = np.sqrt(np.sum(own**2) * np.where(known, squares, 1.0))
     return np.where(known & (norm > 0.0), sums / np.maximum(norm, 1e-300), -1.0)
 

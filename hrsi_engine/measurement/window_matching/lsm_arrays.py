@@ -12,28 +12,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from .windows import (
-    DIVERGED,
-    DONE,
-    ITERATIONS_USED_UP,
-    OUTSIDE,
-    SMALLEST_GAIN,
-    TERMS,
-    WEAK,
-    LsmOptions,
-    MatchImage,
-    Results,
-)
-
-MATCHED_AT_A_TIME = 32  # windows whose pixels stay in the processor's cache
+from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK, LsmOptions, MatchImage, Results
 
 
 def match_in_parts(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     """Match windows whose templates are inside the first image; results are changed in place."""
-    for begin in range(0, len(centre), MATCHED_AT_A_TIME):
-        part = slice(begin, begin + MATCHED_AT_A_TIME)
+    for begin in range(0, len(centre), MATCHING.batch):
+        part = slice(begin, begin + MATCHING.batch)
         _match_part(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
 
 
@@ -136,7 +123,7 @@ def _move(
     """Compose the warps with the inverses of the templates' small warps; return the windows that go on."""
     half = options.half
     gain = solution[going, 6]
-    fine = gain > SMALLEST_GAIN
+    fine = gain > MATCHING.smallest_gain
     status[going[~fine]] = DIVERGED
     going, gain = going[fine], gain[fine]
     small = np.eye(2) + (solution[going, 2:6] / gain[:, None] / half).reshape(-1, 2, 2)

@@ -12,8 +12,10 @@ import numpy as np
 from numba import njit
 
 from ...foundation.compiled_code import OPTIONS, Arrays
-from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, OUTSIDE, RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN, TERMS, WEAK
+from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK
 
+# Compiled loops read names of the module, no attributes
+RIVAL_PX, ROUNDING_SHARE, SMALLEST_GAIN = MATCHING.rival_px, MATCHING.rounding_share, MATCHING.smallest_gain
 SIDE_BY_SIDE = 8  # products at a time: as many as fit into a register of 32 bytes
 
 

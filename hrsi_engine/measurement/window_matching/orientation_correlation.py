@@ -15,9 +15,7 @@ from scipy import fft
 from ...foundation.pixel_filters import SCHARR, blur, erode, slopes
 from ...foundation.robust_scale import robust_sigma
 from .cross_correlation import window_sums
-
-SMOOTHING = 0.8  # standard deviation in pixels of the Gaussian below the gradients
-GRADIENT_SUPPORT_PX = 5  # side of the pixels that a gradient is made of
+from .windows import MATCHING
 
 
 class Peak(NamedTuple):
@@ -35,9 +33,9 @@ class Peak(NamedTuple):
 
 def orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the field of doubled gradient directions, complex64 of the same shape; 0 where not all is valid."""
-    by_column, by_row = slopes(blur(np.asarray(grey, dtype=np.float32), SMOOTHING), *SCHARR)
+    by_column, by_row = slopes(blur(np.asarray(grey, dtype=np.float32), MATCHING.gradient_smoothing_px), *SCHARR)
     gradient = by_column + 1j * by_row
-    inside = erode(valid, GRADIENT_SUPPORT_PX)
+    inside = erode(valid, MATCHING.gradient_side_px)
     length = np.abs(gradient)
     typical = float(np.median(length[inside])) if inside.any() else 0.0
     if typical <= 0.0:

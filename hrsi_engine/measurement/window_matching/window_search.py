@@ -14,9 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter
 
 from ...foundation import compiled_code
-from .windows import RIVAL_PX, ROUNDING_SHARE, MatchImage
-
-SEARCHED_AT_A_TIME, PLACES_AT_A_TIME = 64, 512  # windows and places whose pixels are in memory at a time (NumPy)
+from .windows import MATCHING, MatchImage
 
 
 class PeaksFound(NamedTuple):
@@ -78,8 +76,8 @@ def _by_arrays(
     size = 2 * np.ceil(np.hypot(*inputs[3].T)).astype(np.int64) + 1
     for length in np.unique(size):
         same = np.flatnonzero(size == length)
-        for begin in range(0, len(same), SEARCHED_AT_A_TIME):
-            rows = same[begin : begin + SEARCHED_AT_A_TIME]
+        for begin in range(0, len(same), MATCHING.search_batch):
+            rows = same[begin : begin + MATCHING.search_batch]
             part = tuple(column[rows] for column in inputs)
             scores, corner = _scores(first, second, part, half, int(length))
             results[0][rows], results[1][rows] = _judge(scores, corner, part[1])
@@ -110,8 +108,8 @@ def _scores(
     inside = (x >= half) & (y >= half) & (x < clear.shape[1] - half) & (y < clear.shape[0] - half)
     inside[inside] = clear[y[inside], x[inside]]
     number, row, column, x, y = (values[inside] for values in (number, row, column, x, y))
-    for begin in range(0, len(number), PLACES_AT_A_TIME):
-        part = slice(begin, begin + PLACES_AT_A_TIME)
+    for begin in range(0, len(number), MATCHING.place_batch):
+        part = slice(begin, begin + MATCHING.place_batch)
         seen = windows[y[part] - half, x[part] - half].reshape(-1, side * side)
         product = np.einsum("np,np->n", seen, template[number[part]])  # the mean of what is seen falls out
         power = norm[number[part]] * spreads[y[part], x[part]]
@@ -124,7 +122,7 @@ def _window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
     side = 2 * half + 1
     mean = uniform_filter(grey, side, output=np.float64)
     square = uniform_filter(np.square(grey, dtype=np.float64), side)
-    spread = np.maximum(square - mean**2, ROUNDING_SHARE * square) * side**2
+    spread = np.maximum(square - mean**2, MATCHING.rounding_share * square) * side**2
     return spread.astype(np.float32)
 
 
@@ -139,7 +137,10 @@ def _judge(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tup
     row, column = np.divmod(flat, size)
     top = scores.reshape(count, -1)[np.arange(count), flat]
     grid = np.arange(size)
-    near = np.maximum(np.abs(grid[:, None] - row[:, None, None]), np.abs(grid - column[:, None, None])) <= RIVAL_PX
+    near = (
+        np.maximum(np.abs(grid[:, None] - row[:, None, None]), np.abs(grid - column[:, None, None]))
+        <= MATCHING.rival_px
+    )
     rival = np.where(peak & ~near, scores, -1.0).max(axis=(1, 2), initial=-1.0)
     lowest = np.min([layer[np.arange(count), row, column] for layer in around], axis=0)
     known = top > -1.5

@@ -10,15 +10,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...foundation.pixel_filters import blur, erode, filter_separably, slopes
+from ...foundation.thresholds import threshold, thresholds
 
 #: What became of a window: matched; leaves the images or their valid pixels; no texture; ran away; iterations used up.
 DONE, OUTSIDE, WEAK, DIVERGED, ITERATIONS_USED_UP = 0, 1, 2, 3, 4
 TERMS = 8  # two shifts, four affine terms, gain, offset
-SMALLEST_GAIN = 0.05
-ROUNDING_SHARE = 1e-9  # share of a window's squares below which its spread is rounding
-RIVAL_PX = 3  # peaks nearer to the best one belong to it
-SPLINE_REACH = 12  # pixels over which a spline's coefficients depend on the grey values: to 1e-7
-TAPER = 0.6  # of half the window: standard deviation of the Gaussian weights
+
+
+@thresholds
+class WindowMatchingThresholds:
+    """Weights, limits and batches of correlation, search and least-squares matching."""
+
+    smallest_gain: float = threshold(0.05, "", "smallest gain of the grey values; below, the iteration diverges")
+    rounding_share: float = threshold(1e-9, "", "share of the squares of a window below which its spread is rounding")
+    rival_px: int = threshold(3, "px", "peaks nearer to the best one belong to it")
+    spline_reach_px: int = threshold(12, "px", "length of the spline's filter to each side, to 1e-7", "Unser 1999")
+    taper: float = threshold(0.6, "", "standard deviation of the Gaussian weights, by half the window")
+    least_contrast: float = threshold(1e-9, "", "share of the search area's contrast from which a place is compared")
+    gradient_smoothing_px: float = threshold(
+        0.8, "px", "standard deviation of the Gaussian before gradients of orientation fields"
+    )
+    gradient_side_px: int = threshold(5, "px", "side of the pixels that such a gradient depends on")
+    batch: int = threshold(32, "windows", "windows matched at a time by NumPy: they fit into the processor's cache")
+    search_batch: int = threshold(64, "windows", "windows searched at a time by NumPy")
+    place_batch: int = threshold(512, "places", "places correlated at a time by NumPy")
+
+
+MATCHING = WindowMatchingThresholds()
 
 
 @dataclass(frozen=True)
@@ -40,7 +58,7 @@ class LsmOptions:
 
     def weights(self) -> np.ndarray:
         """Return the weights of the template's pixels, ``(side, side)``: a Gaussian, 0.25 at the middle of the edge."""
-        line = np.exp(-0.5 * (np.arange(-self.half, self.half + 1) / (TAPER * self.half)) ** 2)
+        line = np.exp(-0.5 * (np.arange(-self.half, self.half + 1) / (MATCHING.taper * self.half)) ** 2)
         return line[:, None] * line
 
 
@@ -96,7 +114,9 @@ class MatchImage(MadeOnce):
         as a filter of finite length, it takes a third of the time.
         """
         pole = np.sqrt(3.0) - 2.0
-        response = (np.sqrt(3.0) * pole ** np.abs(np.arange(-SPLINE_REACH, SPLINE_REACH + 1))).astype(np.float32)
+        response = (
+            np.sqrt(3.0) * pole ** np.abs(np.arange(-MATCHING.spline_reach_px, MATCHING.spline_reach_px + 1))
+        ).astype(np.float32)
         return filter_separably(self.grey, response, response)
 
     @cached_property

@@ -11,7 +11,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-RADIUS_SHARE = 0.5  # of the radius of a local maximum; the thesis: "2 pixels or less" for one within 5 x 5 pixels
+from ...foundation.thresholds import threshold, thresholds
+
+#: Origin of what was tuned on the real pairs of `benchmarks/matching.py` and `benchmarks/matching_unknown.py`.
+NETWORK_PAIRS = "real pairs, 2026-11-21 and 22 (docs/matching.md)"
+
+
+@thresholds
+class NetworkThresholds:
+    """How exactly leaves lie where a network puts them, and which ancestors give its direction."""
+
+    radius_share: float = threshold(
+        0.5, "", "base tolerance, by the radius of a local maximum", "thesis section 3.3.4: 2 px or less"
+    )
+    shortest_arm_px: float = threshold(
+        20.0, "px", "nearer ancestors give no direction: half a pixel is more than a degree"
+    )
+    ancestors: int = threshold(8, "generations", "how far back a direction is taken from")
+    smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before least-squares matching")
+
+
+NETWORK = NetworkThresholds()
 
 
 def effective_distances(
@@ -52,4 +72,4 @@ class Tolerance(NamedTuple):
 def tolerance_of(radius_px: float, incidence_deg: tuple[float, float], slope_deg: float) -> Tolerance:
     """Return the tolerance for local maxima of a radius, incidence angles and the steepest slope, up or down."""
     up, down = (abs(float(distance_difference(1.0, incidence_deg, sign * slope_deg))) for sign in (1.0, -1.0))
-    return Tolerance(RADIUS_SHARE * radius_px, max(up, down))
+    return Tolerance(NETWORK.radius_share * radius_px, max(up, down))
