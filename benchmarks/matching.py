@@ -175,7 +175,7 @@ def print_search() -> None:
         everything = f"{timed(partial(by_trying_everything, *sets))[1]:.2f}" if count <= 36 else "-"
         hypotheses = (count * (count - 1) * (count - 2)) ** 2  # as the thesis counts them
         print(
-            f"| {count} | {hypotheses:.1e} | {found.evaluated} of {count**2} | {seconds:.2f} | {everything} |",
+            f"| {count} | {hypotheses:.1e} | {found.evaluated_pairs} of {count**2} | {seconds:.2f} | {everything} |",
             flush=True,
         )
 

@@ -173,7 +173,7 @@ def print_bands() -> None:
     valid, shape = np.ones((size, size), bool), np.tile(np.eye(2), (len(centres), 1, 1))
     for (band, filters), window, noise, shift in _cases():
         grey = [600.0 + 100.0 * shifted_texture(size, s) + rng.normal(0, noise, valid.shape) for s in ((0, 0), shift)]
-        images = [filters.image(layer, valid) for layer in grey]
+        images = [filters.filter_image(layer, valid) for layer in grey]
         match_patches(images[0], images[1], centres[:2], centres[:2] + 0.4, shape[:2], LsmOptions(window))
         start = time.process_time()
         found = match_patches(images[0], images[1], centres, centres + 0.4, shape, LsmOptions(window))

@@ -25,7 +25,7 @@ from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ..hrsi_engine.block.footprints import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
-from ..hrsi_engine.drawing.residual_plots import bars_svg
+from ..hrsi_engine.drawing.residual_plots import draw_bars
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
@@ -122,7 +122,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         if options.report:
             bars = {name: {kind: entry[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
                     for name, entry in report["sets"].items()}  # fmt: skip
-            write_page(str(folder / "report.html"), "evaluation.html.j2", report, bars=bars_svg(bars, "px"))
+            write_page(str(folder / "report.html"), "evaluation.html.j2", report, bars=draw_bars(bars, "px"))
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report

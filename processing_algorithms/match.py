@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from ..hrsi_engine.block.points import ImagePoints
-from ..hrsi_engine.drawing.pair_pictures import PictureSide, pair_svg
+from ..hrsi_engine.drawing.pair_pictures import PictureSide, draw_pair
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
@@ -106,7 +106,7 @@ def _write(
                 _side(image, area, xy)
                 for image, area, xy in zip(images, areas, (found.positions.first, found.positions.second), strict=True)
             ]
-            write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=pair_svg(*sides))
+            write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=draw_pair(*sides))
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..hrsi_engine.block.block import ImagePoints
-from ..hrsi_engine.drawing.target_chips import chip_svg
+from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
@@ -73,7 +73,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         if options.report:
             rasters = {image.id: image.raster for image in images}
             chips = [
-                (target.id, target.image, chip_svg(chip_of(target.measurement, target.approximate, raster)))
+                (target.id, target.image, draw_target_chip(chip_of(target.measurement, target.approximate, raster)))
                 for target in targets[:MOST_PAGE_CHIPS]
                 for raster in [rasters.get(target.image)]
             ]

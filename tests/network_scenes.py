@@ -17,7 +17,7 @@ from scipy import fft
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.laboratory.simulation.texture import PeriodicField
-from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
+from hrsi.hrsi_engine.measurement.control_network.polar import rotate_offset as turned_offset
 from hrsi.hrsi_engine.measurement.control_network.tolerances import Tolerance
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss
 

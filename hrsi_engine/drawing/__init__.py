@@ -5,11 +5,11 @@ from ..foundation.lazy_names import lazy_names
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "block_map": "BlockMap TieField block_map_svg",
-        "distribution_plots": "histogram_svg qq_svg",
-        "image_cards": "ImageCard card_svg",
-        "pair_pictures": "PictureSide pair_svg",
-        "residual_plots": "bars_svg residual_vectors_svg",
-        "target_chips": "TargetChip chip_svg",
+        "block_map": "BlockMap TieField draw_block_map",
+        "distribution_plots": "draw_histogram draw_qq_plot",
+        "image_cards": "ImageCard draw_image_card",
+        "pair_pictures": "PictureSide draw_pair",
+        "residual_plots": "draw_bars draw_residual_vectors",
+        "target_chips": "TargetChip draw_target_chip",
     },
 )

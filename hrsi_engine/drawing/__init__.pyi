@@ -4,14 +4,14 @@
 
 from .block_map import BlockMap as BlockMap
 from .block_map import TieField as TieField
-from .block_map import block_map_svg as block_map_svg
-from .distribution_plots import histogram_svg as histogram_svg
-from .distribution_plots import qq_svg as qq_svg
+from .block_map import draw_block_map as draw_block_map
+from .distribution_plots import draw_histogram as draw_histogram
+from .distribution_plots import draw_qq_plot as draw_qq_plot
 from .image_cards import ImageCard as ImageCard
-from .image_cards import card_svg as card_svg
+from .image_cards import draw_image_card as draw_image_card
 from .pair_pictures import PictureSide as PictureSide
-from .pair_pictures import pair_svg as pair_svg
-from .residual_plots import bars_svg as bars_svg
-from .residual_plots import residual_vectors_svg as residual_vectors_svg
+from .pair_pictures import draw_pair as draw_pair
+from .residual_plots import draw_bars as draw_bars
+from .residual_plots import draw_residual_vectors as draw_residual_vectors
 from .target_chips import TargetChip as TargetChip
-from .target_chips import chip_svg as chip_svg
+from .target_chips import draw_target_chip as draw_target_chip

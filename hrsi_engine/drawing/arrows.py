@@ -8,7 +8,7 @@ HEAD_UNITS, HEAD_SLOPE = 7.0, 0.45  # length of a head, and half its width for a
 SHORTEST_UNITS = 0.5  # what is shorter would be a blot
 
 
-def arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD_UNITS) -> str:
+def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD_UNITS) -> str:
     """Return the path of an arrow as SVG writes it; empty for one too short to be seen.
 
     Parameters
@@ -41,7 +41,7 @@ def arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD_UNIT
     )
 
 
-def round_length(longest: float) -> float:
+def choose_round_length(longest: float) -> float:
     """Return the longest of 1, 2, 5 times a power of ten that is not longer.
 
     Parameters

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from .block_map import BlockMap, DrawnMap, drawn_map
-from .distribution_plots import histogram_svg, qq_svg
-from .image_cards import ImageCard, card_svg
-from .residual_plots import typical_length
-from .target_chips import TargetChip, chip_svg
+from .block_map import BlockMap, MapDrawing, draw_map
+from .distribution_plots import draw_histogram, draw_qq_plot
+from .image_cards import ImageCard, draw_image_card
+from .residual_plots import compute_typical_length
+from .target_chips import TargetChip, draw_target_chip
 
 MAP_NAME = "block-map"
 
@@ -86,20 +86,20 @@ class ReportFigures:
     normalised: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
-def drawn(figures: ReportFigures) -> dict[str, Any]:
+def draw_figures(figures: ReportFigures) -> dict[str, Any]:
     """Return the drawings for the page's template; arrows have one scale for all images."""
     residuals = [card.residual_px for card in figures.cards if len(card.residual_px)]
-    typical = typical_length(np.vstack(residuals)) if residuals else 0.0
-    block = drawn_map(figures.map, MAP_NAME) if figures.map is not None else DrawnMap()
+    typical = compute_typical_length(np.vstack(residuals)) if residuals else 0.0
+    block = draw_map(figures.map, MAP_NAME) if figures.map is not None else MapDrawing()
     return {
         "block_map": block.svg,
         "script_data": {"map": block.data, **figures.points} if block.svg and figures.points else None,
         "pictures": figures.pictures,
-        "cards": [(card, card_svg(card, typical)) for card in figures.cards],
+        "cards": [(card, draw_image_card(card, typical)) for card in figures.cards],
         "distributions": [
-            (axis, histogram_svg(values, f"Histogram, {axis}"), qq_svg(values, f"Q-Q, {axis}"))
+            (axis, draw_histogram(values, f"Histogram, {axis}"), draw_qq_plot(values, f"Q-Q, {axis}"))
             for axis, values in figures.normalised.items()
             if len(values)
         ],
-        "chips": [(chip, chip_svg(chip.chip)) for chip in figures.chips],
+        "chips": [(chip, draw_target_chip(chip.chip)) for chip in figures.chips],
     }

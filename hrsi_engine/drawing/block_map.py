@@ -21,7 +21,7 @@ from ..block.block import Role
 from ..block.footprints import list_corners
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import LocalFrame, continuous_longitudes
-from .arrows import arrow_path, round_length
+from .arrows import choose_round_length, make_arrow_path
 
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
 _ARROW, _LONGEST_ARROW = 45.0, 130.0  # length of the 90th percentile of the residuals; where longer ones are cut
@@ -103,7 +103,7 @@ class BlockMap:
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnMap:
+class MapDrawing:
     """The map, and what its script knows besides: where degrees lie in it, its scales, and the cells' figures."""
 
     svg: str = ""
@@ -111,7 +111,7 @@ class DrawnMap:
 
 
 @dataclass(frozen=True)
-class _View:
+class _MapView:
     """From degrees to the drawing: east and north metres about the block's middle, y downwards."""
 
     frame: LocalFrame
@@ -131,7 +131,7 @@ class _View:
         return self.frame.to_ground(np.column_stack([local, np.zeros(len(local))]))[:, :2]
 
 
-def block_map_svg(data: BlockMap) -> str:
+def draw_block_map(data: BlockMap) -> str:
     """Return the map as an SVG element; ids are escaped. Empty where there is nothing to show.
 
     Parameters
@@ -144,10 +144,10 @@ def block_map_svg(data: BlockMap) -> str:
     str
         An SVG element.
     """
-    return drawn_map(data).svg
+    return draw_map(data).svg
 
 
-def drawn_map(data: BlockMap, name: str = "") -> DrawnMap:
+def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     """Return the map and what a script needs to move about in it; without places, an empty one.
 
     Parameters
@@ -167,32 +167,32 @@ def drawn_map(data: BlockMap, name: str = "") -> DrawnMap:
     ties = data.ties.lonlat if data.ties is not None else np.empty((0, 2))
     places = np.vstack([*rings.values(), data.lonlat[here], ties[finite_rows(ties)]])
     if not len(places):
-        return DrawnMap()
-    view = _view_of(places)
+        return MapDrawing()
+    view = _fit_view(places)
     # Drawing units per metre of residual; None without residuals
     residual = data.residual_en_m[finite_rows(data.residual_en_m)]
     typical = float(np.percentile(np.linalg.norm(residual, axis=1), 90.0)) if len(residual) else 0.0
     arrow_scale = _ARROW / typical if typical > 0.0 else None
-    cells, figures = _cells(data.ties, view) if data.ties is not None else ([], {})
+    cells, figures = _draw_cells(data.ties, view) if data.ties is not None else ([], {})
     parts = [
         f'<rect class="ground" x="0" y="0" width="{_WIDTH:.0f}" height="{view.height:.0f}"/>',
         '<g class="view">',
-        *_pictures(data.pictures, view),
-        *_footprints(rings, list(data.footprints), view),
+        *_draw_pictures(data.pictures, view),
+        *_draw_footprints(rings, list(data.footprints), view),
         '<g class="graticule"></g><g class="cells">',
         *cells,
         "</g>",
-        *_image_names(rings, view),
+        *_draw_image_names(rings, view),
         '<g class="points">',
-        *_points(data, here, view, arrow_scale),
+        *_draw_points(data, here, view, arrow_scale),
         "</g></g>",
-        *_scales(view, arrow_scale),
+        *_draw_scales(view, arrow_scale),
     ]
     named = f' id="{html.escape(name)}"' if name else ""
     size = f'viewBox="0 0 {_WIDTH:.0f} {view.height + 50.0:.0f}"'
-    svg = f'<svg class="map"{named} {size} role="img" aria-label="{_describe(data, here)}">\n'
-    to_degrees, to_drawing = _polynomials(view)
-    return DrawnMap(
+    svg = f'<svg class="map"{named} {size} role="img" aria-label="{_describe_map(data, here)}">\n'
+    to_degrees, to_drawing = _fit_polynomials(view)
+    return MapDrawing(
         svg + "\n".join(parts) + "\n</svg>",
         {
             "width": _WIDTH, "height": round(view.height, 1), "unitsPerMetre": view.units_per_metre,
@@ -202,7 +202,7 @@ def drawn_map(data: BlockMap, name: str = "") -> DrawnMap:
     )  # fmt: skip
 
 
-def _view_of(places: np.ndarray) -> _View:
+def _fit_view(places: np.ndarray) -> _MapView:
     """Return a view that shows all places (lon, lat)."""
     frame = LocalFrame(float(continuous_longitudes(places[:, 0]).mean()), float(places[:, 1].mean()))
     local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
@@ -210,10 +210,10 @@ def _view_of(places: np.ndarray) -> _View:
     extent = np.maximum(high - low, 1.0)
     scale = min((_WIDTH - 2.0 * _MARGIN) / extent[0], (_WIDTH - 2.0 * _MARGIN) / extent[1])
     slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # a tall block stands in the middle
-    return _View(frame, low[0] - slack / 2.0, high[1], scale, max(extent[1] * scale + 2.0 * _MARGIN, 320.0))
+    return _MapView(frame, low[0] - slack / 2.0, high[1], scale, max(extent[1] * scale + 2.0 * _MARGIN, 320.0))
 
 
-def _describe(data: BlockMap, here: np.ndarray) -> str:
+def _describe_map(data: BlockMap, here: np.ndarray) -> str:
     """Return what the map shows, for those who cannot see it."""
     count = {role: int((data.roles[here] == role).sum()) for role in Role}
     if data.ties is not None:
@@ -225,7 +225,7 @@ def _describe(data: BlockMap, here: np.ndarray) -> str:
 _WORDS = {Role.GCP: "control points", Role.CHECK: "check points", Role.TIE: "tie points"}
 
 
-def _polynomials(view: _View) -> tuple[list[list[float]], list[list[float]]]:
+def _fit_polynomials(view: _MapView) -> tuple[list[list[float]], list[list[float]]]:
     """Return the coefficients of 1, u, v, u², uv, v² from drawing to degrees and back.
 
     u and v are hundreds of drawing units, or degrees from the frame's origin. Over a block of a thousand kilometres
@@ -237,10 +237,10 @@ def _polynomials(view: _View) -> tuple[list[list[float]], list[list[float]]]:
     degrees = np.column_stack([continuous_longitudes(lonlat[:, 0]), lonlat[:, 1]])
     degrees -= [360.0 * np.round((degrees[:, 0].mean() - view.frame.lon_deg) / 360.0), 0.0]
     degrees -= [view.frame.lon_deg, view.frame.lat_deg]
-    return _fit(place / 100.0, degrees), _fit(degrees, place)
+    return _fit_quadratic(place / 100.0, degrees), _fit_quadratic(degrees, place)
 
 
-def _fit(uv: np.ndarray, values: np.ndarray) -> list[list[float]]:
+def _fit_quadratic(uv: np.ndarray, values: np.ndarray) -> list[list[float]]:
     u, v = uv.T
     terms = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
     scale = np.abs(terms).max(axis=0)
@@ -248,7 +248,7 @@ def _fit(uv: np.ndarray, values: np.ndarray) -> list[list[float]]:
     return [[float(f"{value:.12g}") for value in column] for column in solved.T]
 
 
-def _pictures(pictures: Sequence[GroundPicture], view: _View) -> Iterable[str]:
+def _draw_pictures(pictures: Sequence[GroundPicture], view: _MapView) -> Iterable[str]:
     """Draw pictures where they lie: the affine map that fits their corners best."""
     yield '<g class="pictures">'
     for picture in pictures:
@@ -262,7 +262,7 @@ def _pictures(pictures: Sequence[GroundPicture], view: _View) -> Iterable[str]:
     yield "</g>"
 
 
-def _footprints(rings: Mapping[str, np.ndarray], images: Sequence[str], view: _View) -> Iterable[str]:
+def _draw_footprints(rings: Mapping[str, np.ndarray], images: Sequence[str], view: _MapView) -> Iterable[str]:
     number = {image: place for place, image in enumerate(images)}
     yield '<g class="footprints">'
     outlines = list(rings.values())
@@ -277,15 +277,15 @@ def _footprints(rings: Mapping[str, np.ndarray], images: Sequence[str], view: _V
     yield "</g>"
 
 
-def _image_names(rings: Mapping[str, np.ndarray], view: _View) -> Iterable[str]:
+def _draw_image_names(rings: Mapping[str, np.ndarray], view: _MapView) -> Iterable[str]:
     if len(rings) <= _MOST_LABELS:
         corners = [view(ring)[np.argmin(view(ring).sum(axis=1))] for ring in rings.values()]  # upper left
-        for image, (x, y) in zip(rings, _apart(corners), strict=True):
+        for image, (x, y) in zip(rings, _separate_labels(corners), strict=True):
             text = f'<text class="image mark" x="4" y="14">{html.escape(image)}</text>'
             yield f'<g transform="translate({x:.1f} {y:.1f})">{text}</g>'
 
 
-def _apart(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+def _separate_labels(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
     """Return places of labels that begin at the corners, moved down where they would cover another."""
     placed: list[tuple[float, float]] = []
     for x, corner_y in corners:
@@ -296,7 +296,7 @@ def _apart(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
     return placed
 
 
-def _cells(ties: TieField, view: _View) -> tuple[list[str], dict[str, Any]]:
+def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, Any]]:
     """Return squares that hold tie points, darker for more, and their figures: number, residual, sigma and rays."""
     here = finite_rows(ties.lonlat)
     cell = np.floor(view(ties.lonlat[here]) / _CELL).astype(np.int64)
@@ -308,7 +308,7 @@ def _cells(ties: TieField, view: _View) -> tuple[list[str], dict[str, Any]]:
         total = np.bincount(which[known], np.asarray(values[known], dtype=np.float64) ** power, len(code))
         number = np.bincount(which[known], minlength=len(code))
         with np.errstate(invalid="ignore"):
-            return [_short(value) for value in (total / number) ** (1.0 / power)]
+            return [_round_figure(value) for value in (total / number) ** (1.0 / power)]
 
     shade = 0.12 + 0.43 * np.sqrt(count / max(int(count.max(initial=1)), 1))
     parts = [
@@ -323,11 +323,11 @@ def _cells(ties: TieField, view: _View) -> tuple[list[str], dict[str, Any]]:
     return parts, figures
 
 
-def _short(value: float) -> float | None:
+def _round_figure(value: float) -> float | None:
     return float(f"{value:.{_CELL_DIGITS}g}") if math.isfinite(value) else None
 
 
-def _points(data: BlockMap, here: np.ndarray, view: _View, arrow_scale: float | None) -> Iterable[str]:
+def _draw_points(data: BlockMap, here: np.ndarray, view: _MapView, arrow_scale: float | None) -> Iterable[str]:
     height = data.residual_h_m if data.residual_h_m is not None else np.full(len(data.ids), np.nan)
     for row, (x, y) in zip(here.tolist(), view(data.lonlat[here]), strict=True):
         role, name = Role(int(data.roles[row])).label, html.escape(str(data.ids[row]))
@@ -336,9 +336,9 @@ def _points(data: BlockMap, here: np.ndarray, view: _View, arrow_scale: float | 
         title = f"{name} ({role})" + (f": east {east:.3f} m, north {north:.3f} m" if moved else "")
         marks = []
         if moved and arrow_scale is not None:
-            marks.append(_residual_arrow("arrow flat", east * arrow_scale, -north * arrow_scale))
+            marks.append(_draw_residual("arrow flat", east * arrow_scale, -north * arrow_scale))
         if arrow_scale is not None and math.isfinite(height[row]):
-            marks.append(_residual_arrow("arrow lift", 0.0, -height[row] * arrow_scale))
+            marks.append(_draw_residual("arrow lift", 0.0, -height[row] * arrow_scale))
         radius = 2.6 if role == "tie" else 3.5
         yield (
             f'<g class="pt {role}" data-p="{row}" transform="translate({x:.1f} {y:.1f})"><g class="mark">'
@@ -346,33 +346,33 @@ def _points(data: BlockMap, here: np.ndarray, view: _View, arrow_scale: float | 
         )
 
 
-def _residual_arrow(kind: str, dx: float, dy: float) -> str:
+def _draw_residual(kind: str, dx: float, dy: float) -> str:
     """Return an arrow from a point; one that would lead across the map is cut and dashed."""
     length = math.hypot(dx, dy)
     cut = min(1.0, _LONGEST_ARROW / length) if length else 1.0
-    path = arrow_path(0.0, 0.0, dx * cut, dy * cut)
+    path = make_arrow_path(0.0, 0.0, dx * cut, dy * cut)
     return f'<path class="{kind}{" cut" if cut < 1.0 else ""}" d="{path}"/>' if path else ""
 
 
-def _scales(view: _View, arrow_scale: float | None) -> Iterable[str]:
+def _draw_scales(view: _MapView, arrow_scale: float | None) -> Iterable[str]:
     """Draw the map's scale bar, beside it an arrow of a round length, and where north is."""
-    distance = round_length(150.0 / view.units_per_metre)
+    distance = choose_round_length(150.0 / view.units_per_metre)
     bar = distance * view.units_per_metre
     y = view.height + 20.0
     yield f'<rect class="legend" x="0" y="{view.height:.1f}" width="{_WIDTH:.0f}" height="50"/>'
     yield f'<path class="scale length" d="M{_MARGIN},{y - 5.0:.1f}v5h{bar:.1f}v-5"/>'
-    yield f'<text class="scale length" x="{_MARGIN}" y="{y + 18.0:.1f}">{_metres(distance)} on the ground</text>'
+    yield f'<text class="scale length" x="{_MARGIN}" y="{y + 18.0:.1f}">{_format_metres(distance)} on the ground</text>'
     if arrow_scale is not None:
-        residual = round_length(1.3 * _ARROW / arrow_scale)
+        residual = choose_round_length(1.3 * _ARROW / arrow_scale)
         x = _WIDTH / 2.0
-        yield f'<path class="scale" d="{arrow_path(x, y, residual * arrow_scale, 0.0)}"/>'
-        yield f'<text class="scale" x="{x:.1f}" y="{y + 18.0:.1f}">residual of {_metres(residual)}</text>'
+        yield f'<path class="scale" d="{make_arrow_path(x, y, residual * arrow_scale, 0.0)}"/>'
+        yield f'<text class="scale" x="{x:.1f}" y="{y + 18.0:.1f}">residual of {_format_metres(residual)}</text>'
     x = _WIDTH - _MARGIN
-    yield f'<path class="scale north" d="{arrow_path(x, y + 16.0, 0.0, -26.0)}"/>'
+    yield f'<path class="scale north" d="{make_arrow_path(x, y + 16.0, 0.0, -26.0)}"/>'
     yield f'<text class="scale" x="{x - 16.0:.1f}" y="{y + 14.0:.1f}">N</text>'
 
 
-def _metres(length: float) -> str:
+def _format_metres(length: float) -> str:
     for unit, size in (("km", 1000.0), ("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
         if length >= size:
             return f"{length / size:g} {unit}"

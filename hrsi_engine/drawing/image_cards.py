@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
-from .arrows import arrow_path, round_length
+from .arrows import choose_round_length, make_arrow_path
 
 CARD_WIDTH, CARD_MARGIN, CARD_KEY = 360.0, 14.0, 24.0
 CARD_ARROW = 26.0  # drawing units of the typical residual
@@ -72,7 +72,7 @@ class ImageCard:
     picture_size: tuple[float, float] = (1.0, 1.0)
 
 
-def card_svg(card: ImageCard, typical_px: float) -> str:
+def draw_image_card(card: ImageCard, typical_px: float) -> str:
     """Return an image's residuals over its picture and tie points; what is shown of them the page's style chooses.
 
     Parameters
@@ -97,19 +97,19 @@ def card_svg(card: ImageCard, typical_px: float) -> str:
     place = (card.xy - card.extent[0] + 0.5) * scale + CARD_MARGIN
     return "".join([
         f'<svg class="card" viewBox="{box}" role="img" aria-label="{label}"><rect class="ground" {frame}/>',
-        _picture(card, float(width), float(height)),
-        *_cells(card, float(width), float(height)),
+        _draw_picture(card, float(width), float(height)),
+        *_draw_cells(card, float(width), float(height)),
         f'<rect class="frame" {frame}/><g class="field">',
-        *_field(card, float(width), float(height), per_px),
+        *_draw_mean_residuals(card, float(width), float(height), per_px),
         '</g><g class="vectors">',
-        *_vectors(card, place, per_px),
+        *_draw_residuals(card, place, per_px),
         "</g>",
-        *_key(typical_px, per_px, float(height) + 2.0 * CARD_MARGIN + CARD_KEY - 12.0),
+        *_draw_key(typical_px, per_px, float(height) + 2.0 * CARD_MARGIN + CARD_KEY - 12.0),
         "</svg>",
     ])  # fmt: skip
 
 
-def _picture(card: ImageCard, width: float, height: float) -> str:
+def _draw_picture(card: ImageCard, width: float, height: float) -> str:
     if not card.picture:
         return ""
     across, down = width / card.picture_size[0], height / card.picture_size[1]
@@ -117,7 +117,7 @@ def _picture(card: ImageCard, width: float, height: float) -> str:
     return f'<use href="#{html.escape(card.picture)}" transform="{matrix}"/>'
 
 
-def _cells(card: ImageCard, width: float, height: float) -> Iterable[str]:
+def _draw_cells(card: ImageCard, width: float, height: float) -> Iterable[str]:
     """Draw the parts of the image, stronger for more tie points and, in a second group, for more rays."""
     rows, columns = card.counts.shape
     if not card.counts.any():
@@ -137,7 +137,7 @@ def _cells(card: ImageCard, width: float, height: float) -> Iterable[str]:
         yield "</g>"
 
 
-def _field(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:
+def _draw_mean_residuals(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:
     """Draw the mean residual of each part, faint where it is no more than chance."""
     rows, columns = card.means.shape[:2]
     sure = (np.abs(card.means) > CARD.mean_sigmas * card.mean_sigmas).any(axis=2)
@@ -145,27 +145,27 @@ def _field(card: ImageCard, width: float, height: float, per_px: float) -> Itera
         x = CARD_MARGIN + (column + 0.5) * width / columns
         y = CARD_MARGIN + (row + 0.5) * height / rows
         dx, dy = card.means[row, column]
-        path = arrow_path(x, y, *_cut(dx * per_px, dy * per_px))
+        path = make_arrow_path(x, y, *_cut_arrow(dx * per_px, dy * per_px))
         kind = "mean" if sure[row, column] else "mean chance"
         yield f'<path class="{kind}" d="M{x:.1f},{y:.1f}h0{path}"><title>mean {dx:.2f}, {dy:.2f} px</title></path>'
 
 
-def _vectors(card: ImageCard, place: np.ndarray, per_px: float) -> Iterable[str]:
+def _draw_residuals(card: ImageCard, place: np.ndarray, per_px: float) -> Iterable[str]:
     rows = zip(place, card.residual_px * per_px, card.groups.tolist(), card.points.tolist(), strict=True)
     for (x, y), (dx, dy), group, point in rows:
         number = f' data-p="{point}"' if point >= 0 else ""
-        path = arrow_path(x, y, *_cut(dx, dy), head=5.0)
+        path = make_arrow_path(x, y, *_cut_arrow(dx, dy), head=5.0)
         yield f'<path class="v {group}"{number} d="M{x:.1f},{y:.1f}h0{path}"/>'
 
 
-def _cut(dx: float, dy: float) -> tuple[float, float]:
+def _cut_arrow(dx: float, dy: float) -> tuple[float, float]:
     length = float(np.hypot(dx, dy))
     share = min(1.0, CARD_CUT / length) if length else 1.0
     return dx * share, dy * share
 
 
-def _key(typical_px: float, per_px: float, y: float) -> Iterable[str]:
+def _draw_key(typical_px: float, per_px: float, y: float) -> Iterable[str]:
     if per_px > 0.0:
-        length = round_length(1.5 * typical_px)
-        yield f'<path class="scale" d="{arrow_path(CARD_MARGIN, y, length * per_px, 0.0)}"/>'
+        length = choose_round_length(1.5 * typical_px)
+        yield f'<path class="scale" d="{make_arrow_path(CARD_MARGIN, y, length * per_px, 0.0)}"/>'
         yield f'<text x="{CARD_MARGIN + length * per_px + 8.0:.1f}" y="{y + 4.0:.1f}">{length:g} px</text>'

@@ -8,18 +8,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .arrows import arrow_path, round_length
+from .arrows import choose_round_length, make_arrow_path
 
 RESIDUALS_WIDTH, MARGIN = 560.0, 34.0
 TYPICAL_ARROW = 32.0  # drawing units of the 90th percentile
 
 
-def typical_length(residual: np.ndarray) -> float:
+def compute_typical_length(residual: np.ndarray) -> float:
     """Return the 90th percentile of the lengths of residuals (n, 2)."""
     return float(np.percentile(np.hypot(*residual.T), 90.0))
 
 
-def residual_vectors_svg(
+def draw_residual_vectors(
     xy: np.ndarray,
     residual: np.ndarray,
     groups: np.ndarray,
@@ -50,7 +50,7 @@ def residual_vectors_svg(
     low, high = (xy.min(axis=0), xy.max(axis=0)) if extent is None else extent
     scale = (RESIDUALS_WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
     height = float((high - low)[1]) * scale + 2.0 * MARGIN + 24.0
-    typical = typical_length(residual) if typical is None else typical
+    typical = compute_typical_length(residual) if typical is None else typical
     per_unit = TYPICAL_ARROW / typical if typical > 0.0 else 0.0
     parts = [f'<svg class="card" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
     if extent is not None:
@@ -58,20 +58,20 @@ def residual_vectors_svg(
         frame = f'x="{MARGIN}" y="{MARGIN}" width="{width:.1f}" height="{depth:.1f}"'
         parts.append(f'<rect {frame} class="frame"/>')
     for (x, y), (dx, dy), group in zip((xy - low) * scale + MARGIN, residual * per_unit, groups, strict=True):
-        parts.append(_arrow(x, y, dx, dy, str(group)))
+        parts.append(_draw_arrow(x, y, dx, dy, str(group)))
     if typical > 0.0:
-        length = round_length(1.5 * typical)
-        parts.append(_arrow(MARGIN, height - 14.0, length * per_unit, 0.0, "scale"))
+        length = choose_round_length(1.5 * typical)
+        parts.append(_draw_arrow(MARGIN, height - 14.0, length * per_unit, 0.0, "scale"))
         x = MARGIN + length * per_unit + 8.0
         parts.append(f'<text x="{x:.1f}" y="{height - 10.0:.1f}">{length:g} {html.escape(unit)}</text>')
     return "".join([*parts, "</svg>"])
 
 
-def _arrow(x: float, y: float, dx: float, dy: float, group: str) -> str:
-    return f'<path class="v {html.escape(group)}" d="M{x:.1f},{y:.1f}h0{arrow_path(x, y, dx, dy, head=5.0)}"/>'
+def _draw_arrow(x: float, y: float, dx: float, dy: float, group: str) -> str:
+    return f'<path class="v {html.escape(group)}" d="M{x:.1f},{y:.1f}h0{make_arrow_path(x, y, dx, dy, head=5.0)}"/>'
 
 
-def bars_svg(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
+def draw_bars(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
     """Return bars by case, one for each group (thesis figures 2.7 and 2.21).
 
     Parameters

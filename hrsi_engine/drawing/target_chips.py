@@ -44,7 +44,7 @@ class TargetChip:
     computed: np.ndarray | None = None
 
 
-def chip_svg(chip: TargetChip) -> str:
+def draw_target_chip(chip: TargetChip) -> str:
     """Return the chip as an SVG element.
 
     Parameters
@@ -57,7 +57,7 @@ def chip_svg(chip: TargetChip) -> str:
     str
         An SVG element.
     """
-    origin, size = _extent(chip)
+    origin, size = _find_extent(chip)
     scale = CHIP_SIDE_PX / float(max(size))
     width, height = size * scale
     parts = [
@@ -67,7 +67,7 @@ def chip_svg(chip: TargetChip) -> str:
     if chip.grey is not None:
         parts.append(
             f'<image width="{width:.1f}" height="{height:.1f}" image-rendering="pixelated" '
-            f'preserveAspectRatio="none" href="data:image/png;base64,{stretched_png(chip.grey)}"/>'
+            f'preserveAspectRatio="none" href="data:image/png;base64,{encode_grey_png(chip.grey)}"/>'
         )
 
     def place(xy: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ def chip_svg(chip: TargetChip) -> str:
     return "".join([*parts, "</svg>"])
 
 
-def _extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
+def _find_extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
     """Return first pixel and size (samples, lines) of what is shown."""
     if chip.grey is not None:
         return chip.origin, np.array([chip.grey.shape[1], chip.grey.shape[0]], dtype=np.float64)
@@ -98,9 +98,9 @@ def _extent(chip: TargetChip) -> tuple[np.ndarray, np.ndarray]:
     return low, high - low
 
 
-def stretched_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
+def encode_grey_png(grey: np.ndarray, valid: np.ndarray | None = None) -> str:
     """Return grey values as the base64 text of a PNG, stretched between percentiles of the valid ones."""
-    return base64.b64encode(png_bytes(stretch_grey(grey, valid))).decode("ascii")
+    return base64.b64encode(encode_png(stretch_grey(grey, valid))).decode("ascii")
 
 
 def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
@@ -111,7 +111,7 @@ def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarra
     return stretched.astype(np.uint8)
 
 
-def png_bytes(grey: np.ndarray) -> bytes:
+def encode_png(grey: np.ndarray) -> bytes:
     """Return an 8-bit grey image ``(lines, samples)`` as a PNG file (ISO/IEC 15948), rows unfiltered."""
     lines, samples = grey.shape
     rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), grey])  # each begins with the number of its filter

@@ -10,7 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..foundation.pixel_filters import reduce_by_area
-from ..measurement.window_matching.orientation_correlation import correlation_sums, orientation_field, peak_of
+from ..measurement.window_matching.orientation_correlation import (
+    compute_orientation_field,
+    correlate_fields,
+    find_correlation_peak,
+)
 from .misregistration import Read
 
 FARTHEST_PX = 256  # shifts up to here are found
@@ -34,8 +38,8 @@ def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarr
         for column in np.linspace(0, columns - side, SHIFT_PROBES).astype(int).tolist():
             probe = _field(*first(column, row, side, side))
             if probe.any():
-                total += correlation_sums(probe, _field(*second(column - FARTHEST_PX, row - FARTHEST_PX, wide, wide)))
-    peak = peak_of(total)
+                total += correlate_fields(probe, _field(*second(column - FARTHEST_PX, row - FARTHEST_PX, wide, wide)))
+    peak = find_correlation_peak(total)
     if peak.contrast < SURFACE_CONTRAST:
         return np.zeros(2, dtype=int)
     return np.rint(peak.shift * REDUCTION - FARTHEST_PX).astype(int)
@@ -46,4 +50,4 @@ def _field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     size = (grey.shape[1] // REDUCTION, grey.shape[0] // REDUCTION)
     mean = reduce_by_area(np.where(valid, grey, 0).astype(np.float32), size)
     known = reduce_by_area(valid.astype(np.float32), size) > 0.999
-    return orientation_field(mean, known)
+    return compute_orientation_field(mean, known)

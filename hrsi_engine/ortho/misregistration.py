@@ -24,7 +24,7 @@ from scipy import ndimage
 from ..foundation.pixel_filters import blur
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.workers.streams import open_calls
-from ..measurement.window_matching.cross_correlation import correlation_surface
+from ..measurement.window_matching.cross_correlation import correlate_template
 from .options import MisregistrationOptions
 
 MOST_ITERATIONS = 20
@@ -173,7 +173,7 @@ def shift_between(
     core = grey[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
         return _fail(WindowOutcome.FLAT)
-    score = correlation_surface(core, place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER])
+    score = correlate_template(core, place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER])
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, column])
     if best < options.min_correlation:

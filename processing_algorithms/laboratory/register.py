@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.block.block import ImagePoints
-from ...hrsi_engine.drawing.residual_plots import bars_svg, residual_vectors_svg
+from ...hrsi_engine.drawing.residual_plots import draw_bars, draw_residual_vectors
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
@@ -163,8 +163,8 @@ def _drawings(
         shown = registration.used & ((groups == name) | (name == "all"))
         title = "All points together" if name == "all" else f"{name} points alone"
         residual = registration.residual_px[shown] * unit
-        vectors.append((title, residual_vectors_svg(points["second"][shown], residual, groups[shown], report["unit"])))
-    return {"bars": bars_svg(bars, report["unit"]), "vectors": vectors}
+        vectors.append((title, draw_residual_vectors(points["second"][shown], residual, groups[shown], report["unit"])))
+    return {"bars": draw_bars(bars, report["unit"]), "vectors": vectors}
 
 
 def summarise(report: Report) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...hrsi_engine.block.block import Role
-from ...hrsi_engine.drawing.block_map import BlockMap, block_map_svg
+from ...hrsi_engine.drawing.block_map import BlockMap, draw_block_map
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.ground.geodesy import WGS84
@@ -272,5 +272,5 @@ def _maps(found: Sequence[MatchedPair]) -> list[tuple[str, str]]:
             metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]
             count = len(metres)
             data = BlockMap({}, lonlat[pair.good], np.full(count, Role.CHECK), metres, np.full(count, ""))
-            maps.append((f"{' - '.join(pair.pair.names)}, {state}", block_map_svg(data)))
+            maps.append((f"{' - '.join(pair.pair.names)}, {state}", draw_block_map(data)))
     return maps

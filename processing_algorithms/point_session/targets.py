@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
-from ...hrsi_engine.drawing.target_chips import chip_svg
+from ...hrsi_engine.drawing.target_chips import draw_target_chip
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import close_images
-from ...hrsi_engine.measurement.targets.measuring import measure_target, refuse
+from ...hrsi_engine.measurement.targets.measuring import make_refusal, measure_target
 from ..files.target_chip import chip_of
 from .rows import Measured
 
@@ -44,11 +44,11 @@ def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
 def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
     xy = np.array(click, dtype=np.float64)
     if kind == BY_HAND:
-        chip = "" if image.raster is None else chip_svg(chip_of(refuse(kind, BY_HAND), xy, image.raster))
+        chip = "" if image.raster is None else draw_target_chip(chip_of(make_refusal(kind, BY_HAND), xy, image.raster))
         return Fit(Measured(float(xy[0]), float(xy[1]), kind=kind), "", chip)
     if image.raster is None:
         raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")
     made = measure_target(image.raster, xy, kind)
     sigma_px = math.hypot(made.sigma_px, IDENTIFICATION_PX)
     measured = Measured(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
-    return Fit(measured, made.refusal, chip_svg(chip_of(made, xy, image.raster)))
+    return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))

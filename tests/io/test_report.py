@@ -16,8 +16,8 @@ from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.drawing.block_figures import ReportFigures
-from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, block_map_svg, drawn_map
-from hrsi.hrsi_engine.drawing.target_chips import png_bytes
+from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, draw_block_map, draw_map
+from hrsi.hrsi_engine.drawing.target_chips import encode_png
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.json_values import json_lines, json_ready
 from hrsi.hrsi_engine.io.pages.page import digits_by_sigma, duration, figure
@@ -192,7 +192,7 @@ def test_compared_models_are_tabulated(tmp_path: Path) -> None:
 def test_arrows_and_scale_of_the_map() -> None:
     """The 90th percentile arrow is 45 units long; east is right, north is up."""
     data = block_map()
-    svg = block_map_svg(data)
+    svg = draw_block_map(data)
     parser = Outline()
     parser.feed(svg)
     assert parser.open == []
@@ -212,11 +212,11 @@ def test_a_map_across_the_date_line_and_of_one_point() -> None:
     data = BlockMap(
         {"a": Polygon(ring)}, np.array([[180.0, 9.95]]), np.array([1]), np.array([[0.1, 0.1]]), np.array(["p"])
     )
-    assert "2 km on the ground" in block_map_svg(data)  # 0.2 degrees at 10 degrees north are 22 km
+    assert "2 km on the ground" in draw_block_map(data)  # 0.2 degrees at 10 degrees north are 22 km
     lone = BlockMap({}, np.array([[5.0, 44.0]]), np.array([0]), np.array([[0.0, 0.0]]), np.array(["p"]))
-    assert "circle" in block_map_svg(lone)
+    assert "circle" in draw_block_map(lone)
     nothing = BlockMap({}, np.empty((0, 2)), np.empty(0), np.empty((0, 2)), np.empty(0))
-    assert block_map_svg(nothing) == ""
+    assert draw_block_map(nothing) == ""
 
 
 @pytest.mark.parametrize(
@@ -265,7 +265,7 @@ def test_many_tie_points_are_drawn_as_cells() -> None:
     lonlat = np.column_stack([rng.uniform(5.0, 5.1, 20000), rng.uniform(43.0, 43.1, 20000)])
     ties = TieField(lonlat, np.full(20000, 0.3), np.full(20000, 2.0), np.repeat([2, 4], 10000))
     known = np.array([[5.05, 43.05]])
-    drawn = drawn_map(BlockMap({}, known, np.array([0]), np.array([[0.1, 0.1]]), np.array(["G"]), ties=ties))
+    drawn = draw_map(BlockMap({}, known, np.array([0]), np.array([[0.1, 0.1]]), np.array(["G"]), ties=ties))
     cells = drawn.data["cells"]
     assert sum(cells["count"]) == 20000
     assert drawn.svg.count("data-c=") == len(cells["count"]) <= 61 * 61
@@ -279,7 +279,7 @@ def test_degrees_of_the_map_and_back() -> None:
     """The polynomials of the page's script lead from the drawing to degrees and back, over 300 km too."""
     ring = np.array([[4.0, 60.0], [9.0, 60.0], [9.0, 62.5], [4.0, 62.5]])
     points = np.array([[4.5, 60.3], [6.5, 61.2], [8.9, 62.4]])
-    drawn = drawn_map(
+    drawn = draw_map(
         BlockMap({"a": Polygon(ring)}, points, np.zeros(3, int), np.zeros((3, 2)), np.array(["a", "b", "c"]))
     )
     place = np.array([
@@ -307,7 +307,7 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 def test_chip_pixels_are_a_png_that_others_read() -> None:
     grey = np.random.default_rng(3).integers(0, 256, (37, 52)).astype(np.uint8)
-    decoded = cv2.imdecode(np.frombuffer(png_bytes(grey), np.uint8), cv2.IMREAD_UNCHANGED)
+    decoded = cv2.imdecode(np.frombuffer(encode_png(grey), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(decoded, grey)
 
 

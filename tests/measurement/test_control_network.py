@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,18 +29,18 @@ from hrsi.hrsi_engine.measurement.control_network import (
     match_windows,
     matching,
 )
-from hrsi.hrsi_engine.measurement.control_network.local_affine import local_affine, similarity_matrix
+from hrsi.hrsi_engine.measurement.control_network.local_affine import fit_local_affine, make_similarity_matrix
 from hrsi.hrsi_engine.measurement.control_network.network import NO_FATHER, Network
-from hrsi.hrsi_engine.measurement.control_network.polar import turn_by as turned_offset
-from hrsi.hrsi_engine.measurement.control_network.refinement import agreeing, epipolar_residuals
-from hrsi.hrsi_engine.measurement.control_network.super_points import candidates, match_super_points
+from hrsi.hrsi_engine.measurement.control_network.polar import rotate_offset as turned_offset
+from hrsi.hrsi_engine.measurement.control_network.refinement import compute_epipolar_residuals, select_consistent
+from hrsi.hrsi_engine.measurement.control_network.super_points import bound_root_pairs, match_super_points
 from hrsi.hrsi_engine.measurement.control_network.tolerances import (
     Tolerance,
-    distance_difference,
-    effective_distances,
-    tolerance_of,
+    compute_distance_difference,
+    compute_effective_distances,
+    make_tolerance,
 )
-from hrsi.hrsi_engine.measurement.control_network.unknown_scale import SCALE, feature_vote
+from hrsi.hrsi_engine.measurement.control_network.unknown_scale import SCALE, vote_by_features
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
 TOLERANCE = Tolerance(1.5, 0.01)
@@ -59,24 +60,24 @@ def test_effective_distance_is_a_projection(slope_deg: float):
     for sign, angle in zip((1.0, -1.0), np.radians(incidence), strict=True):
         across = np.array([np.cos(angle), sign * np.sin(angle)])  # across the line of sight
         seen.append(abs(segment @ across))
-    np.testing.assert_allclose(effective_distances(10.0, incidence, slope_deg), seen, rtol=1e-12)
-    assert distance_difference(10.0, incidence, slope_deg) == pytest.approx(seen[0] - seen[1])
+    np.testing.assert_allclose(compute_effective_distances(10.0, incidence, slope_deg), seen, rtol=1e-12)
+    assert compute_distance_difference(10.0, incidence, slope_deg) == pytest.approx(seen[0] - seen[1])
 
 
 def test_distance_difference_as_in_figure_3_10():
     """Equal incidence angles: nothing on flat ground or from the zenith, growing with both, 2 sin sin."""
     slopes, angles = np.meshgrid([0.0, 10.0, 20.0, 30.0], [0.0, 10.0, 20.0, 30.0])
-    table = np.array([distance_difference(1.0, (angle, angle), slopes[0]) for angle in angles[:, 0]])
+    table = np.array([compute_distance_difference(1.0, (angle, angle), slopes[0]) for angle in angles[:, 0]])
     np.testing.assert_allclose(table, 2.0 * np.sin(np.radians(angles)) * np.sin(np.radians(slopes)), atol=1e-15)
     assert np.all(np.diff(table, axis=0)[:, 1:] > 0.0) and np.all(np.diff(table, axis=1)[1:] > 0.0)
 
 
 def test_tolerance():
     """A maximum within 5 x 5 px tolerates 2 px or less at its root, and what the slope makes of a distance."""
-    allowed = tolerance_of(2.0, (10.0, 10.0), 5.0)
+    allowed = make_tolerance(2.0, (10.0, 10.0), 5.0)
     assert allowed.base_px <= 2.0
     assert allowed.at(100.0) - allowed.at(0.0) == pytest.approx(200.0 * np.sin(np.radians(10)) * np.sin(np.radians(5)))
-    assert tolerance_of(2.0, (30.0, 5.0), 10.0) == tolerance_of(2.0, (5.0, 30.0), -10.0)
+    assert make_tolerance(2.0, (30.0, 5.0), 10.0) == make_tolerance(2.0, (5.0, 30.0), -10.0)
 
 
 # ---- super points: the same as trying everything -----------------------------------------------------------------
@@ -108,9 +109,9 @@ def test_search_finds_what_trying_everything_finds(name: str):
 def test_votes_bound_every_pair_of_roots(name: str):
     """No pair of roots has more correspondences than the votes say."""
     (first, second, _), reach_px, scales = SETS[name]
-    sets = candidates(first, second, TOLERANCE, reach_px, scales)
-    for bound, roots, scale in sets.rank_roots():
-        for support, evaluate in sets.hypotheses(roots, scale, 0):
+    sets = bound_root_pairs(first, second, TOLERANCE, reach_px, scales)
+    for bound, roots, scale in sets.iterate_roots():
+        for support, evaluate in sets.iterate_hypotheses(roots, scale, 0):
             assert evaluate().count <= support <= bound
 
 
@@ -127,7 +128,7 @@ def test_many_super_points_with_outliers():
     right = {tuple(pair) for pair in found.best.pairs.tolist()} & true
     assert found.status == FOUND
     assert len(right) >= 0.9 * found.best.count >= 20
-    assert found.evaluated < 0.05 * 120 * 120
+    assert found.evaluated_pairs < 0.05 * 120 * 120
 
 
 def test_a_regular_grid_is_ambiguous():
@@ -160,7 +161,7 @@ def test_what_lies_across_the_epipolar_lines_is_left_out():
     wrong, high = np.arange(0, 300, 20), np.arange(10, 300, 20)
     second[wrong] += 2.5 * across
     second[high] += 2.5 * along  # a roof
-    good, residual, distance = agreeing(first, second, np.ones(300, dtype=bool), np.eye(2), consistency_px=6.0)
+    good, residual, distance = select_consistent(first, second, np.ones(300, dtype=bool), np.eye(2), consistency_px=6.0)
     assert not good[wrong].any()
     assert good[high].all()
     assert residual[wrong].max() < 6.0  # the neighbours alone are content
@@ -175,7 +176,7 @@ def test_local_affine_maps_recover_an_affine_map_despite_false_nodes():
     second = first @ A.T + t
     second[::9] += rng.uniform(10.0, 30.0, (len(second[::9]), 2))
     points = rng.uniform(50.0, 250.0, (40, 2))
-    made = local_affine(points, first, second, similarity_matrix(-0.2, 1.0))
+    made = fit_local_affine(points, first, second, make_similarity_matrix(-0.2, 1.0))
     error = np.hypot(*(made.predicted - points @ A.T - t).T)
     assert np.median(error) < 0.15  # what the pull towards the similarity leaves
     assert error.max() < 2.0  # false nodes beside the point, 10 to 40 px off
@@ -186,11 +187,13 @@ def test_epipolar_residuals_do_not_see_relief_but_see_false_pairs():
     first = rng.uniform(0.0, 400.0, (200, 2))
     relief = rng.uniform(-30.0, 30.0, 200)
     second = (
-        first @ similarity_matrix(0.5, 1.0).T + relief[:, None] * np.array([0.6, 0.8]) + rng.normal(0, 0.05, (200, 2))
+        first @ make_similarity_matrix(0.5, 1.0).T
+        + relief[:, None] * np.array([0.6, 0.8])
+        + rng.normal(0, 0.05, (200, 2))
     )
     across = np.array([-0.8, 0.6])
     second[:5] += 6.0 * across
-    residual = np.abs(epipolar_residuals(first, second))
+    residual = np.abs(compute_epipolar_residuals(first, second))
     assert residual[5:].max() < 0.5
     np.testing.assert_allclose(residual[:5], 6.0, atol=0.6)
 
@@ -199,9 +202,9 @@ def test_children_of_a_dropped_node_go_to_its_father():
     xy = np.array([[0.0, 0.0], [50.0, 0.0], [60.0, 0.0], [65.0, 0.0]])
     rows, second = np.arange(4), turned_offset(xy, 0.3)
     chain = Network(rows, rows, np.array([NO_FATHER, 0, 1, 2]), rows, np.ones(4), xy, second, np.eye(2))
-    left = chain.kept(np.array([True, False, False, True]))
+    left = chain.select(np.array([True, False, False, True]))
     assert left.father.tolist() == [NO_FATHER, 0]
-    rotation, scale = chain.starting_directions()
+    rotation, scale = chain.compute_starting_directions()
     np.testing.assert_allclose(rotation[1:], 0.3)  # the nearest ancestor far enough away
     assert rotation[0] == 0.0  # the root has no father: the whole network's rotation
     np.testing.assert_allclose(scale, 1.0)
@@ -336,7 +339,7 @@ def test_features_tell_where_the_second_window_shows_the_first():
     pair = true_pair("grass", 400, 30.0, scale=0.8)
     windows = Area(40, 60, 390, 380), Area(20, 10, 400, 400)
     for most_px in (SCALE.glance_px, 60_000):
-        vote = feature_vote(pair.first, pair.second, *windows, most_px=most_px)
+        vote = vote_by_features(pair.first, pair.second, *windows, most_px=most_px)
         assert vote.scales[0] < 0.8 < vote.scales[1]
         xy = np.random.default_rng(5).uniform(100.0, 300.0, (50, 2))
         away = xy @ vote.affine[:, :2].T + vote.affine[:, 2] - pair.carried(xy)

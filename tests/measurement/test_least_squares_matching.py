@@ -50,7 +50,7 @@ def identity(count=POINTS) -> np.ndarray:
 
 
 def matched(first, second, band="fine", window=31, start=0.4):
-    images = [MATCHING_BANDS[band].image(grey, everywhere()) for grey in (first, second)]
+    images = [MATCHING_BANDS[band].filter_image(grey, everywhere()) for grey in (first, second)]
     return match_patches(*images, centres(), centres() + start, identity(), LsmOptions(window))
 
 

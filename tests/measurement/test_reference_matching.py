@@ -28,7 +28,11 @@ from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
 from hrsi.hrsi_engine.measurement.reference.parts import without_wrong_parts
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import image_patch, predicted_patch
 from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
-from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import orientation_field, peak_of, scores
+from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import (
+    compute_orientation_field,
+    correlate_orientations,
+    find_correlation_peak,
+)
 from hrsi.hrsi_engine.surface.dem import cell_size_m
 
 OPTIONS = ReferenceOptions(points=60)
@@ -230,9 +234,13 @@ def test_prediction_looks_like_the_image_with_the_true_camera(scene):
 def test_gradient_directions_find_a_shift_whatever_the_contrast(sign):
     rng = np.random.default_rng(3)
     grey = ndimage.gaussian_filter(rng.normal(0.0, 1.0, (140, 150)), 2.0) * 500.0
-    search = orientation_field(grey.astype(np.float32), np.ones(grey.shape, dtype=bool))
+    search = compute_orientation_field(grey.astype(np.float32), np.ones(grey.shape, dtype=bool))
     window = sign * 0.3 * grey[23:83, 41:111] + rng.normal(0.0, 5.0, (60, 70))
-    peak = peak_of(scores(orientation_field(window.astype(np.float32), np.ones(window.shape, dtype=bool)), search))
+    peak = find_correlation_peak(
+        correlate_orientations(
+            compute_orientation_field(window.astype(np.float32), np.ones(window.shape, dtype=bool)), search
+        )
+    )
     assert peak.shift == pytest.approx([41.0, 23.0], abs=0.3)
     assert peak.contrast > 9.0 and peak.rival < 0.6
 

@@ -15,7 +15,7 @@ from hrsi.hrsi_engine.measurement.interest_points.stable_regions import (
     find_mser_by_tree,
 )
 from hrsi.hrsi_engine.measurement.tile_matching.sift_arrays import sift_arrays
-from hrsi.hrsi_engine.measurement.window_matching.cross_correlation import correlation_surface
+from hrsi.hrsi_engine.measurement.window_matching.cross_correlation import correlate_template
 
 RNG = np.random.default_rng(3)
 IMAGE = RNG.normal(500.0, 100.0, (75, 256)).astype(np.float32)  # 256: columns on the same lines of a cache
@@ -83,11 +83,11 @@ def test_maps_longer_than_opencv_takes():
 
 def test_correlation_of_a_window():
     area, window = IMAGE[10:60, 20:90], IMAGE[30:47, 41:60]
-    surface = correlation_surface(window, area)
+    surface = correlate_template(window, area)
     np.testing.assert_allclose(surface, cv2.matchTemplate(area, window, cv2.TM_CCOEFF_NORMED), atol=1e-4)
     assert np.unravel_index(surface.argmax(), surface.shape) == (20, 21)
     assert surface.max() == pytest.approx(1.0)
-    assert (correlation_surface(window, np.full((40, 40), 7.0)) == -1.0).all()  # nothing to see
+    assert (correlate_template(window, np.full((40, 40), 7.0)) == -1.0).all()  # nothing to see
 
 
 def test_sift_finds_what_opencv_finds():

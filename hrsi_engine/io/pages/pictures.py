@@ -7,7 +7,7 @@ import base64
 import numpy as np
 from osgeo import gdal
 
-from ...drawing.target_chips import stretch_grey, stretched_png
+from ...drawing.target_chips import encode_grey_png, stretch_grey
 from ..opening.datasets import gdal_messages
 
 JPEG_QUALITY = 70
@@ -31,7 +31,7 @@ def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
     """
     content = _jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(LEFT_OUT_GREY)))
     if content is None:
-        return f"data:image/png;base64,{stretched_png(grey, valid)}"
+        return f"data:image/png;base64,{encode_grey_png(grey, valid)}"
     return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
 
 

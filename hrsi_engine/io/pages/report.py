@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...drawing.block_figures import ReportFigures, drawn
-from ...drawing.residual_plots import bars_svg
+from ...drawing.block_figures import ReportFigures, draw_figures
+from ...drawing.residual_plots import draw_bars
 from ...foundation.json_values import json_lines
 from .code_pages import explained_codes
 from .page import write_page, write_text
@@ -55,7 +55,7 @@ def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigur
     """
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explained_codes(reason["code"] for reason in reasons)
-    drawings = drawn(figures or ReportFigures())
+    drawings = draw_figures(figures or ReportFigures())
     write_page(path, "report.html.j2", report, explained=explained, before_after=_before_after(report), **drawings)
 
 
@@ -73,7 +73,7 @@ def _before_after(report: Mapping[str, Any]) -> str:
     bars = {"tie points": {"before": _length(ties, "before_rmse_px"), "after": _length(ties, "rmse_px")}}
     bars |= {name: images[name] for name in farthest}
     known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
-    return bars_svg(dict(list(known.items())[: MOST_BARS + 1]), "px") if known else ""
+    return draw_bars(dict(list(known.items())[: MOST_BARS + 1]), "px") if known else ""
 
 
 def _length(entry: Mapping[str, Any], *axes: str) -> float:

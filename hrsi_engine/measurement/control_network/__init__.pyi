@@ -3,7 +3,7 @@
 Layers, each importing only those above it::
 
     options        how two windows are matched
-    thresholds     tolerances from the radius of local maxima, slope and incidence (eqs. 3.4-3.6)
+    tolerances     tolerances from the radius of local maxima, slope and incidence (eqs. 3.4-3.6)
     polar          distance and direction of leaves from their root
     assignment     one-to-one assignment
     voting         how many correspondences two roots can have at most

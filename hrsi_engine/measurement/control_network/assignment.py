@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def mutual_best(first: np.ndarray, second: np.ndarray, cost: np.ndarray) -> np.ndarray:
+def find_mutual_best(first: np.ndarray, second: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Return the indices ``(j,)`` of the candidate pairs ``(k,)`` that cost both their points least.
 
     Equal costs are settled by the lower numbers of the points.

@@ -21,7 +21,7 @@ class PatchThresholds:
 PATCHES = PatchThresholds()
 
 
-def patch_correlation(
+def correlate_patches(
     first: NetworkWindow,
     second: NetworkWindow,
     first_xy: np.ndarray,
@@ -39,8 +39,10 @@ def patch_correlation(
         y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
         offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
         # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
-        ours, our_usable = _sample(first, first_xy[part][:, None, :] + offsets)
-        theirs, their_usable = _sample(second, second_xy[part][:, None, :] + np.einsum("nij,kj->nki", A[part], offsets))
+        ours, our_usable = _sample_patches(first, first_xy[part][:, None, :] + offsets)
+        theirs, their_usable = _sample_patches(
+            second, second_xy[part][:, None, :] + np.einsum("nij,kj->nki", A[part], offsets)
+        )
         weight = (our_usable & their_usable).astype(np.float32)
         count = np.maximum(weight.sum(axis=1), 1.0)
         a, b = (
@@ -51,7 +53,7 @@ def patch_correlation(
     return result
 
 
-def _sample(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sample_patches(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return grey values and usability of positions ``(n, k, 2)``, bilinear."""
     places = xy.astype(np.float32)
     grey = interpolate(view.grey, places[..., 0], places[..., 1], order=1)

@@ -3,7 +3,7 @@
 Every interest point is grouped with its closest node. In the sub-network of that node, the direction to the node's
 father is the starting point, and each point has a distance and an angle; in the other image the points within the
 tolerances of both are its candidates. The thesis takes the closest one. On real relief 3-37 % of those are wrong, so a
-candidate must also look alike (`patch_correlation`, under the local affine map of the nodes around) and agree with
+candidate must also look alike (`correlate_patches`, under the local affine map of the nodes around) and agree with
 where the nodes around put it; the one that looks most alike is taken if the choice is mutual. New nodes join the
 network, and points that have got a closer node are matched again.
 """
@@ -18,11 +18,11 @@ from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
-from .assignment import mutual_best
-from .grey_values import patch_correlation
-from .local_affine import LocalAffine, local_affine
+from .assignment import find_mutual_best
+from .grey_values import correlate_patches
+from .local_affine import LocalAffine, fit_local_affine
 from .network import Network
-from .polar import turn_by, wrap_angle
+from .polar import rotate_offset, wrap_angle
 from .tolerances import Tolerance
 from .views import NetworkWindow
 
@@ -39,7 +39,7 @@ class GrowthThresholds:
 GROWTH = GrowthThresholds()
 
 
-class Stage(NamedTuple):
+class GrowthStage(NamedTuple):
     """Tolerance of position and angle in a sub-network; points farther than ``reach_px`` from their node wait."""
 
     tolerance: Tolerance
@@ -55,12 +55,12 @@ class GrowthOptions:
     map of its neighbours, beyond their own spread
     """
 
-    stages: tuple[Stage, ...]
+    stages: tuple[GrowthStage, ...]
     correlation: float = 0.6
     consistency_px: float = 1.5
 
 
-def grown(
+def grow_network(
     network: Network, first: NetworkWindow, second: NetworkWindow, options: GrowthOptions, progress: Progress = silent
 ) -> Network:
     """Return the network with all interest points that can be matched."""
@@ -70,15 +70,15 @@ def grown(
         while len(network) >= 3 and rounds < GROWTH.most_rounds:
             rounds += 1
             advance(progress, 1.0 - 1.0 / (1.0 + rounds / 8.0), f"control network: {len(network)} correspondences")
-            new = _one_round(network, first, second, options, stage, tried)
+            new = _grow_once(network, first, second, options, stage, tried)
             if not len(new):
                 break
             before, network = len(network), network.join(new)
-            network = network.kept(consistent(network, options.consistency_px, before))
+            network = network.select(agrees_with_neighbours(network, options.consistency_px, before))
     return network
 
 
-def consistent(network: Network, allowed_px: float, first_new: int = 0) -> np.ndarray:
+def agrees_with_neighbours(network: Network, allowed_px: float, first_new: int = 0) -> np.ndarray:
     """Return the mask of nodes that agree with the local affine map of their neighbours, without themselves.
 
     Nodes before ``first_new`` are not asked.
@@ -87,18 +87,18 @@ def consistent(network: Network, allowed_px: float, first_new: int = 0) -> np.nd
     if len(network) < 4:
         return agree
     rows = np.arange(first_new, len(network))
-    around = local_affine(network.first[rows], network.first, network.second, network.matrix, rows)
+    around = fit_local_affine(network.first[rows], network.first, network.second, network.matrix, rows)
     away = np.hypot(*(network.second[rows] - around.predicted).T)
     agree[rows] = away <= np.maximum(allowed_px, 3.0 * np.minimum(around.spread_px, allowed_px))
     return agree
 
 
-def _one_round(
+def _grow_once(
     network: Network,
     first: NetworkWindow,
     second: NetworkWindow,
     options: GrowthOptions,
-    stage: Stage,
+    stage: GrowthStage,
     tried: np.ndarray,
 ) -> Network:
     """Return the new nodes of one round; notes in ``tried`` how far its node was."""
@@ -109,14 +109,14 @@ def _one_round(
     fresh = (distance <= stage.reach_px) & (distance < GROWTH.closer * tried[rows])
     tried[rows[fresh]] = distance[fresh]
     rows, node = rows[fresh], node[fresh]
-    point, other = _candidates(network, first, second, rows, node, stage.tolerance)
+    point, other = _find_candidates(network, first, second, rows, node, stage.tolerance)
     if not len(point):
-        return network.kept(np.zeros(len(network), dtype=bool))
-    around = local_affine(first.xy[rows], network.first, network.second, network.matrix)
-    correlation = patch_correlation(first, second, first.xy[rows[point]], second.xy[other], around.A[point])
-    fits = _fits(around, point, second.xy[other], first.xy[rows], network, node, options, stage)
+        return network.select(np.zeros(len(network), dtype=bool))
+    around = fit_local_affine(first.xy[rows], network.first, network.second, network.matrix)
+    correlation = correlate_patches(first, second, first.xy[rows[point]], second.xy[other], around.A[point])
+    fits = _fits_local_affine(around, point, second.xy[other], first.xy[rows], network, node, options, stage)
     alike = np.flatnonzero(fits & (correlation >= options.correlation))
-    chosen = alike[mutual_best(point[alike], other[alike], -correlation[alike])]
+    chosen = alike[find_mutual_best(point[alike], other[alike], -correlation[alike])]
     father = node[point[chosen]]
     return Network(
         rows[point[chosen]], other[chosen], father, network.generation[father] + 1, correlation[chosen],
@@ -124,7 +124,7 @@ def _one_round(
     )  # fmt: skip
 
 
-def _candidates(
+def _find_candidates(
     network: Network,
     first: NetworkWindow,
     second: NetworkWindow,
@@ -138,11 +138,11 @@ def _candidates(
     others = np.flatnonzero(free)
     if not len(others) or not len(rows):
         return np.empty(0, dtype=int), np.empty(0, dtype=int)
-    rotation, scale = network.starting_directions()
+    rotation, scale = network.compute_starting_directions()
     arm = first.xy[rows] - network.first[node]
     distance = np.hypot(*arm.T)
-    allowed = tolerance.at(distance) * np.maximum(scale[node], 1.0)
-    predicted = network.second[node] + turn_by(arm, rotation[node], scale[node])
+    allowed = tolerance.limit_px(distance) * np.maximum(scale[node], 1.0)
+    predicted = network.second[node] + rotate_offset(arm, rotation[node], scale[node])
     near, place = cKDTree(second.xy[others]).query(
         predicted, k=min(GROWTH.most_candidates, len(others)), distance_upper_bound=float(1.5 * allowed.max())
     )
@@ -157,9 +157,9 @@ def _candidates(
     return point[within], other[within]
 
 
-def _fits(
+def _fits_local_affine(
     around: LocalAffine, point: np.ndarray, place: np.ndarray, xy: np.ndarray, network: Network, node: np.ndarray,
-    options: GrowthOptions, stage: Stage,
+    options: GrowthOptions, stage: GrowthStage,
 ) -> np.ndarray:  # fmt: skip
     """Return which candidates agree with the local affine map as far as the network reaches already."""
     distance = np.hypot(*(xy - network.first[node]).T)

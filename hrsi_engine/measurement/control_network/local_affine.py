@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
-from .polar import turn_by
+from .polar import rotate_offset
 
 
 @thresholds
@@ -40,19 +40,19 @@ class LocalAffine(NamedTuple):
     spread_px: np.ndarray
 
 
-def similarity_matrix(rotation_rad: float, scale: float) -> np.ndarray:
+def make_similarity_matrix(rotation_rad: float, scale: float) -> np.ndarray:
     """Return the matrix ``(2, 2)`` of a turn from sample towards line and a scale."""
-    return turn_by(np.eye(2), rotation_rad, scale).T
+    return rotate_offset(np.eye(2), rotation_rad, scale).T
 
 
-def local_affine(
+def fit_local_affine(
     points: np.ndarray, first: np.ndarray, second: np.ndarray, overall: np.ndarray, leave_out: np.ndarray | None = None
 ) -> LocalAffine:
     """Return the robust affine maps at points ``(n, 2)`` through their nearest nodes ``first`` -> ``second`` (k, 2).
 
     overall : (2, 2) matrix of the whole network; leave_out : (n,) node that must not take part at each point (itself)
     """
-    near = _neighbours(points, first, leave_out)
+    near = _find_neighbours(points, first, leave_out)
     dx = first[near] - points[:, None, :]
     base = second[near[:, 0]] - dx[:, 0] @ overall.T
     dy = second[near] - base[:, None, :] - dx @ overall.T  # what the similarity leaves
@@ -76,7 +76,7 @@ def local_affine(
     return LocalAffine(base + solution[:, 0], A, spread)
 
 
-def _neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
+def _find_neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
     """Return the rows ``(n, k)`` of the nearest nodes, without those left out."""
     count = min(LOCAL_AFFINE.neighbours, len(nodes) - (leave_out is not None))
     _, near = cKDTree(nodes).query(points, k=count + (leave_out is not None))

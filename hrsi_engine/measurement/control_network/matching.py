@@ -21,15 +21,15 @@ from ..interest_points.options import (
     DetectionOptions,
 )
 from ..interest_points.windows import Area
-from .growth import GrowthOptions, Stage, grown
+from .growth import GrowthOptions, GrowthStage, grow_network
 from .network import Network
 from .options import ControlNetworkOptions
-from .refinement import Positions, refine_matches
-from .seeding import Seed, SeedOptions, seeds
-from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperMatch
-from .tolerances import Tolerance, tolerance_of
-from .unknown_scale import SCALE, FeatureVote, feature_vote
-from .views import NetworkWindow, network_window
+from .refinement import MatchedPositions, refine_matches
+from .seeding import Seed, SeedOptions, find_seeds
+from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperPointMatch
+from .tolerances import Tolerance, make_tolerance
+from .unknown_scale import SCALE, FeatureVote, vote_by_features
+from .views import NetworkWindow, read_network_window
 
 
 @thresholds
@@ -47,28 +47,31 @@ class ControlNetworkThresholds:
 CONTROL_NETWORK = ControlNetworkThresholds()
 
 
-def tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) -> Tolerance:
+def choose_tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) -> Tolerance:
     """Return the tolerances of position and angle for a slope, by default the steepest expected one."""
     window_px = options.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
     both = options.incidence_deg, options.incidence_deg
-    return tolerance_of(window_px, both, options.max_slope_deg if slope_deg is None else slope_deg)
+    return make_tolerance(window_px, both, options.max_slope_deg if slope_deg is None else slope_deg)
 
 
-def growth_options(options: ControlNetworkOptions) -> GrowthOptions:
+def make_growth_options(options: ControlNetworkOptions) -> GrowthOptions:
     """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
-    gentle, steep = tolerance(options), tolerance(options, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg))
+    gentle, steep = (
+        choose_tolerance(options),
+        choose_tolerance(options, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg)),
+    )
     stages = (
-        Stage(gentle, CONTROL_NETWORK.near_px),
-        Stage(steep, CONTROL_NETWORK.near_px),
-        Stage(steep, CONTROL_NETWORK.far_px),
+        GrowthStage(gentle, CONTROL_NETWORK.near_px),
+        GrowthStage(steep, CONTROL_NETWORK.near_px),
+        GrowthStage(steep, CONTROL_NETWORK.far_px),
     )
     return GrowthOptions(stages, options.correlation, options.consistency_px)
 
 
-def seed_options(options: ControlNetworkOptions, scales: tuple[float, float]) -> SeedOptions:
+def make_seed_options(options: ControlNetworkOptions, scales: tuple[float, float]) -> SeedOptions:
     """Return how the network begins, for scales between the two windows' pixels."""
-    allowed = tolerance(options)
-    return SeedOptions(allowed, options.reach_px, scale_ladder(*scales, allowed.gradient), options.correlation)
+    allowed = choose_tolerance(options)
+    return SeedOptions(allowed, options.reach_px, choose_scales(*scales, allowed.gradient), options.correlation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +104,7 @@ class ControlNetworkMatch:
 
     status: str
     message: str
-    positions: Positions
+    positions: MatchedPositions
     kind: np.ndarray
     generation: np.ndarray
     father: np.ndarray
@@ -130,7 +133,7 @@ def _turn(affine: np.ndarray) -> tuple[float, float]:
     return (affine[1, 0] - affine[0, 1]) / 2.0, (affine[0, 0] + affine[1, 1]) / 2.0
 
 
-def scale_ladder(lowest: float, highest: float, gradient: float) -> tuple[float, ...]:
+def choose_scales(lowest: float, highest: float, gradient: float) -> tuple[float, ...]:
     """Return scales from the lowest to the highest, so close that the tolerances take what lies between."""
     steps = int(np.ceil(np.log(highest / lowest) / np.log1p(2.0 * gradient))) if highest > lowest else 0
     return tuple(float(scale) for scale in np.geomspace(lowest, highest, steps + 1))
@@ -172,23 +175,23 @@ def match_windows(
         raise InputError(f"no interest points {options.detector!r}: choose one of {', '.join(DETECTOR_SETS)}")
     areas = clip_to_image(first_window, first), clip_to_image(second_window, second)
     if options.scales is not None:
-        return _match_at(first, second, options, FeatureVote(options.scales), areas, progress)
+        return _match_at_scale(first, second, options, FeatureVote(options.scales), areas, progress)
     # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for
-    vote, equal = feature_vote(first, second, *areas), FeatureVote(CONTROL_NETWORK.equal_scales)
-    told = vote.scales != SCALE.unknown_scales and not _tells_equal(vote)
+    vote, equal = vote_by_features(first, second, *areas), FeatureVote(CONTROL_NETWORK.equal_scales)
+    told = vote.scales != SCALE.unknown_scales and not _votes_equal(vote)
     if not told:
         equal = equal._replace(affine=vote.affine)
-    found = _match_at(first, second, options, vote if told else equal, areas, stage(progress, 0.0, 0.5))
+    found = _match_at_scale(first, second, options, vote if told else equal, areas, stage(progress, 0.0, 0.5))
     if found.status == FOUND:
         return found
-    right = _tells_equal(vote)
-    vote = feature_vote(first, second, *areas, most_px=SCALE.look_px)
+    right = _votes_equal(vote)
+    vote = vote_by_features(first, second, *areas, most_px=SCALE.look_px)
     if vote.affine is None:
-        if right or (not told and _tells_equal(vote)):
+        if right or (not told and _votes_equal(vote)):
             return found  # the scale was right: another one would not help
         if told:
             vote = equal
-    again = _match_at(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
+    again = _match_at_scale(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
     # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
     return (
         again
@@ -197,12 +200,12 @@ def match_windows(
     )
 
 
-def _tells_equal(vote: FeatureVote) -> bool:
+def _votes_equal(vote: FeatureVote) -> bool:
     """Return whether features vote for equal scales."""
     return vote.scales != SCALE.unknown_scales and vote.scales[0] <= 1.0 <= vote.scales[1]
 
 
-def _match_at(
+def _match_at_scale(
     first: Raster, second: Raster, options: ControlNetworkOptions, vote: FeatureVote,
     areas: tuple[Area, Area], progress: Progress,
 ) -> ControlNetworkMatch:  # fmt: skip
@@ -213,24 +216,24 @@ def _match_at(
         max(ratio, 1.0) if ratio >= CONTROL_NETWORK.reduction_ratio else 1.0 for ratio in (1.0 / usual, usual)
     ]
     views = [
-        _view(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
+        _open_window(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
         for k, (raster, window, reduction) in enumerate(zip((first, second), areas, reductions, strict=True))
     ]
     between = reductions[0] / reductions[1]
     scales = known[0] * between, known[1] * between
-    similarity = None if vote.affine is None else _between_views(vote.affine, *views)
+    similarity = None if vote.affine is None else _map_between_views(vote.affine, *views)
     return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0), similarity)
 
 
-def _between_views(affine: np.ndarray, first: NetworkWindow, second: NetworkWindow) -> np.ndarray:
+def _map_between_views(affine: np.ndarray, first: NetworkWindow, second: NetworkWindow) -> np.ndarray:
     """Return a map ``(2, 3)`` of images as one of the windows' own positions."""
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    there = first.in_image(corners) @ affine[:, :2].T + affine[:, 2]
+    there = first.to_image(corners) @ affine[:, :2].T + affine[:, 2]
     origin, right, down = (there - second.origin + 0.5) / second.reduction - 0.5
     return np.column_stack([right - origin, down - origin, origin])
 
 
-def _view(
+def _open_window(
     raster: Raster, area: Area, options: ControlNetworkOptions, reduction: float, progress: Progress
 ) -> NetworkWindow:
     samples, lines = area.right - area.left, area.bottom - area.top
@@ -242,7 +245,7 @@ def _view(
     corners = CornerOptions(radius_px=options.radius_px, interest_share=options.share)
     centres = CentreOptions(quality=CANDIDATE_QUALITY)
     settings = DetectionOptions(corners, centres, mask_saturated=options.mask_saturated, threads=options.threads)
-    return network_window(raster, area, DETECTOR_SETS[options.detector], settings, reduction, progress)
+    return read_network_window(raster, area, DETECTOR_SETS[options.detector], settings, reduction, progress)
 
 
 def match_views(
@@ -253,27 +256,29 @@ def match_views(
 
     ``similarity (2, 3)`` is where features put the points of the first window, if they tell that.
     """
-    seen: list[SuperMatch] = []
+    seen: list[SuperPointMatch] = []
     best: ControlNetworkMatch | None = None
-    for seed in seeds(first, second, seed_options(options, scales), seen, stage(progress, 0.0, 0.4), similarity):
-        network = grown(seed.network, first, second, growth_options(options), stage(progress, 0.4, 0.9))
+    for seed in find_seeds(
+        first, second, make_seed_options(options, scales), seen, stage(progress, 0.0, 0.4), similarity
+    ):
+        network = grow_network(seed.network, first, second, make_growth_options(options), stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
         refined, positions = refine_matches(network, first, second, options.consistency_px)
         if not len(refined) or robust_sigma(positions.epipolar_px) > seed.largest_spread_px:
             continue
-        found = _result(seed, refined, positions, first, second)
+        found = _make_match(seed, refined, positions, first, second)
         if best is None or len(found) > len(best):
             best = found
         if len(best) >= options.least:
             advance(progress, 1.0, f"{len(best)} correspondences")
             return best
-    return _failure(first, second, seen, 0 if best is None else len(best))
+    return _make_failure(first, second, seen, 0 if best is None else len(best))
 
 
-def _result(
-    seed: Seed, network: Network, positions: Positions, first: NetworkWindow, second: NetworkWindow
+def _make_match(
+    seed: Seed, network: Network, positions: MatchedPositions, first: NetworkWindow, second: NetworkWindow
 ) -> ControlNetworkMatch:
-    there, here = first.in_image(positions.first), second.in_image(positions.second)
+    there, here = first.to_image(positions.first), second.to_image(positions.second)
     scaled = {
         "first": there, "second": here, "sigma_px": positions.sigma_px * second.reduction,
         "residual_px": positions.residual_px * second.reduction,
@@ -287,12 +292,14 @@ def _result(
     )  # fmt: skip
 
 
-def _failure(first: NetworkWindow, second: NetworkWindow, seen: list[SuperMatch], most: int) -> ControlNetworkMatch:
+def _make_failure(
+    first: NetworkWindow, second: NetworkWindow, seen: list[SuperPointMatch], most: int
+) -> ControlNetworkMatch:
     """Return the result without correspondences, and why."""
     ambiguous = [(match.best.count, match.runner_up) for match in seen if match.status == AMBIGUOUS and match.best]
     nothing = np.empty((0, 2))
-    empty = Positions(nothing, nothing, *(np.empty(0) for _ in range(4)))
-    status, message, network, runner_up = NO_MATCH, _why(first, second, most), 0, 0
+    empty = MatchedPositions(nothing, nothing, *(np.empty(0) for _ in range(4)))
+    status, message, network, runner_up = NO_MATCH, _explain_failure(first, second, most), 0, 0
     if ambiguous and not most:
         status, (network, runner_up) = AMBIGUOUS, max(ambiguous, key=itemgetter(0))
         message = (
@@ -305,7 +312,7 @@ def _failure(first: NetworkWindow, second: NetworkWindow, seen: list[SuperMatch]
     )  # fmt: skip
 
 
-def _why(first: NetworkWindow, second: NetworkWindow, most: int) -> str:
+def _explain_failure(first: NetworkWindow, second: NetworkWindow, most: int) -> str:
     for name, view in (("first", first), ("second", second)):
         if len(view.xy) < 20:
             return f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"

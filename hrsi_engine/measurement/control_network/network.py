@@ -31,7 +31,7 @@ class Network:
     def __len__(self) -> int:
         return len(self.first_row)
 
-    def kept(self, keep: np.ndarray) -> Network:
+    def select(self, keep: np.ndarray) -> Network:
         """Return the nodes of a mask; those whose father is gone hang on the nearest ancestor that stays."""
         father = self.father.copy()
         for _ in range(int(self.generation.max(initial=0)) + 1):
@@ -54,7 +54,7 @@ class Network:
         }
         return replace(self, **columns)
 
-    def starting_directions(self) -> tuple[np.ndarray, np.ndarray]:
+    def compute_starting_directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Return rotation (rad) and scale ``(k,)`` at each node: from the direction to its father in both images.
 
         A father too near to give a direction hands over to his own; without any ancestor far enough the whole

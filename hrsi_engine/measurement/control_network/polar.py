@@ -15,7 +15,7 @@ class Leaves(NamedTuple):
     angle_rad: np.ndarray
 
 
-def leaves_of(points: np.ndarray, root: int, reach_px: float) -> Leaves:
+def find_leaves(points: np.ndarray, root: int, reach_px: float) -> Leaves:
     """Return the other points ``(n, 2)`` within reach of a root, in the order of their indices."""
     offset = points - points[root]
     distance = np.hypot(offset[:, 0], offset[:, 1])
@@ -28,7 +28,7 @@ def wrap_angle(angle_rad: np.ndarray) -> np.ndarray:
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def turn_by(offset: np.ndarray, rotation_rad: np.ndarray | float, scale: np.ndarray | float = 1.0) -> np.ndarray:
+def rotate_offset(offset: np.ndarray, rotation_rad: np.ndarray | float, scale: np.ndarray | float = 1.0) -> np.ndarray:
     """Return offsets ``(…, 2)`` turned from sample towards line and scaled."""
     cos, sin = scale * np.cos(rotation_rad), scale * np.sin(rotation_rad)
     return np.stack([cos * offset[..., 0] - sin * offset[..., 1], sin * offset[..., 0] + cos * offset[..., 1]], axis=-1)

@@ -10,7 +10,7 @@ from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions
-from .local_affine import LocalAffine, local_affine
+from .local_affine import LocalAffine, fit_local_affine
 from .network import Network
 from .tolerances import NETWORK_PAIRS
 from .views import NetworkWindow
@@ -33,7 +33,7 @@ class RefinementThresholds:
 REFINEMENT = RefinementThresholds()
 
 
-class Positions(NamedTuple):
+class MatchedPositions(NamedTuple):
     """Matched positions: ``first`` and ``second`` (k, 2), sigma (k,) px, correlation (k,), residual (k,) px.
 
     residual_px : distance from the local affine map of the neighbours; epipolar_px : signed distance (k,) from the
@@ -50,9 +50,9 @@ class Positions(NamedTuple):
 
 def refine_matches(
     network: Network, first: NetworkWindow, second: NetworkWindow, consistency_px: float
-) -> tuple[Network, Positions]:
+) -> tuple[Network, MatchedPositions]:
     """Return the nodes that least-squares matching confirms, and their positions."""
-    around = local_affine(network.first, network.first, network.second, network.matrix)
+    around = fit_local_affine(network.first, network.first, network.second, network.matrix)
     centre = np.floor(network.first + 0.5)
     start = network.second + np.einsum("nij,nj->ni", around.A, centre - network.first)
     found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, LSM)
@@ -64,12 +64,12 @@ def refine_matches(
         & (moved <= REFINEMENT.largest_move_px)
     )
     good &= np.nan_to_num(sigma, nan=np.inf) <= REFINEMENT.largest_sigma_px
-    good, residual, across = agreeing(centre, found.xy, good, network.matrix, consistency_px)
-    positions = Positions(centre, found.xy, sigma, found.correlation, residual, across)
-    return network.kept(good), Positions(*(column[good] for column in positions))
+    good, residual, across = select_consistent(centre, found.xy, good, network.matrix, consistency_px)
+    positions = MatchedPositions(centre, found.xy, sigma, found.correlation, residual, across)
+    return network.select(good), MatchedPositions(*(column[good] for column in positions))
 
 
-def agreeing(
+def select_consistent(
     first: np.ndarray, second: np.ndarray, good: np.ndarray, matrix: np.ndarray, consistency_px: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the mask of good pairs that agree with their neighbours and the epipolar geometry, and both residuals."""
@@ -79,9 +79,9 @@ def agreeing(
         rows = np.flatnonzero(good)
         if len(rows) < 6:
             return np.zeros(len(first), dtype=bool), residual, across
-        around: LocalAffine = local_affine(first[rows], first[rows], second[rows], matrix, np.arange(len(rows)))
+        around: LocalAffine = fit_local_affine(first[rows], first[rows], second[rows], matrix, np.arange(len(rows)))
         residual[rows] = np.hypot(*(second[rows] - around.predicted).T)
-        across[rows] = epipolar_residuals(first[rows], second[rows])
+        across[rows] = compute_epipolar_residuals(first[rows], second[rows])
         sigma = robust_sigma(across[rows])
         keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
         keep &= np.abs(across[rows]) <= max(REFINEMENT.outlier_sigmas * sigma, REFINEMENT.outlier_floor_px)
@@ -91,7 +91,7 @@ def agreeing(
     return good, residual, across
 
 
-def epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations: int = 10) -> np.ndarray:
+def compute_epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations: int = 10) -> np.ndarray:
     """Return the signed distances ``(n,)`` px of pairs from their robust affine epipolar geometry.
 
     Points of two views by parallel rays fulfil ``a x + b y + c x' + d y' + e = 0`` whatever the relief (Koenderink

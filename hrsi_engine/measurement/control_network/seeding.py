@@ -5,8 +5,8 @@ network, and the number of pairs of roots would grow with the square of the area
 near the middle first, until one of them is found in the second window.
 
 Geometry may fail to tell where few super points repeat (wide angles, other dates, small overlap). Where features vote
-clearly for one similarity, interest points that look alike are paired near where it puts them: `feature_seeds`. Else
-the likeliest hypotheses are compared by what their nodes look like: `grey_seeds`.
+clearly for one similarity, interest points that look alike are paired near where it puts them (`find_feature_seeds`).
+Else the likeliest hypotheses are compared by what their nodes look like (`find_grey_seeds`).
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from scipy.spatial import cKDTree
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.points import InterestPoints, select_best_per_cell
-from .assignment import mutual_best
-from .grey_values import patch_correlation
-from .growth import consistent
-from .local_affine import similarity_matrix
+from .assignment import find_mutual_best
+from .grey_values import correlate_patches
+from .growth import agrees_with_neighbours
+from .local_affine import make_similarity_matrix
 from .network import NO_FATHER, Network
 from .super_points import (
     AMBIGUOUS,
     SUPER_POINTS,
     Hypothesis,
-    SuperMatch,
-    candidates,
+    SuperPointMatch,
+    bound_root_pairs,
+    find_likely_hypotheses,
     is_rival,
-    likely_hypotheses,
     match_super_points,
 )
 from .tolerances import NETWORK_PAIRS, Tolerance
@@ -94,7 +94,7 @@ class SeedOptions(NamedTuple):
     correlation: float
 
 
-def super_point_rows(points: InterestPoints) -> np.ndarray:
+def select_super_points(points: InterestPoints) -> np.ndarray:
     """Return the rows of the strongest points of every cell: strong where the image has anything to offer.
 
     The thesis takes the strongest of a whole window; cells do the same for windows of any size.
@@ -102,7 +102,7 @@ def super_point_rows(points: InterestPoints) -> np.ndarray:
     return select_best_per_cell(points, SEEDING.cell_px, SEEDING.points_per_cell)
 
 
-def parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
+def split_into_parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
     """Return the super points of each part of the first window, parts near the middle first."""
     count = np.maximum(np.rint(view.size / SEEDING.part_px), 1).astype(int)
     number = np.minimum((view.xy[rows] / (view.size / count)).astype(int), count - 1)
@@ -112,11 +112,11 @@ def parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
     return [part for part in found if len(part) >= SEEDING.fewest_points]
 
 
-def seeds(
+def find_seeds(
     first: NetworkWindow,
     second: NetworkWindow,
     options: SeedOptions,
-    seen: list[SuperMatch],
+    seen: list[SuperPointMatch],
     progress: Progress = silent,
     similarity: np.ndarray | None = None,
 ) -> Iterator[Seed]:
@@ -124,8 +124,8 @@ def seeds(
 
     ``similarity (2, 3)`` is where features put the first window's points, if they tell that.
     """
-    ours, theirs = super_point_rows(first.points), super_point_rows(second.points)
-    every = parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
+    ours, theirs = select_super_points(first.points), select_super_points(second.points)
+    every = split_into_parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
     for number, rows in enumerate(every):
         part = stage(progress, number / len(every), (number + 1) / len(every))
         match = match_super_points(
@@ -133,18 +133,20 @@ def seeds(
         )
         seen.append(match)
         if match.best is not None and match.status != AMBIGUOUS:
-            network = verify(as_network(match.best, first, second, rows, theirs), first, second, options.correlation)
-            if _enough(network, match.best):
+            network = verify_network(
+                make_network(match.best, first, second, rows, theirs), first, second, options.correlation
+            )
+            if _has_enough_nodes(network, match.best):
                 yield Seed(network, match.best, match.runner_up)
     if similarity is not None and not any(match.status == AMBIGUOUS for match in seen):
-        yield from feature_seeds(first, second, similarity, options)
+        yield from find_feature_seeds(first, second, similarity, options)
     for match, rows in zip(list(seen), every, strict=True):
         advance(progress, 1.0, "control network: comparing grey values")
         if match.status != AMBIGUOUS:
-            yield from grey_seeds(first, second, rows, theirs, options)
+            yield from find_grey_seeds(first, second, rows, theirs, options)
 
 
-def grey_seeds(
+def find_grey_seeds(
     first: NetworkWindow,
     second: NetworkWindow,
     rows: np.ndarray,
@@ -155,12 +157,12 @@ def grey_seeds(
     tested, hypotheses = [], []
     for share in SEEDING.grey_reaches:
         reach_px = share * options.reach_px
-        sets = candidates(first.xy[rows], second.xy[theirs], options.tolerance, reach_px, options.scales)
-        hypotheses += likely_hypotheses(sets, SEEDING.likely_pairs)
+        sets = bound_root_pairs(first.xy[rows], second.xy[theirs], options.tolerance, reach_px, options.scales)
+        hypotheses += find_likely_hypotheses(sets, SEEDING.likely_pairs)
     for hypothesis in hypotheses:
-        whole = as_network(hypothesis, first, second, rows, theirs)
-        network = verify(whole, first, second, options.correlation)
-        if _enough(network, hypothesis):
+        whole = make_network(hypothesis, first, second, rows, theirs)
+        network = verify_network(whole, first, second, options.correlation)
+        if _has_enough_nodes(network, hypothesis):
             tested.append((len(network), network, hypothesis))
     if not tested:
         return
@@ -170,7 +172,7 @@ def grey_seeds(
         yield Seed(network, best, max(rivals, default=0))
 
 
-def feature_seeds(
+def find_feature_seeds(
     first: NetworkWindow, second: NetworkWindow, similarity: np.ndarray, options: SeedOptions
 ) -> Iterator[Seed]:
     """Yield the network of the interest points that look alike near where a similarity puts them."""
@@ -178,9 +180,9 @@ def feature_seeds(
     near = cKDTree(second.xy).query_ball_point(first.xy @ matrix.T + shift, SEEDING.feature_reach_px)
     a = np.repeat(np.arange(len(near)), [len(rows) for rows in near])
     b = np.array([row for rows in near for row in rows], dtype=int)
-    alike = patch_correlation(first, second, first.xy[a], second.xy[b], np.broadcast_to(matrix, (len(a), 2, 2)))
+    alike = correlate_patches(first, second, first.xy[a], second.xy[b], np.broadcast_to(matrix, (len(a), 2, 2)))
     likely = np.flatnonzero(alike >= options.correlation)
-    chosen = likely[mutual_best(a[likely], b[likely], -alike[likely])]
+    chosen = likely[find_mutual_best(a[likely], b[likely], -alike[likely])]
     if len(chosen) < SEEDING.fewest_nodes:
         return
     # The root is the node nearest to the middle of all
@@ -189,29 +191,29 @@ def feature_seeds(
     scale, turn = float(np.hypot(*matrix[:, 0])), float(np.arctan2(matrix[1, 0], matrix[0, 0]))
     found = Hypothesis((-1, -1), (-1, -1), scale, turn, np.column_stack([a, b])[chosen], 0.0)
     every = np.arange(max(len(first.xy), len(second.xy)))
-    network = verify(as_network(found, first, second, every, every), first, second, options.correlation)
-    if _enough(network, found):
+    network = verify_network(make_network(found, first, second, every, every), first, second, options.correlation)
+    if _has_enough_nodes(network, found):
         yield Seed(network, found, 0, SEEDING.feature_spread_px)
 
 
-def _enough(network: Network, hypothesis: Hypothesis) -> bool:
+def _has_enough_nodes(network: Network, hypothesis: Hypothesis) -> bool:
     return len(network) >= max(SEEDING.fewest_nodes, SEEDING.smallest_node_share * hypothesis.count)
 
 
-def as_network(
+def make_network(
     best: Hypothesis, first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray
 ) -> Network:
     """Return a hypothesis as a network: the root, and its leaves."""
     a, b = rows[best.pairs[:, 0]], theirs[best.pairs[:, 1]]
     father, generation = np.zeros(len(a), dtype=int), np.ones(len(a), dtype=int)
     father[0], generation[0] = NO_FATHER, 0
-    matrix = similarity_matrix(best.rotation_rad, best.scale)
+    matrix = make_similarity_matrix(best.rotation_rad, best.scale)
     return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
 
 
-def verify(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
+def verify_network(network: Network, first: NetworkWindow, second: NetworkWindow, least: float) -> Network:
     """Return the nodes that look alike under the network's rotation and scale and agree with their neighbours."""
     matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
-    correlation = patch_correlation(first, second, network.first, network.second, matrices)
-    network = replace(network, correlation=correlation).kept(correlation >= least)
-    return network.kept(consistent(network, SEEDING.consistency_px))
+    correlation = correlate_patches(first, second, network.first, network.second, matrices)
+    network = replace(network, correlation=correlation).select(correlation >= least)
+    return network.select(agrees_with_neighbours(network, SEEDING.consistency_px))

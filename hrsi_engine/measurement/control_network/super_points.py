@@ -5,7 +5,7 @@ distance from the root and its angle from the starting leaf; two leaves correspo
 other's closest within the tolerances of distance and angle. The hypothesis with the most correspondences wins, then
 that with the smallest sum of squared differences in units of the tolerances.
 
-The search gives what trying all hypotheses gives. `vote_bounds` bounds the number of every pair of roots from above;
+The search gives what trying all hypotheses gives. `bound_votes` bounds the number of every pair of roots from above;
 pairs are evaluated from the largest bound down until no bound reaches what was found (or what is more than chance),
 and so are the starting points within a pair of roots. For m and n points with l leaves a root the bounds cost
 ``O(m n)`` (see `voting`), an evaluated pair of roots ``O(k + h k)`` for its k leaf pairs of like distance and the
@@ -29,10 +29,10 @@ from scipy.stats import binom
 
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.thresholds import threshold, thresholds
-from .assignment import mutual_best
-from .polar import Leaves, leaves_of, turn_by, wrap_angle
+from .assignment import find_mutual_best
+from .polar import Leaves, find_leaves, rotate_offset, wrap_angle
 from .tolerances import Tolerance
-from .voting import vote_bounds
+from .voting import bound_votes
 
 
 @thresholds
@@ -80,14 +80,14 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False)
-class SuperMatch:
+class SuperPointMatch:
     """The winner (None where nothing is more than chance), its status, and what that rests on."""
 
     status: str
     best: Hypothesis | None
     runner_up: int
     log10_nfa: float
-    evaluated: int  # pairs of roots
+    evaluated_pairs: int  # of roots
 
 
 class LeafPairs(NamedTuple):
@@ -104,27 +104,27 @@ class LeafPairs(NamedTuple):
     radial: np.ndarray
 
 
-def leaf_pairs(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPairs:
+def pair_leaves(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPairs:
     """Return the leaf pairs within the tolerance of the distance, by the first leaf, then the second."""
     difference = second.distance_px[None, :] - first.distance_px[:, None]
-    allowed = tolerance.at(first.distance_px)
+    allowed = tolerance.limit_px(first.distance_px)
     i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
     turn = wrap_angle(second.angle_rad[j] - first.angle_rad[i])
     return LeafPairs(
-        i, j, turn, tolerance.angle_at(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
+        i, j, turn, tolerance.limit_rad(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
     )  # fmt: skip
 
 
-def correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:
+def find_correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:
     """Return the rows of ``pairs`` that correspond when row ``start`` is the starting points, and their cost."""
     angular = (wrap_angle(pairs.turn_rad - pairs.turn_rad[start]) / pairs.allowed_rad) ** 2
     near = np.flatnonzero(angular <= 1.0)
     cost = pairs.radial[near] + angular[near]
-    mutual = near[mutual_best(pairs.first[near], pairs.second[near], cost)]
+    mutual = near[find_mutual_best(pairs.first[near], pairs.second[near], cost)]
     return mutual, float(np.sum(pairs.radial[mutual] + angular[mutual]))
 
 
-def support_bounds(pairs: LeafPairs, least: int) -> np.ndarray:
+def bound_support(pairs: LeafPairs, least: int) -> np.ndarray:
     """Return for every row as starting points how many first leaves have a partner at all, ``(k,)``.
 
     Rows that fewer than ``least`` leaf pairs agree with get 0: those are counted in sectors, ``O(k)``.
@@ -165,39 +165,39 @@ class RootPairs:
     bounds: np.ndarray
     _leaves: dict[tuple[int, int, float], Leaves] = field(default_factory=dict)
 
-    def leaves(self, which: int, root: int, scale: float) -> Leaves:
+    def find_leaves(self, which: int, root: int, scale: float) -> Leaves:
         """Return the leaves of a root of the first (0) or second (1) set, in px of the first."""
         key = which, root, scale
         if key not in self._leaves:
-            reach = self.reach_px + (float(self.tolerance.at(np.array(self.reach_px))) if which else 0.0)
-            self._leaves[key] = leaves_of((self.first, self.second)[which] / scale, root, reach)
+            reach = self.reach_px + (float(self.tolerance.limit_px(np.array(self.reach_px))) if which else 0.0)
+            self._leaves[key] = find_leaves((self.first, self.second)[which] / scale, root, reach)
         return self._leaves[key]
 
-    def rank_roots(self) -> Iterator[tuple[int, tuple[int, int], float]]:
+    def iterate_roots(self) -> Iterator[tuple[int, tuple[int, int], float]]:
         """Yield bound, roots and scale from the largest bound down."""
         for flat in np.argsort(-self.bounds, axis=None, kind="stable"):
             scale, i, j = np.unravel_index(flat, self.bounds.shape)
             yield int(self.bounds[scale, i, j]), (int(i), int(j)), self.scales[scale]
 
-    def hypotheses(
+    def iterate_hypotheses(
         self, roots: tuple[int, int], scale: float, least: int
     ) -> Iterator[tuple[int, Callable[[], Hypothesis]]]:
         """Yield bound and evaluation of the hypotheses of two roots that may reach ``least``, most promising first."""
-        near, far = self.leaves(0, roots[0], 1.0), self.leaves(1, roots[1], scale)
-        pairs = leaf_pairs(near, far, self.tolerance)
-        bounds = support_bounds(pairs, least - 1) + 1
+        near, far = self.find_leaves(0, roots[0], 1.0), self.find_leaves(1, roots[1], scale)
+        pairs = pair_leaves(near, far, self.tolerance)
+        bounds = bound_support(pairs, least - 1) + 1
 
-        def evaluated(start: int) -> Hypothesis:
-            rows, cost = correspondences(pairs, start)
+        def evaluate(start: int) -> Hypothesis:
+            rows, cost = find_correspondences(pairs, start)
             index = np.column_stack([near.rows[pairs.first[rows]], far.rows[pairs.second[rows]]])
             starts = int(near.rows[pairs.first[start]]), int(far.rows[pairs.second[start]])
             return Hypothesis(roots, starts, scale, float(pairs.turn_rad[start]), np.vstack([roots, index]), cost)
 
         for start in np.argsort(-bounds, kind="stable")[: np.count_nonzero(bounds >= least)].tolist():
-            yield int(bounds[start]), partial(evaluated, start)
+            yield int(bounds[start]), partial(evaluate, start)
 
 
-def candidates(
+def bound_root_pairs(
     first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float, scales: tuple[float, ...],
     progress: Progress = silent,
 ) -> RootPairs:  # fmt: skip
@@ -206,46 +206,49 @@ def candidates(
     bounds = []
     for number, scale in enumerate(scales):
         advance(progress, number / len(scales), "control network: voting")
-        bounds.append(vote_bounds(first, second, tolerance, reach_px, scale) + 1)
+        bounds.append(bound_votes(first, second, tolerance, reach_px, scale) + 1)
     return RootPairs(first, second, tolerance, reach_px, scales, np.stack(bounds))
 
 
 def match_super_points(
     first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float = np.inf,
     scales: tuple[float, ...] = (1.0,), progress: Progress = silent,
-) -> SuperMatch:  # fmt: skip
+) -> SuperPointMatch:  # fmt: skip
     """Return the pair of control networks with the most correspondences.
 
     first, second : (m, 2) and (n, 2) super points; reach_px : leaves farther from their root do not count;
     scales : px of the second image for one of the first, each is tried
     """
     if min(len(first), len(second)) < 2:
-        return SuperMatch(NO_MATCH, None, 0, 0.0, 0)
-    sets = candidates(first, second, tolerance, reach_px, scales, stage(progress, 0.0, 0.7))
-    best, evaluated = _winner(sets, stage(progress, 0.7, 1.0))
+        return SuperPointMatch(NO_MATCH, None, 0, 0.0, 0)
+    sets = bound_root_pairs(first, second, tolerance, reach_px, scales, stage(progress, 0.0, 0.7))
+    best, evaluated = _find_best(sets, stage(progress, 0.7, 1.0))
     if best is None:
-        return SuperMatch(NO_MATCH, None, 0, 0.0, evaluated)
+        return SuperPointMatch(NO_MATCH, None, 0, 0.0, evaluated)
     # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
-    runner_up, least = 0, np.maximum(significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count)))
-    for bound, roots, scale in sets.rank_roots():
+    runner_up, least = (
+        0,
+        np.maximum(compute_significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count))),
+    )
+    for bound, roots, scale in sets.iterate_roots():
         if bound <= runner_up or bound < least.min():
             break
-        for support, evaluate in sets.hypotheses(roots, scale, max(int(least[roots[0]]), runner_up + 1)):
+        for support, evaluate in sets.iterate_hypotheses(roots, scale, max(int(least[roots[0]]), runner_up + 1)):
             if support <= runner_up:
                 break
             found = evaluate()
             if found.count > runner_up and found.count >= least[roots[0]] and is_rival(sets, best, found):
                 runner_up = found.count
     status = AMBIGUOUS if runner_up >= SUPER_POINTS.rival_share * best.count else FOUND
-    return SuperMatch(status, best, runner_up, log10_false_alarms(sets, best), evaluated)
+    return SuperPointMatch(status, best, runner_up, compute_log10_nfa(sets, best), evaluated)
 
 
-def _winner(sets: RootPairs, progress: Progress) -> tuple[Hypothesis | None, int]:
+def _find_best(sets: RootPairs, progress: Progress) -> tuple[Hypothesis | None, int]:
     """Return the best hypothesis if it is more than chance, and how many pairs of roots were evaluated."""
     best: Hypothesis | None = None
-    least = significant_counts(sets)
+    least = compute_significant_counts(sets)
     least_of_all, evaluated = int(least.min()), 0
-    for done, (bound, roots, scale) in enumerate(sets.rank_roots()):
+    for done, (bound, roots, scale) in enumerate(sets.iterate_roots()):
         if bound < (least_of_all if best is None else best.count):
             break
         if done % 64 == 0:
@@ -253,30 +256,30 @@ def _winner(sets: RootPairs, progress: Progress) -> tuple[Hypothesis | None, int
         wanted = max(int(least[roots[0]]), 0 if best is None else best.count)
         if bound >= wanted:
             evaluated += 1
-            best = _better(sets, roots, scale, wanted, best)
+            best = _find_better(sets, roots, scale, wanted, best)
     return best, evaluated
 
 
-def _better(
+def _find_better(
     sets: RootPairs, roots: tuple[int, int], scale: float, wanted: int, best: Hypothesis | None
 ) -> Hypothesis | None:
     """Return the best hypothesis of two roots if it has as many correspondences as wanted and beats ``best``."""
-    for support, evaluate in sets.hypotheses(roots, scale, wanted):
+    for support, evaluate in sets.iterate_hypotheses(roots, scale, wanted):
         if support < wanted:
             break
         found = evaluate()
-        if found.count >= wanted and (best is None or _rank(found) < _rank(best)):
+        if found.count >= wanted and (best is None or _sort_key(found) < _sort_key(best)):
             best, wanted = found, found.count
     return best
 
 
-def likely_hypotheses(sets: RootPairs, most: int) -> list[Hypothesis]:
+def find_likely_hypotheses(sets: RootPairs, most: int) -> list[Hypothesis]:
     """Return the best hypothesis of each of the pairs of roots with the largest bounds, chance or not."""
-    found = (_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.rank_roots(), most))
-    return sorted((hypothesis for hypothesis in found if hypothesis is not None), key=_rank)
+    found = (_find_better(sets, roots, scale, 3, None) for _, roots, scale in islice(sets.iterate_roots(), most))
+    return sorted((hypothesis for hypothesis in found if hypothesis is not None), key=_sort_key)
 
 
-def _rank(hypothesis: Hypothesis) -> tuple:
+def _sort_key(hypothesis: Hypothesis) -> tuple:
     """Return what orders hypotheses, the best one first; the indices make it unique."""
     return -hypothesis.count, hypothesis.cost, hypothesis.scale, hypothesis.roots, hypothesis.starts
 
@@ -290,7 +293,7 @@ def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
     if len(shared) >= SUPER_POINTS.shared * other.count:
         return False
     offset = sets.first[other.roots[0]] - sets.first[best.roots[0]]
-    predicted = sets.second[best.roots[1]] + turn_by(offset, best.rotation_rad, best.scale)
+    predicted = sets.second[best.roots[1]] + rotate_offset(offset, best.rotation_rad, best.scale)
     away = float(np.hypot(*(sets.second[other.roots[1]] - predicted))) / best.scale
     turn = abs(float(wrap_angle(np.array(other.rotation_rad - best.rotation_rad))))
     return (
@@ -299,34 +302,34 @@ def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
     )
 
 
-def log10_false_alarms(sets: RootPairs, best: Hypothesis) -> float:
+def compute_log10_nfa(sets: RootPairs, best: Hypothesis) -> float:
     """Return log10 of how many hypotheses with as many correspondences chance is expected to make.
 
     A leaf finds a partner by chance as often as a point of the second set falls into its tolerance.
     """
-    leaves, share = _chances(sets, best.roots[0])
+    leaves, share = _estimate_chance(sets, best.roots[0])
     chance = binom.logsf(best.count - 1 - GIVEN, leaves, share)
-    return float(np.log10(_tests(sets)) + chance / np.log(10.0))
+    return float(np.log10(_count_hypotheses(sets)) + chance / np.log(10.0))
 
 
-def significant_counts(sets: RootPairs) -> np.ndarray:
+def compute_significant_counts(sets: RootPairs) -> np.ndarray:
     """Return for each root of the first set from how many correspondences a hypothesis is more than chance, (m,)."""
-    leaves, share = np.array([_chances(sets, root) for root in range(len(sets.first))]).T
-    return binom.isf(10.0**SUPER_POINTS.log10_nfa / _tests(sets), leaves, share).astype(int) + 1 + GIVEN
+    leaves, share = np.array([_estimate_chance(sets, root) for root in range(len(sets.first))]).T
+    return binom.isf(10.0**SUPER_POINTS.log10_nfa / _count_hypotheses(sets), leaves, share).astype(int) + 1 + GIVEN
 
 
 GIVEN = 2  # root and starting point correspond by construction
 
 
-def _tests(sets: RootPairs) -> float:
+def _count_hypotheses(sets: RootPairs) -> float:
     """Return how many hypotheses there are: roots and starting points of both sets."""
     m, n = len(sets.first), len(sets.second)
     return float(sets.bounds.size) * m * n
 
 
-def _chances(sets: RootPairs, root: int) -> tuple[int, float]:
+def _estimate_chance(sets: RootPairs, root: int) -> tuple[int, float]:
     """Return how many leaves of a root are free, and how often one finds a partner by chance."""
-    leaves = leaves_of(sets.first, root, sets.reach_px)
+    leaves = find_leaves(sets.first, root, sets.reach_px)
     area = max(float(np.prod(np.ptp(sets.second, axis=0))), 1.0) / sets.scales[0] ** 2
-    share = np.minimum(4.0 * sets.tolerance.at(leaves.distance_px) ** 2 * len(sets.second) / area, 1.0)
+    share = np.minimum(4.0 * sets.tolerance.limit_px(leaves.distance_px) ** 2 * len(sets.second) / area, 1.0)
     return max(len(leaves.rows) - 1, 1), float(np.mean(share)) if len(share) else 1.0

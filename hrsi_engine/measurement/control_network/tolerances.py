@@ -34,7 +34,7 @@ class NetworkThresholds:
 NETWORK = NetworkThresholds()
 
 
-def effective_distances(
+def compute_effective_distances(
     distance: np.ndarray | float, incidence_deg: tuple[float, float], slope_deg: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a ground distance on a slope as the two sensors see it (thesis eqs. 3.4 and 3.5), in its own unit."""
@@ -43,14 +43,14 @@ def effective_distances(
     return np.asarray(distance * np.cos(first - slope)), np.asarray(distance * np.cos(second + slope))
 
 
-def distance_difference(
+def compute_distance_difference(
     distance: np.ndarray | float, incidence_deg: tuple[float, float], slope_deg: np.ndarray | float
 ) -> np.ndarray:
     """Return by how much the two effective distances differ (thesis eq. 3.6), in the unit of ``distance``.
 
     For equal incidence angles that is ``2 s sin(theta) sin(beta)``.
     """
-    first, second = effective_distances(distance, incidence_deg, slope_deg)
+    first, second = compute_effective_distances(distance, incidence_deg, slope_deg)
     return first - second
 
 
@@ -60,16 +60,16 @@ class Tolerance(NamedTuple):
     base_px: float
     gradient: float
 
-    def at(self, distance_px: np.ndarray) -> np.ndarray:
+    def limit_px(self, distance_px: np.ndarray) -> np.ndarray:
         """Return the tolerance along the ray and, as an arc, of the angle: px."""
         return self.base_px + self.gradient * distance_px
 
-    def angle_at(self, distance_px: np.ndarray) -> np.ndarray:
-        """Return the tolerance of the angle at a distance > 0, radians: the same arc as `at`."""
-        return self.at(distance_px) / distance_px
+    def limit_rad(self, distance_px: np.ndarray) -> np.ndarray:
+        """Return the tolerance of the angle at a distance > 0, radians: the same arc as `limit_px`."""
+        return self.limit_px(distance_px) / distance_px
 
 
-def tolerance_of(radius_px: float, incidence_deg: tuple[float, float], slope_deg: float) -> Tolerance:
+def make_tolerance(radius_px: float, incidence_deg: tuple[float, float], slope_deg: float) -> Tolerance:
     """Return the tolerance for local maxima of a radius, incidence angles and the steepest slope, up or down."""
-    up, down = (abs(float(distance_difference(1.0, incidence_deg, sign * slope_deg))) for sign in (1.0, -1.0))
+    up, down = (abs(float(compute_distance_difference(1.0, incidence_deg, sign * slope_deg))) for sign in (1.0, -1.0))
     return Tolerance(NETWORK.radius_share * radius_px, max(up, down))

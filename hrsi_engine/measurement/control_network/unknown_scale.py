@@ -53,7 +53,7 @@ class FeatureVote(NamedTuple):
     affine: np.ndarray | None = None
 
 
-def feature_vote(
+def vote_by_features(
     first: Raster, second: Raster, first_window: Area, second_window: Area, most_px: int = SCALE.glance_px
 ) -> FeatureVote:
     """Return what the features of two windows vote for; `SCALE.unknown_scales` where they tell nothing.
@@ -65,10 +65,10 @@ def feature_vote(
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)
     reduction = max(float(np.sqrt(largest / most_px)), 1.0)
     here, there = (
-        _scale_features(raster, area, reduction) for raster, area in zip((first, second), areas, strict=True)
+        _detect_features(raster, area, reduction) for raster, area in zip((first, second), areas, strict=True)
     )
     i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), SCALE.ratio)
-    found = _common_similarity(here.xy[i], there.xy[j])
+    found = _find_common_similarity(here.xy[i], there.xy[j])
     if found is None:
         return FeatureVote()
     matrix, shift, votes = found
@@ -82,7 +82,7 @@ def feature_vote(
     )
 
 
-def _common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, int] | None:
+def _find_common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, int] | None:
     """Return matrix ``(2, 2)``, shift ``(2,)`` and votes of the similarity that most pairs ``(n, 2)`` agree with.
 
     None where too few do. A similarity is ``w = a z + b`` in complex numbers; two pairs are a sample.
@@ -105,7 +105,7 @@ def _common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarra
     return matrix, np.array([b_all.real, b_all.imag]), max(votes)
 
 
-def _scale_features(raster: Raster, area: Area, reduction: float) -> SiftFeatures:
+def _detect_features(raster: Raster, area: Area, reduction: float) -> SiftFeatures:
     """Return the features of a reduced window."""
     grey, valid = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
     if reduction > 1.0:

@@ -48,12 +48,12 @@ class NetworkWindow:
         """The window prepared for least-squares matching."""
         return MatchImage(self.grey, self.usable, NETWORK.smoothing_px)
 
-    def in_image(self, xy: np.ndarray) -> np.ndarray:
+    def to_image(self, xy: np.ndarray) -> np.ndarray:
         """Return positions ``(n, 2)`` of the window as sample and line of the image."""
         return (xy + 0.5) * self.reduction - 0.5 + self.origin
 
 
-def network_window(
+def read_network_window(
     raster: Raster, area: Area, detectors: Sequence[str], options: DetectionOptions, reduction: float = 1.0,
     progress: Progress = silent,
 ) -> NetworkWindow:  # fmt: skip
@@ -62,7 +62,7 @@ def network_window(
     reduction : by how much the pixels are enlarged first, averaged over their area
     """
     grey, usable = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
-    pixels = _reduce(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
+    pixels = _reduce_window(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
     parts = [
         detect_interest_points(
             pixels, name, options, progress=stage(progress, k / len(detectors), (k + 1) / len(detectors))
@@ -74,7 +74,7 @@ def network_window(
     )
 
 
-def _reduce(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
+def _reduce_window(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
     """Return the pixels enlarged; one is usable where all it is made of are."""
     if reduction == 1.0:
         return ArrayRaster(grey, usable)

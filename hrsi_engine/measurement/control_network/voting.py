@@ -18,7 +18,7 @@ import numpy as np
 from scipy import fft
 
 from ...foundation.thresholds import threshold, thresholds
-from .polar import leaves_of
+from .polar import find_leaves
 from .tolerances import Tolerance
 
 
@@ -34,30 +34,30 @@ class VotingThresholds:
 VOTING = VotingThresholds()
 
 
-def vote_bounds(
+def bound_votes(
     first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float, scale: float = 1.0
 ) -> np.ndarray:
     """Return the largest possible number of correspondences of each pair of roots, leaves only, ``(m, n)`` int.
 
     first : (m, 2), second : (n, 2) positions; scale : px of the second image for one of the first
     """
-    counts = _leaf_counts(first, reach_px)
+    counts = _transform_leaf_counts(first, reach_px)
     bounds = np.zeros((len(first), len(second)), dtype=np.int32)
-    for part, widened in _widened_batches(second / scale, tolerance, reach_px, len(first)):
+    for part, widened in _transform_batches(second / scale, tolerance, reach_px, len(first)):
         votes = np.matmul(counts, widened)
         bounds[:, part] = np.rint(fft.irfft(votes, VOTING.directions, axis=0).max(axis=0)).astype(np.int32)
     return bounds
 
 
-def _rings(reach_px: float) -> int:
+def _count_rings(reach_px: float) -> int:
     return int(np.ceil(reach_px / VOTING.ring_px)) + 1
 
 
-def _leaf_counts(points: np.ndarray, reach_px: float) -> np.ndarray:
+def _transform_leaf_counts(points: np.ndarray, reach_px: float) -> np.ndarray:
     """Return the conjugate spectrum of the leaves' counts by root, ``(frequencies, roots, rings)`` complex64."""
-    counts = np.zeros((len(points), _rings(reach_px), VOTING.directions), dtype=np.float32)
+    counts = np.zeros((len(points), _count_rings(reach_px), VOTING.directions), dtype=np.float32)
     for root in range(len(points)):
-        leaves = leaves_of(points, root, reach_px)
+        leaves = find_leaves(points, root, reach_px)
         ring = (leaves.distance_px / VOTING.ring_px).astype(int)
         direction = np.floor(leaves.angle_rad / _STEP).astype(int) % VOTING.directions
         np.add.at(counts[root], (ring, direction), 1.0)
@@ -67,24 +67,24 @@ def _leaf_counts(points: np.ndarray, reach_px: float) -> np.ndarray:
 _STEP = 2.0 * np.pi / VOTING.directions
 
 
-def _widened_batches(
+def _transform_batches(
     points: np.ndarray, tolerance: Tolerance, reach_px: float, roots: int
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield spectra ``(frequencies, rings, roots)`` of where a leaf would find a partner, some roots at a time."""
     step = max(1, VOTING.pairs_per_batch // max(roots, 1))
     for start in range(0, len(points), step):
         stop = min(start + step, len(points))
-        found = np.stack([_widen(points, root, tolerance, reach_px) for root in range(start, stop)])
+        found = np.stack([_widen_leaves(points, root, tolerance, reach_px) for root in range(start, stop)])
         yield slice(start, stop), np.ascontiguousarray(fft.rfft(found, axis=2).transpose(2, 1, 0))
 
 
-def _widen(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float) -> np.ndarray:
+def _widen_leaves(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float) -> np.ndarray:
     """Return 1 in the bins ``(rings, directions)`` of which a leaf may meet one of this root's leaves, else 0."""
-    rings = _rings(reach_px)
+    rings = _count_rings(reach_px)
     inner = np.arange(rings) * VOTING.ring_px
-    allowed = tolerance.at(inner + VOTING.ring_px)  # grows outwards, that of the angle inwards
-    angle = np.minimum(tolerance.angle_at(np.maximum(inner, 1e-3)), np.pi)
-    leaves = leaves_of(points, root, reach_px + float(allowed[-1]))
+    allowed = tolerance.limit_px(inner + VOTING.ring_px)  # grows outwards, that of the angle inwards
+    angle = np.minimum(tolerance.limit_rad(np.maximum(inner, 1e-3)), np.pi)
+    leaves = find_leaves(points, root, reach_px + float(allowed[-1]))
     near = (leaves.distance_px >= (inner - allowed)[:, None]) & (
         leaves.distance_px <= (inner + VOTING.ring_px + allowed)[:, None]
     )

@@ -15,7 +15,13 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ...foundation.thresholds import threshold, thresholds
-from ..targets.ellipse import axes_of, centre_covariances, direct_ellipses, distances, improved_ellipses
+from ..targets.ellipse import (
+    compute_axes,
+    compute_centre_covariances,
+    compute_ellipse_distances,
+    fit_direct_ellipses,
+    iterate_ellipses,
+)
 from .corners import SIMULATED_OBJECTS
 from .outlines import Outlines, SlopeImage, find_edges_along
 
@@ -110,13 +116,13 @@ def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     """Return the ellipses through outlines; ``sign (n,)`` is that of the slope outwards, 0 for any."""
     tried = _mean_of_rows(outlines.found, outlines.count) >= SHAPE.closed_share
     xy, weight = outlines.xy[tried], outlines.found[tried].astype(np.float64)
-    centre, Q, good = direct_ellipses(xy, weight)
+    centre, Q, good = fit_direct_ellipses(xy, weight)
     good &= np.linalg.det(Q) > 1e-12
     Q = np.where(good[:, None, None], Q, np.eye(2))
-    residual = distances(xy, centre, Q)
+    residual = compute_ellipse_distances(xy, centre, Q)
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
     good &= rmse < 1.5 * compute_size_tolerance(
-        SHAPE.ellipse_tolerance, 2.0 * axes_of(Q)[0]
+        SHAPE.ellipse_tolerance, 2.0 * compute_axes(Q)[0]
     )  # quick: most outlines are no ellipses
     tried[tried] = good
     return _expand_rows(_remeasure_ellipses(centre[good], Q[good], slopes, sign[tried]), tried)
@@ -127,18 +133,18 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, s
     edges, found = _measure_edges(slopes, points, normals, sign)
     weight = found.astype(np.float64)
     for scale_px in SHAPE.robust_px:
-        residual = distances(edges, centre, Q)
+        residual = compute_ellipse_distances(edges, centre, Q)
         weight = found * _robust_weight(residual, scale_px)
-        centre, Q = improved_ellipses(edges, weight, centre, Q, 1)
-    on_shape = found & (np.abs(distances(edges, centre, Q)) < SHAPE.on_shape_px)
+        centre, Q = iterate_ellipses(edges, weight, centre, Q, 1)
+    on_shape = found & (np.abs(compute_ellipse_distances(edges, centre, Q)) < SHAPE.on_shape_px)
     weight = on_shape.astype(np.float64)
-    centre, Q = improved_ellipses(edges, weight, centre, Q, SHAPE.final_steps)
-    residual = distances(edges, centre, Q)
-    semi_axes, azimuth = axes_of(Q)
+    centre, Q = iterate_ellipses(edges, weight, centre, Q, SHAPE.final_steps)
+    residual = compute_ellipse_distances(edges, centre, Q)
+    semi_axes, azimuth = compute_axes(Q)
     size = 2.0 * semi_axes
     spacing = np.pi * np.sqrt(np.prod(size, axis=1)) / SHAPE.ellipse_points
     covariance = (
-        centre_covariances(edges, weight, centre, Q)
+        compute_centre_covariances(edges, weight, centre, Q)
         * np.maximum(SHAPE.correlation_length_px / spacing, 1.0)[:, None, None]
     )
     rmse = np.sqrt(np.sum(weight * residual**2, axis=1) / np.maximum(weight.sum(axis=1), 1.0))
@@ -149,7 +155,7 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, s
 
 def _place_on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points on ellipses and outward normals, ``(n, points, 2)``."""
-    semi_axes, azimuth = axes_of(Q)
+    semi_axes, azimuth = compute_axes(Q)
     t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
     along, aside = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
     cos, sin = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]

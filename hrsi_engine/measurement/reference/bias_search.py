@@ -14,7 +14,12 @@ import numpy as np
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...surface.dem import HeightSurface
-from ..window_matching.orientation_correlation import Peak, correlation_sums, orientation_field, peak_of
+from ..window_matching.orientation_correlation import (
+    CorrelationPeak,
+    compute_orientation_field,
+    correlate_fields,
+    find_correlation_peak,
+)
 from .predicted_patches import image_patch, predicted_patch
 
 FIRST_SEARCH_PX = 64.0
@@ -68,7 +73,7 @@ def search_bias(
 def _peak(
     image: Image, reference: Orthoimage, surface: HeightSurface, gsd_m: float, step: float, offset: np.ndarray,
     reach: int,
-) -> Peak | None:  # fmt: skip
+) -> CorrelationPeak | None:  # fmt: skip
     """Return the peak over all parts of the image; its ``shift`` is the whole offset in image pixels."""
     total, energy = np.zeros((2 * reach + 1, 2 * reach + 1)), 0.0
     # Origin and shape ``(lines, samples)`` of the parts of an image, in working pixels of ``step``
@@ -87,10 +92,10 @@ def _peak(
             continue
         window = (shape[0] + 2 * reach, shape[1] + 2 * reach)
         search = image_patch(image.pixels, origin - step * reach, window, step)
-        first, second = (orientation_field(patch.grey, patch.valid) for patch in (template, search))
-        total += correlation_sums(first, second)
+        first, second = (compute_orientation_field(patch.grey, patch.valid) for patch in (template, search))
+        total += correlate_fields(first, second)
         energy += float(np.square(np.abs(first)).sum())
     if energy <= 0.0:
         return None
-    peak = peak_of(total / energy)
+    peak = find_correlation_peak(total / energy)
     return peak._replace(shift=offset + step * (peak.shift - reach))

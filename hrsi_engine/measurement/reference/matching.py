@@ -25,7 +25,11 @@ from ...foundation.workers.streams import open_calls
 from ...foundation.workers.threads import thread_count
 from ...surface.dem import HeightSurface
 from ..window_matching.least_squares_matching import match_patches
-from ..window_matching.orientation_correlation import orientation_field, peak_of, scores
+from ..window_matching.orientation_correlation import (
+    compute_orientation_field,
+    correlate_orientations,
+    find_correlation_peak,
+)
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .bias_search import ImageBias, search_bias
 from .options import ReferenceOptions
@@ -236,10 +240,11 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     if not search.valid.any():
         return None
     inner = np.s_[TEMPLATE_BORDER:-TEMPLATE_BORDER, TEMPLATE_BORDER:-TEMPLATE_BORDER]
-    surface = scores(
-        orientation_field(template.grey, template.valid)[inner], orientation_field(search.grey, search.valid)[inner]
+    surface = correlate_orientations(
+        compute_orientation_field(template.grey, template.valid)[inner],
+        compute_orientation_field(search.grey, search.valid)[inner],
     )
-    peak = peak_of(surface)
+    peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak lies outside
     at = peak.shift + TEMPLATE_BORDER + half  # of the place's centre in the searched window

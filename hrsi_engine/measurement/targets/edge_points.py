@@ -67,15 +67,15 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     return EdgePoints(xy[near], direction[peak][near], at[peak][near])
 
 
-def straight_segments(points: EdgePoints, shortest_px: float, most: int = 40) -> list[np.ndarray]:
+def find_straight_segments(points: EdgePoints, shortest_px: float, most: int = 40) -> list[np.ndarray]:
     """Return the indices of the points of each straight segment, longest first; no point is in two segments."""
     free = np.ones(len(points), dtype=bool)
     segments: list[np.ndarray] = []
     for seed in np.argsort(-points.strength, kind="stable"):
         if not free[seed]:
             continue
-        run = _run_through(points, int(seed), free)
-        if len(run) >= 3 and np.ptp(_along(points, run)) >= shortest_px:
+        run = _grow_segment(points, int(seed), free)
+        if len(run) >= 3 and np.ptp(_project_along(points, run)) >= shortest_px:
             segments.append(run)
             free[run] = False
             if len(segments) == most:
@@ -85,12 +85,12 @@ def straight_segments(points: EdgePoints, shortest_px: float, most: int = 40) ->
     return sorted(segments, key=len, reverse=True)
 
 
-def _along(points: EdgePoints, run: np.ndarray) -> np.ndarray:
+def _project_along(points: EdgePoints, run: np.ndarray) -> np.ndarray:
     normal = points.direction[run].mean(axis=0)
     return points.xy[run] @ np.array([-normal[1], normal[0]]) / max(float(np.hypot(*normal)), 1e-9)
 
 
-def _run_through(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:
+def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:
     """Return the free points of the unbroken run along the line of a seed, refined once with all of its points."""
     centre, normal = points.xy[seed], points.direction[seed]
     run = np.array([seed])

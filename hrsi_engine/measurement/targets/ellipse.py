@@ -71,7 +71,7 @@ def fit_ellipse(xy: np.ndarray, method: str = "geometric") -> Ellipse:
 
     Raises `SolveError` for fewer than six points and for points that do not lie along an ellipse.
     """
-    return _fit(np.asarray(xy, dtype=np.float64), np.ones(len(xy), dtype=bool), FITS[method])
+    return _fit_points(np.asarray(xy, dtype=np.float64), np.ones(len(xy), dtype=bool), FITS[method])
 
 
 def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = "geometric", seed: int = 1) -> Ellipse:
@@ -82,25 +82,25 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
     """
     xy = np.asarray(xy, dtype=np.float64)
     _require_points(len(xy))
-    near = _largest_agreement(xy, tolerance_px, np.random.default_rng(seed))
-    ellipse = _fit(xy, near, FITS[method])
+    near = _find_consensus(xy, tolerance_px, np.random.default_rng(seed))
+    ellipse = _fit_points(xy, near, FITS[method])
     for _ in range(3):
         near = np.abs(ellipse.residual_px) < tolerance_px
         if near.sum() < ELLIPSES.fewest_points or np.array_equal(near, ellipse.used):
             break
-        ellipse = _fit(xy, near, FITS[method])
+        ellipse = _fit_points(xy, near, FITS[method])
     return ellipse
 
 
-def _largest_agreement(xy: np.ndarray, tolerance_px: float, rng: np.random.Generator, trials: int = 60) -> np.ndarray:
+def _find_consensus(xy: np.ndarray, tolerance_px: float, rng: np.random.Generator, trials: int = 60) -> np.ndarray:
     """Return the mask of the largest set of points near one ellipse; all points are the first trial."""
     chosen = np.zeros((trials, len(xy)))
     chosen[0] = 1.0
     for trial in range(1, trials):
         chosen[trial, rng.choice(len(xy), ELLIPSES.fewest_points, replace=False)] = 1.0
     every = np.broadcast_to(xy, (trials, *xy.shape))
-    centre, Q, good = direct_ellipses(every, chosen)
-    near = (np.abs(distances(every, centre, Q)) < tolerance_px) & good[:, None]
+    centre, Q, good = fit_direct_ellipses(every, chosen)
+    near = (np.abs(compute_ellipse_distances(every, centre, Q)) < tolerance_px) & good[:, None]
     agreeing = near.sum(axis=1)
     best = near[0] if agreeing[0] > 0.95 * len(xy) else near[np.argmax(agreeing)]
     if best.sum() < ELLIPSES.fewest_points:
@@ -117,21 +117,21 @@ def _require_points(count: int) -> None:
         )
 
 
-def _fit(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
+def _fit_points(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
     _require_points(int(used.sum()))
-    _require_spread(xy[used])
+    _require_extent(xy[used])
     every = np.ones((1, int(used.sum())))
     centres, forms, good = fit(xy[None, used], every)
     if not good[0]:
         raise SolveError("the edge points do not lie along an ellipse: check them, measure all around the object")
     centre, Q = centres[0], forms[0]
-    residual, _ = _distances(xy - centre, Q)
-    covariance = centre_covariances(xy[None, used], every, centres, forms)[0]
-    semi_axes, azimuth = axes_of(Q)
+    residual, _ = _compute_distances(xy - centre, Q)
+    covariance = compute_centre_covariances(xy[None, used], every, centres, forms)[0]
+    semi_axes, azimuth = compute_axes(Q)
     return Ellipse(centre, semi_axes, float(azimuth), covariance, residual, used)
 
 
-def _require_spread(xy: np.ndarray) -> None:
+def _require_extent(xy: np.ndarray) -> None:
     spread = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
     if not spread[0] > 0.0:
         raise SolveError("the edge points coincide: measure points around the object")
@@ -144,44 +144,44 @@ def _require_spread(xy: np.ndarray) -> None:
 # Q (n, 2, 2) and the mask (n,) of those that are ellipses.
 
 
-def axes_of(Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_axes(Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return semi-axes ``(…, 2)``, the longer one first, and its azimuth ``(…,)`` of forms ``(…, 2, 2)``."""
     eigenvalues, axes = np.linalg.eigh(Q)  # ascending: the longer axis first
     azimuth = np.arctan2(axes[..., 1, 0], axes[..., 0, 0])
     return 1.0 / np.sqrt(eigenvalues), (azimuth + np.pi / 2.0) % np.pi - np.pi / 2.0
 
 
-def _distances(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_distances(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return signed distances from the curve to first order (Sampson 1982), and the gradient ``2 Q d``."""
     gradient = 2.0 * d @ Q
     length = np.maximum(np.hypot(gradient[..., 0], gradient[..., 1]), 1e-12)
     return (0.5 * np.sum(gradient * d, axis=-1) - 1.0) / length, gradient / length[..., None]
 
 
-def distances(xy: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
+def compute_ellipse_distances(xy: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Return the signed distances ``(n, m)`` of points from their ellipses, outside positive."""
-    return _distances(xy - centres[:, None], Q)[0]
+    return _compute_distances(xy - centres[:, None], Q)[0]
 
 
-def _design(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _linearise(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances ``(n, m)``, and their derivatives by centre, Qxx, Qxy and Qyy ``(n, m, 5)``."""
-    distance, normal = _distances(d, Q)
+    distance, normal = _compute_distances(d, Q)
     length = 2.0 * np.maximum(np.hypot(*np.moveaxis(d @ Q, -1, 0)), 1e-12)
     x, y = d[..., 0] / length, d[..., 1]
     columns = [-normal[..., 0], -normal[..., 1], d[..., 0] * x, 2.0 * x * y, y * y / length]
     return distance, np.stack(columns, axis=-1)
 
 
-def centre_covariances(xy: np.ndarray, weight: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
+def compute_centre_covariances(xy: np.ndarray, weight: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Return the covariances ``(n, 2, 2)`` of the centres, from the residuals."""
-    distance, A = _design(xy - centres[:, None], Q)
+    distance, A = _linearise(xy - centres[:, None], Q)
     redundancy = np.maximum((weight > 0.0).sum(axis=1) - 5, 1)
     variance = np.sum(weight * distance**2, axis=1) / redundancy
     N = np.swapaxes(A, 1, 2) @ (weight[..., None] * A)
     return variance[:, None, None] * np.linalg.pinv(N)[:, :2, :2]
 
 
-def direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def fit_direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ellipses of least algebraic distance (Halir and Flusser 1998)."""
     total = weight.sum(axis=1)
     middle = np.sum(weight[..., None] * xy, axis=1) / total[:, None]
@@ -190,7 +190,7 @@ def direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.
     x, y = np.moveaxis(d / scale[:, None, None], -1, 0)
     quadratic, linear = np.stack([x * x, x * y, y * y], axis=-1), np.stack([x, y, np.ones_like(x)], axis=-1)
     weighted = np.swapaxes(weight[..., None] * linear, 1, 2)
-    to_linear = -_solve(weighted @ linear, weighted @ quadratic)
+    to_linear = -_solve_systems(weighted @ linear, weighted @ quadratic)
     S = np.swapaxes(quadratic, 1, 2) @ (weight[..., None] * (quadratic + linear @ to_linear))
     constrained = np.stack([S[:, 2] / 2.0, -S[:, 1], S[:, 0] / 2.0], axis=1)
     vectors = np.real(np.linalg.eig(constrained)[1])
@@ -200,32 +200,32 @@ def direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.
     a = vectors[row, :, best]
     b = (to_linear @ a[..., None])[..., 0]
     Q = np.stack([a[:, 0], a[:, 1] / 2.0, a[:, 1] / 2.0, a[:, 2]], axis=1).reshape(-1, 2, 2)
-    centre = _solve(Q, -b[:, :2, None] / 2.0)[..., 0]
+    centre = _solve_systems(Q, -b[:, :2, None] / 2.0)[..., 0]
     level = np.einsum("ni,nij,nj->n", centre, Q, centre) - b[:, 2]
     good = (determinant[row, best] > 0.0) & (level * np.trace(Q, axis1=1, axis2=2) > 0.0)
     Q = np.where(good[:, None, None], Q / np.where(level == 0.0, 1.0, level)[:, None, None], np.eye(2))
     return middle + scale[:, None] * centre, Q / scale[:, None, None] ** 2, good
 
 
-def geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def fit_geometric_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ellipses of least squared distances, by Gauss-Newton from the direct fit."""
-    centre, Q, good = direct_ellipses(xy, weight)
-    centre[good], Q[good] = improved_ellipses(xy[good], weight[good], centre[good], Q[good])
+    centre, Q, good = fit_direct_ellipses(xy, weight)
+    centre[good], Q[good] = iterate_ellipses(xy[good], weight[good], centre[good], Q[good])
     return centre, Q, good
 
 
-def improved_ellipses(
+def iterate_ellipses(
     xy: np.ndarray, weight: np.ndarray, centre: np.ndarray, Q: np.ndarray, iterations: int = ELLIPSES.iterations
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return centres and forms after so many Gauss-Newton steps towards least squared distances, or less."""
     centre, Q = centre.copy(), Q.copy()
     rows = np.arange(len(xy))  # those still moving
     for _ in range(iterations):
-        distance, A = _design(xy[rows] - centre[rows, None], Q[rows])
+        distance, A = _linearise(xy[rows] - centre[rows, None], Q[rows])
         scale = 1.0 / np.maximum(np.sqrt(np.sum(A**2, axis=1)), 1e-30)
         A *= scale[:, None]
         weighted = np.swapaxes(weight[rows, :, None] * A, 1, 2)
-        step = -scale * _solve(weighted @ A, weighted @ distance[..., None])[..., 0]
+        step = -scale * _solve_systems(weighted @ A, weighted @ distance[..., None])[..., 0]
         moved = Q[rows] + step[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
         # short arcs may open into a hyperbola: what is there is as good as it gets
         closed = (np.linalg.det(moved) > 0.0) & (moved[:, 0, 0] > 0.0)
@@ -238,7 +238,7 @@ def improved_ellipses(
     return centre, Q
 
 
-def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _solve_systems(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return solutions of systems ``(n, k, k)``; of least norm where one is singular."""
     try:
         return np.linalg.solve(A, b)
@@ -248,4 +248,4 @@ def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 EllipseFit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 #: Ways to fit ellipses to points with weights.
-FITS: dict[str, EllipseFit] = {"geometric": geometric_ellipses, "direct": direct_ellipses}
+FITS: dict[str, EllipseFit] = {"geometric": fit_geometric_ellipses, "direct": fit_direct_ellipses}

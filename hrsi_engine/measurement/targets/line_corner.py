@@ -55,7 +55,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class Corner:
+class LineCorner:
     """Where two lines meet: position (2,), covariance (2, 2) from the lines' residuals, angle between the lines."""
 
     position: np.ndarray
@@ -82,17 +82,17 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
     """
     xy = np.asarray(xy, dtype=np.float64)
     used = np.ones(len(xy), dtype=bool)
-    line = _fit(xy, used)
+    line = _fit_points(xy, used)
     for _ in range(5 if tolerance_px is not None else 0):
         near = np.abs(line.residual_px) < max(float(tolerance_px or 0.0), 1.5 * np.median(np.abs(line.residual_px)))
         if near.sum() < LINES.fewest_points or np.array_equal(near, used):
             break
         used = near
-        line = _fit(xy, used)
+        line = _fit_points(xy, used)
     return line
 
 
-def _fit(xy: np.ndarray, used: np.ndarray) -> Line:
+def _fit_points(xy: np.ndarray, used: np.ndarray) -> Line:
     if used.sum() < LINES.fewest_points:
         raise SolveError(
             f"a line needs {LINES.fewest_points} edge points or more, {used.sum()} were given: measure more"
@@ -109,7 +109,7 @@ def _fit(xy: np.ndarray, used: np.ndarray) -> Line:
     return Line(centroid, direction, cofactor, residual, used, reach)
 
 
-def intersect_lines(first: Line, second: Line) -> Corner:
+def intersect_lines(first: Line, second: Line) -> LineCorner:
     """Return where two lines meet; raises `SolveError` where they are nearly parallel.
 
     The variance of an edge point comes from both lines' residuals together.
@@ -121,13 +121,13 @@ def intersect_lines(first: Line, second: Line) -> Corner:
     position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])
     redundancy = sum(int(line.used.sum()) - 2 for line in (first, second))
     squares = sum(float(np.sum(line.residual_px[line.used] ** 2)) for line in (first, second))
-    offsets = [_offset_cofactor(line, position) for line in (first, second)]
+    offsets = [_compute_offset_cofactor(line, position) for line in (first, second)]
     to_position = np.linalg.inv(normals)
     covariance = squares / redundancy * to_position @ np.diag(offsets) @ to_position.T
-    return Corner(position, covariance, angle, (first, second))
+    return LineCorner(position, covariance, angle, (first, second))
 
 
-def _offset_cofactor(line: Line, position: np.ndarray) -> float:
+def _compute_offset_cofactor(line: Line, position: np.ndarray) -> float:
     """Return the cofactor of the line's offset across its direction at a position along it."""
     along = float((position - line.centroid) @ line.direction)
     return float(line.cofactor[0, 0] + along**2 * line.cofactor[1, 1])
@@ -141,17 +141,17 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
     """
     xy = np.asarray(xy, dtype=np.float64)
     best: tuple[tuple[int, float], np.ndarray, np.ndarray] | None = None
-    for first in _candidate_lines(xy):
-        own = np.abs(_distance(xy, first)) < tolerance_px
+    for first in _list_candidate_lines(xy):
+        own = np.abs(_compute_distance(xy, first)) < tolerance_px
         if own.sum() < LINES.fewest_points or (~own).sum() < LINES.fewest_points:
             continue
-        for second in _candidate_lines(xy[~own]):
-            other = np.abs(_distance(xy, second)) < tolerance_px
-            nearer = np.abs(_distance(xy, first)) <= np.abs(_distance(xy, second))
+        for second in _list_candidate_lines(xy[~own]):
+            other = np.abs(_compute_distance(xy, second)) < tolerance_px
+            nearer = np.abs(_compute_distance(xy, first)) <= np.abs(_compute_distance(xy, second))
             a, b = own & (nearer | ~other), other & ~(own & nearer)
             if min(a.sum(), b.sum()) < LINES.fewest_points:
                 continue
-            misfit = float(np.sum(_distance(xy[a], first) ** 2) + np.sum(_distance(xy[b], second) ** 2))
+            misfit = float(np.sum(_compute_distance(xy[a], first) ** 2) + np.sum(_compute_distance(xy[b], second) ** 2))
             score = (int(a.sum() + b.sum()), -misfit)
             if best is None or score > best[0]:
                 best = score, a, b
@@ -162,7 +162,7 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
     return best[1], best[2]
 
 
-def _candidate_lines(xy: np.ndarray, most: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
+def _list_candidate_lines(xy: np.ndarray, most: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return point and normal of lines through pairs of points; evenly chosen pairs where there are very many."""
     i, j = np.triu_indices(len(xy), 1)
     if len(i) > most:
@@ -175,5 +175,5 @@ def _candidate_lines(xy: np.ndarray, most: int = 200) -> list[tuple[np.ndarray, 
     return list(zip(xy[i[far]], normal, strict=True))
 
 
-def _distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def _compute_distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     return (xy - line[0]) @ line[1]

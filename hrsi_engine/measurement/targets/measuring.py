@@ -18,9 +18,9 @@ from ..interest_points.gravity_centres import CENTRE, GravityCentre, find_gravit
 from ..interest_points.options import CentreOptions
 from ..interest_points.statistics import ImageStatistics, estimate_image_statistics
 from ..interest_points.windows import Area, DetectionWindow, read_window
-from .edge_points import EdgePoints, find_edge_points, straight_segments
+from .edge_points import EdgePoints, find_edge_points, find_straight_segments
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
-from .line_corner import Corner, Line, fit_line, intersect_lines, split_into_lines
+from .line_corner import Line, LineCorner, fit_line, intersect_lines, split_into_lines
 from .options import TargetOptions
 
 TARGET_CENTER, TARGET_CORNER = "center", "corner"
@@ -90,7 +90,7 @@ class TargetMeasurement:
         return float(np.sqrt(np.trace(self.covariance_px2) / 2.0))
 
 
-def refuse(kind: str, reason: str) -> TargetMeasurement:
+def make_refusal(kind: str, reason: str) -> TargetMeasurement:
     """Return a measurement that was not made."""
     nothing = np.empty((0, 2))
     return TargetMeasurement(
@@ -131,23 +131,25 @@ def measure_target(
         raise InputError(f"target kind {kind!r} is not one of {', '.join(MEASURES)}: correct it")
     x, y = (float(value) for value in approximate)
     if not (-0.5 <= x <= raster.size[0] - 0.5 and -0.5 <= y <= raster.size[1] - 0.5):
-        return refuse(kind, f"the approximate position {x:.1f}, {y:.1f} is outside the image")
+        return make_refusal(kind, f"the approximate position {x:.1f}, {y:.1f} is outside the image")
     try:
         return MEASURES[kind](raster, np.array([x, y]), options)
     except SolveError as error:
-        return refuse(kind, str(error))
+        return make_refusal(kind, str(error))
 
 
-def _around(raster: Raster, middle: np.ndarray, half: float) -> Area:
+def _clip_square(raster: Raster, middle: np.ndarray, half: float) -> Area:
     """Return the square around a position, as far as the image goes."""
     low = np.maximum(np.floor(middle - half), 0).astype(int)
     high = np.minimum(np.ceil(middle + half) + 1, raster.size).astype(int)
     return Area(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tuple[DetectionWindow, ImageStatistics]:
-    statistics = estimate_image_statistics(raster, _around(raster, middle, TARGETS.statistics_px))
-    window = read_window(raster, _around(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
+def _read_window(
+    raster: Raster, middle: np.ndarray, core: float, halo: float
+) -> tuple[DetectionWindow, ImageStatistics]:
+    statistics = estimate_image_statistics(raster, _clip_square(raster, middle, TARGETS.statistics_px))
+    window = read_window(raster, _clip_square(raster, middle, core), int(np.ceil(halo)), statistics.saturation)
     return window, statistics
 
 
@@ -156,14 +158,14 @@ def _window(raster: Raster, middle: np.ndarray, core: float, halo: float) -> tup
 
 def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
     """Return the gravity centre of the best closed region near a position; raises `SolveError` where there is none."""
-    window, statistics = _window(raster, approximate, options.search_px, options.largest_px + 64.0)
+    window, statistics = _read_window(raster, approximate, options.search_px, options.largest_px + 64.0)
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
     wanted = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
     found = [
         centre
         for centre in find_gravity_centres(window, statistics, wanted)
-        if np.hypot(*(centre.xy - approximate)) <= _reach(centre, options)
+        if np.hypot(*(centre.xy - approximate)) <= _limit_distance(centre, options)
         and centre.sigma_px <= TARGETS.largest_sigma_px
     ]
     if not found:
@@ -171,11 +173,11 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
             f"no clear closed object of {options.smallest_px:g} to {options.largest_px:g} px lies within "
             f"{options.search_px:g} px"
         )
-    best = max(found, key=lambda centre: _preference(centre, approximate, options))
-    return _from_ellipse(best) if best.kind == "ellipse" else _from_outline(best)
+    best = max(found, key=lambda centre: _rate_centre(centre, approximate, options))
+    return _measure_by_ellipse(best) if best.kind == "ellipse" else _report_outline(best)
 
 
-def _reach(centre: GravityCentre, options: TargetOptions) -> float:
+def _limit_distance(centre: GravityCentre, options: TargetOptions) -> float:
     """Return how far from the approximate position a centre may be: that of a weak object so far as it covers it.
 
     Where the target itself is not seen, something weak beside it would be taken for it.
@@ -185,33 +187,33 @@ def _reach(centre: GravityCentre, options: TargetOptions) -> float:
     return min(options.search_px, float(centre.size_px[0]) / 2.0)
 
 
-def _preference(centre: GravityCentre, approximate: np.ndarray, options: TargetOptions) -> float:
+def _rate_centre(centre: GravityCentre, approximate: np.ndarray, options: TargetOptions) -> float:
     distance = float(np.hypot(*(centre.xy - approximate))) / options.search_px
     return centre.quality + (0.2 if centre.kind == "ellipse" else 0.0) - 0.7 * distance
 
 
-def _from_ellipse(centre: GravityCentre) -> TargetMeasurement:
+def _measure_by_ellipse(centre: GravityCentre) -> TargetMeasurement:
     """Return the centre by an ellipse fit that is robust against stray edge points."""
     ellipse = fit_ellipse_robust(centre.outline)
-    return _ellipse_measurement(ellipse, centre.outline, centre.quality)
+    return _report_ellipse(ellipse, centre.outline, centre.quality)
 
 
-def _ellipse_measurement(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
+def _report_ellipse(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
     return TargetMeasurement(
         TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
-        (_close(ellipse.outline()),), quality,
+        (_close_ring(ellipse.outline()),), quality,
     )  # fmt: skip
 
 
-def _from_outline(centre: GravityCentre) -> TargetMeasurement:
+def _report_outline(centre: GravityCentre) -> TargetMeasurement:
     used = np.ones(len(centre.outline), dtype=bool)
     return TargetMeasurement(
         TARGET_CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used,
-        (_close(centre.outline),), centre.quality,
+        (_close_ring(centre.outline),), centre.quality,
     )  # fmt: skip
 
 
-def _close(ring: np.ndarray) -> np.ndarray:
+def _close_ring(ring: np.ndarray) -> np.ndarray:
     return np.vstack([ring, ring[:1]])
 
 
@@ -220,24 +222,26 @@ def _close(ring: np.ndarray) -> np.ndarray:
 
 def measure_corner(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
     """Return where the two clearest straight edges near a position meet; raises `SolveError` where there are none."""
-    window, statistics = _window(raster, approximate, options.search_px + TARGETS.far_px + 4.0, 0.0)
+    window, statistics = _read_window(raster, approximate, options.search_px + TARGETS.far_px + 4.0, 0.0)
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
     points = find_edge_points(window.grey, window.usable, statistics.noise)
-    segments = straight_segments(points, TARGETS.shortest_edge_px)
+    segments = find_straight_segments(points, TARGETS.shortest_edge_px)
     origin = window.origin
     candidates = []
-    for first, second, rough in _crossings(points, segments, approximate - origin, options.search_px + TARGETS.end_px):
-        made = _corner_of(points, first, second, rough, approximate - origin, options.search_px)
+    for first, second, rough in _find_crossings(
+        points, segments, approximate - origin, options.search_px + TARGETS.end_px
+    ):
+        made = _rate_corner(points, first, second, rough, approximate - origin, options.search_px)
         if made is not None:
             candidates.append(made)
     if not candidates:
         raise SolveError(f"no two straight edges meet within {options.search_px:g} px")
     _, corner, edges = max(candidates, key=lambda candidate: candidate[0])
-    return _corner_measurement(corner, edges, origin)
+    return _report_corner(corner, edges, origin)
 
 
-def _crossings(
+def _find_crossings(
     points: EdgePoints, segments: list[np.ndarray], approximate: np.ndarray, reach_px: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield the pairs of segments whose lines cross within a reach of a position, and where ``(2,)``."""
@@ -256,15 +260,15 @@ def _crossings(
         yield segments[i[k]], segments[j[k]], crossing[k] + approximate
 
 
-def _corner_of(
+def _rate_corner(
     points: EdgePoints, first: np.ndarray, second: np.ndarray, rough: np.ndarray, approximate: np.ndarray,
     search_px: float,
-) -> tuple[float, Corner, np.ndarray] | None:  # fmt: skip
+) -> tuple[float, LineCorner, np.ndarray] | None:  # fmt: skip
     """Return score, corner and edge points of two segments that cross at a ``rough`` position near the approximate one.
 
     None where they make no corner there.
     """
-    one, other = (_used_part(points.xy[segment], rough) for segment in (first, second))
+    one, other = (_select_edge_part(points.xy[segment], rough) for segment in (first, second))
     if one is None or other is None:
         return None
     try:
@@ -273,7 +277,7 @@ def _corner_of(
         return None
     away = float(np.hypot(*(corner.position - approximate)))
     good = corner.angle_deg >= TARGETS.smallest_angle_deg and corner.rmse_px <= TARGETS.largest_rmse_px
-    good &= all(_turn_deg(points, segment, rough) < TARGETS.largest_turn_deg for segment in (first, second))
+    good &= all(_measure_turn_deg(points, segment, rough) < TARGETS.largest_turn_deg for segment in (first, second))
     if away > search_px or not good or corner.sigma_px > TARGETS.largest_sigma_px:
         return None
     lengths = [min(np.ptp(line.reach_px), TARGETS.far_px) for line in corner.lines]
@@ -286,7 +290,7 @@ def _corner_of(
     return score, corner, np.concatenate([one, other])
 
 
-def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
+def _measure_turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> float:
     """Return by how much the slope turns along an edge near its corner: chords of a circle are no edges of a corner."""
     distance = np.hypot(*(points.xy[segment] - corner).T)
     near = distance <= TARGETS.far_px
@@ -298,7 +302,7 @@ def _turn_deg(points: EdgePoints, segment: np.ndarray, corner: np.ndarray) -> fl
     return float(abs(np.polyfit(distance[near], angle, 1)[0]) * np.ptp(distance[near]))
 
 
-def _used_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
+def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
     """Return a segment's points at the right distances from the corner, None where it does not begin or end there."""
     distance = np.hypot(*(xy - corner).T)
     if distance.min() > TARGETS.end_px:
@@ -312,9 +316,9 @@ def _used_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
     return part if len(part) >= 3 and np.ptp(distance[chosen]) >= TARGETS.shortest_edge_px - TARGETS.near_px else None
 
 
-def _corner_measurement(corner: Corner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:
+def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:
     used = np.concatenate([line.used for line in corner.lines])
-    curves = tuple(np.array([corner.position, _far_end(line, corner.position)]) + origin for line in corner.lines)
+    curves = tuple(np.array([corner.position, _find_far_end(line, corner.position)]) + origin for line in corner.lines)
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
         TARGET_CORNER,
@@ -328,7 +332,7 @@ def _corner_measurement(corner: Corner, edges: np.ndarray, origin: np.ndarray) -
     )
 
 
-def _far_end(line: Line, position: np.ndarray) -> np.ndarray:
+def _find_far_end(line: Line, position: np.ndarray) -> np.ndarray:
     """Return the end of a line's used part that is farther from a position."""
     ends = line.centroid + np.outer(line.reach_px, line.direction)
     return ends[np.argmax(np.hypot(*(ends - position).T))]
@@ -342,21 +346,21 @@ MEASURES: dict[str, Measure] = {TARGET_CENTER: measure_centre, TARGET_CORNER: me
 # ---- hand-measured edge points ---------------------------------------------------------------------------------
 
 
-def centre_from_edges(edges: np.ndarray, method: str = "direct") -> TargetMeasurement:
+def fit_centre_to_edges(edges: np.ndarray, method: str = "direct") -> TargetMeasurement:
     """Return the ellipse centre of hand-measured edge points; raises `SolveError` where they give none."""
-    return _ellipse_measurement(fit_ellipse(edges, method), edges, np.nan)
+    return _report_ellipse(fit_ellipse(edges, method), edges, np.nan)
 
 
-def corner_from_hand_edges(edges: np.ndarray) -> TargetMeasurement:
+def fit_corner_to_edges(edges: np.ndarray) -> TargetMeasurement:
     """Return the intersection of the two lines of hand-measured edge points; raises `SolveError`."""
     first, second = split_into_lines(edges)
     corner = intersect_lines(fit_line(edges[first]), fit_line(edges[second]))
-    return _corner_measurement(corner, np.concatenate([edges[first], edges[second]]), np.zeros(2))
+    return _report_corner(corner, np.concatenate([edges[first], edges[second]]), np.zeros(2))
 
 
 EDGE_FITS: dict[str, Callable[[np.ndarray], TargetMeasurement]] = {
-    TARGET_CENTER: centre_from_edges,
-    TARGET_CORNER: corner_from_hand_edges,
+    TARGET_CENTER: fit_centre_to_edges,
+    TARGET_CORNER: fit_corner_to_edges,
 }
 
 
@@ -385,4 +389,4 @@ def measure_edges(edges: np.ndarray, kind: str = TARGET_CENTER) -> TargetMeasure
     try:
         return EDGE_FITS[kind](np.asarray(edges, dtype=np.float64))
     except SolveError as error:
-        return refuse(kind, str(error))
+        return make_refusal(kind, str(error))

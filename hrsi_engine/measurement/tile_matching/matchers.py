@@ -37,7 +37,9 @@ Finder = Callable[[ImageTile, ImageTile, float, TileMatchOptions], CandidateMatc
 
 def find_sift(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """SIFT (Lowe 2004) with square-rooted descriptors, mutual nearest neighbours and a lenient ratio test."""
-    here = first.once(("sift", options.features), lambda: sift_features(first.pixels, first.valid, options.features))
+    here = first.compute_once(
+        ("sift", options.features), lambda: sift_features(first.pixels, first.valid, options.features)
+    )
     there = sift_features(second.pixels, second.valid, options.features)
     i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), LENIENT_RATIO)
     return _near(here.xy[i] + first.origin_px, there.xy[j] + second.origin_px, reach_px)

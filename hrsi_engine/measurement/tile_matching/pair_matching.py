@@ -57,7 +57,7 @@ def match_tile(
 ) -> TileMatches:
     """Return the interest points of the first tile that are found in the second."""
     options = options or TileMatchOptions()
-    points = first.once(("points", *options.point_choice), lambda: tile_points(first, options))
+    points = first.compute_once(("points", *options.point_choice), lambda: tile_points(first, options))
     task = _Task(TileFrame(first, second, geometry), options, points)
     if not len(task.points):
         return no_matches()
@@ -160,8 +160,8 @@ class _Task:
     def searched(self) -> tuple[MatchImage, MatchImage]:
         """The first window and the resampled second one, as they are searched."""
         first, second = self.frame.first, self.frame.resampled
-        own = first.once("searched", lambda: SEARCH_BAND.image(first.pixels, first.valid))
-        return own, SEARCH_BAND.image(second.pixels, second.valid)
+        own = first.compute_once("searched", lambda: SEARCH_BAND.filter_image(first.pixels, first.valid))
+        return own, SEARCH_BAND.filter_image(second.pixels, second.valid)
 
     @cached_property
     def _images(self) -> dict[str, tuple[MatchImage, MatchImage]]:
@@ -173,8 +173,10 @@ class _Task:
             first, second, scale = self.frame.first, self.frame.second, self.frame.scale
             band, coarser = MATCHING_BANDS[name], max(1.0, 1.0 / scale)
             self._images[name] = (
-                first.once(("band", name, coarser), lambda: band.image(first.pixels, first.valid, coarser)),
-                band.image(second.pixels, second.valid, max(1.0, scale)),
+                first.compute_once(
+                    ("band", name, coarser), lambda: band.filter_image(first.pixels, first.valid, coarser)
+                ),
+                band.filter_image(second.pixels, second.valid, max(1.0, scale)),
             )
         return self._images[name]
 
@@ -236,7 +238,7 @@ def _seeds(task: _Task) -> _Seeds:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
     reach = float(np.hypot(*frame.reach_px))
     # in its own pixels, wherever in the image it is; what finders make of it serves all partners
-    own = frame.first.once("own", lambda: ImageTile(frame.first.pixels, frame.first.valid))
+    own = frame.first.compute_once("own", lambda: ImageTile(frame.first.pixels, frame.first.valid))
     found = [MATCHERS[name](own, frame.resampled, reach, options) for name in options.finders]
     first, second = (np.concatenate(part) for part in zip(*found, strict=True))
     if len(first) < FEWEST:

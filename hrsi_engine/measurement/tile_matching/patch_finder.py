@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...foundation.pixel_filters import box_mean, erode, largest_within, slopes
-from ..window_matching.cross_correlation import correlation_surface
+from ..window_matching.cross_correlation import correlate_template
 
 FINDER_HALF_PX = 12  # half the side of the windows
 MOST = 36
@@ -67,7 +67,7 @@ def seek(
             place[1] - FINDER_HALF_PX : place[1] + FINDER_HALF_PX + 1,
             place[0] - FINDER_HALF_PX : place[0] + FINDER_HALF_PX + 1,
         ]
-        surface = correlation_surface(window, other[low[1] : high[1], low[0] : high[0]])
+        surface = correlate_template(window, other[low[1] : high[1], low[0] : high[0]])
         peak = _clear_peak(surface)
         if peak is not None:
             found.append(number)

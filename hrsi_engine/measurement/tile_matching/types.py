@@ -13,11 +13,11 @@ import numpy as np
 from scipy import ndimage
 
 from ...camera.rpc import RPC
-from ..window_matching.windows import MadeOnce
+from ..window_matching.windows import ResultCache
 
 
 @dataclass(frozen=True, eq=False)
-class ImageTile(MadeOnce):
+class ImageTile(ResultCache):
     """A window of an image, possibly of a level of its pyramid.
 
     pixels : (rows, cols) float32 grey values; valid : (rows, cols) bool, False for nodata, clouds, saturated areas
@@ -32,7 +32,7 @@ class ImageTile(MadeOnce):
     origin_px: tuple[float, float] = (0.0, 0.0)
     step: float = 1.0
     noise: float | None = None
-    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    _results: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def times(self, contrast: int) -> ImageTile:
         """Return the tile, or (-1) its negative."""

@@ -27,7 +27,7 @@ class Band:
     remove_px: float
     sigma_factor: float
 
-    def image(self, pixels: np.ndarray, valid: np.ndarray, coarser: float = 1.0) -> MatchImage:
+    def filter_image(self, pixels: np.ndarray, valid: np.ndarray, coarser: float = 1.0) -> MatchImage:
         """Return an image in this band; ``coarser`` is how much coarser the pixels of the other image are."""
         smooth = float(np.hypot(self.smooth_px * coarser, 0.5 * np.sqrt(coarser**2 - 1.0)))
         return MatchImage(pixels, valid, smooth, self.remove_px * coarser)

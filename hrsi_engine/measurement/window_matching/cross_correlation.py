@@ -8,7 +8,7 @@ from scipy import fft
 from .windows import MATCHING
 
 
-def correlation_surface(template: np.ndarray, area: np.ndarray) -> np.ndarray:
+def correlate_template(template: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Return the correlation coefficient, -1 to 1, at every shift at which the template lies inside the area.
 
     Its first element is that of the area's first pixels; -1 where the area shows nothing. float64
@@ -22,13 +22,13 @@ def correlation_surface(template: np.ndarray, area: np.ndarray) -> np.ndarray:
     lines, samples = (a - t + 1 for a, t in zip(area.shape, template.shape, strict=True))
     sums = fft.irfft2(product, size)[:lines, :samples]
     shape = template.shape[0], template.shape[1]
-    squares = window_sums(other**2, shape) - window_sums(other, shape) ** 2 / template.size
+    squares = sum_windows(other**2, shape) - sum_windows(other, shape) ** 2 / template.size
     known = squares > MATCHING.least_contrast * template.size * np.mean(other**2)
     norm = np.sqrt(np.sum(own**2) * np.where(known, squares, 1.0))
     return np.where(known & (norm > 0.0), sums / np.maximum(norm, 1e-300), -1.0)
 
 
-def window_sums(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def sum_windows(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Return the sums over a window of ``shape`` (lines, samples) at every place inside, from a summed-area table."""
     total = np.pad(np.cumsum(np.cumsum(values, axis=0, dtype=np.float64), axis=1), ((1, 0), (1, 0)))
     lines, samples = shape

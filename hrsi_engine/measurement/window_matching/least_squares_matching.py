@@ -25,8 +25,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ...foundation import compiled_code
-from .lsm_arrays import match_in_parts
-from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, Patches, Results
+from .lsm_arrays import match_batches
+from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchedPatches, MatchImage, Results
 
 
 def match_patches(
@@ -36,7 +36,7 @@ def match_patches(
     start: np.ndarray,
     affine: np.ndarray,
     options: LsmOptions | None = None,
-) -> Patches:
+) -> MatchedPatches:
     """Match windows of the first image around whole pixels in the second image.
 
     centre : (n, 2) column, row; start : (n, 2) approximate positions in the second image, to about 2 px
@@ -49,7 +49,7 @@ def match_patches(
         np.array(start, dtype=np.float64), np.array(affine, dtype=np.float64), np.full((count, 2, 2), np.nan),
         np.zeros((count, 3)), np.full(count, OUTSIDE, dtype=np.int64),
     )  # fmt: skip
-    rows = np.flatnonzero(_usable_template(first, centre, options.half) & np.isfinite(start).all(axis=1))
+    rows = np.flatnonzero(_has_usable_template(first, centre, options.half) & np.isfinite(start).all(axis=1))
     if len(rows):
         part: Results = tuple(column[rows] for column in results)  # type: ignore[assignment]
         _implementation()(first, second, centre[rows], part, options)
@@ -60,13 +60,13 @@ def match_patches(
     # Compiled loops add in an order that depends on where arrays lie in memory: what is below a millionth of a pixel
     # means nothing and is dropped, so that threads, processes and runs that were stopped give the same points.
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
-    return Patches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
+    return MatchedPatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
 
 
-def _usable_template(first: MatchImage, centre: np.ndarray, half: int) -> np.ndarray:
+def _has_usable_template(first: MatchImage, centre: np.ndarray, half: int) -> np.ndarray:
     rows, columns = first.grey.shape
     usable = np.all((centre >= half) & (centre < np.array([columns, rows]) - half), axis=1)
-    usable[usable] = first.clear(half)[centre[usable, 1], centre[usable, 0]]
+    usable[usable] = first.mask_clear(half)[centre[usable, 1], centre[usable, 0]]
     return usable
 
 
@@ -82,7 +82,7 @@ def _mark_unclear(
     for reach in np.unique(size):
         here = matched[size == reach]
         column, row = pixel[size == reach].T
-        status[here[~second.clear(int(reach))[row, column]]] = OUTSIDE
+        status[here[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
 
 
 Implementation = Callable[[MatchImage, MatchImage, np.ndarray, "Results", LsmOptions], None]
@@ -90,16 +90,16 @@ Implementation = Callable[[MatchImage, MatchImage, np.ndarray, "Results", LsmOpt
 
 def _implementation() -> Implementation:
     if compiled_code.is_wanted():
-        return _by_compiled_loops
-    return match_in_parts
+        return _match_compiled
+    return match_batches
 
 
-def _by_compiled_loops(
+def _match_compiled(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     from .lsm_kernels import match_range
 
     match_range(
-        0, len(centre), (first.grey, *first.slopes, second.coefficients), centre, options.weights(),
-        (options.most, options.closure_px, options.reach_px), results,
+        0, len(centre), (first.grey, *first.slopes, second.coefficients), centre, options.make_weights(),
+        (options.iterations, options.closure_px, options.reach_px), results,
     )  # fmt: skip

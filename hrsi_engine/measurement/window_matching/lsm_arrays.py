@@ -15,23 +15,23 @@ import numpy as np
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK, LsmOptions, MatchImage, Results
 
 
-def match_in_parts(
+def match_batches(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     """Match windows whose templates are inside the first image; results are changed in place."""
     for begin in range(0, len(centre), MATCHING.batch):
         part = slice(begin, begin + MATCHING.batch)
-        _match_part(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
+        _match_batch(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
 
 
-def _match_part(
+def _match_batch(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     xy, affine, covariance, figures, status = results
-    weight = options.weights().ravel()
+    weight = options.make_weights().ravel()
     line = np.arange(-options.half, options.half + 1, dtype=np.float64)
     offset = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    A = _designs(first, centre, offset, weight)
+    A = _make_designs(first, centre, offset, weight)
     weighted = A * weight
     N = weighted @ A.transpose(0, 2, 1)
     diagonal = np.sqrt(np.einsum("nii->ni", N))
@@ -45,23 +45,23 @@ def _match_part(
     begin = xy.copy()
     solution, seen = np.zeros((len(centre), TERMS)), np.zeros((len(centre), len(offset)))
     going = np.flatnonzero(solvable)
-    for _ in range(options.most):
-        going = _leave_outside(second, xy, affine, status, going, options.half)
+    for _ in range(options.iterations):
+        going = _drop_outside(second, xy, affine, status, going, options.half)
         if not len(going):
             break
         at = xy[going, :, None] + affine[going] @ offset.T
-        seen[going] = _sample(second.coefficients, at[:, 0], at[:, 1])
+        seen[going] = _interpolate_spline(second.coefficients, at[:, 0], at[:, 1])
         right = weighted[going] @ seen[going, :, None]
         solution[going] = (inverse[going] @ right)[..., 0]
-        going = _move(xy, affine, begin, status, solution, going, options)
+        going = _update_warps(xy, affine, begin, status, solution, going, options)
     matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
-    _figures(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
+    _assess_matches(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]
     covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
 
 
-def _designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _make_designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the design matrices of templates, transposed ``(n, 8, pixels)``; affine terms count in half windows."""
     columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
     place = rows * first.grey.shape[1] + columns
@@ -77,7 +77,7 @@ def _designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: 
     return A
 
 
-def _leave_outside(
+def _drop_outside(
     second: MatchImage, xy: np.ndarray, affine: np.ndarray, status: np.ndarray, going: np.ndarray, half: int
 ) -> np.ndarray:
     rows, columns = second.coefficients.shape
@@ -87,10 +87,10 @@ def _leave_outside(
     return going[inside]
 
 
-def _sample(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _interpolate_spline(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the spline's values, float32, at columns ``x`` and rows ``y`` that are 1 … size - 3 cells inside."""
     column, row = x.astype(np.int64), y.astype(np.int64)
-    across, down = (_spline_weights((at - whole).astype(np.float32)) for at, whole in ((x, column), (y, row)))
+    across, down = (_compute_spline_weights((at - whole).astype(np.float32)) for at, whole in ((x, column), (y, row)))
     width = coefficients.shape[1]
     flat = np.ravel(coefficients)
     place = (row - 1) * width + (column - 1)
@@ -104,14 +104,14 @@ def _sample(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarra
     return total
 
 
-def _spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
+def _compute_spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the four weights of the cubic B-spline at the fraction t of a cell, float32."""
     s = 1.0 - t
     t2, s2 = t * t, s * s
     return s2 * s / 6.0, 2.0 / 3.0 - 0.5 * t2 * (1.0 + s), 2.0 / 3.0 - 0.5 * s2 * (1.0 + t), t2 * t / 6.0
 
 
-def _move(
+def _update_warps(
     xy: np.ndarray,
     affine: np.ndarray,
     begin: np.ndarray,
@@ -143,7 +143,7 @@ def _move(
     return going[near & (change >= options.closure_px)]
 
 
-def _figures(
+def _assess_matches(
     A: np.ndarray,
     weight: np.ndarray,
     seen: np.ndarray,

@@ -28,7 +28,7 @@ def _cubic_weights(t: float) -> tuple[float, float, float, float]:
 
 
 @njit(**OPTIONS)
-def _along_row(c: np.ndarray, row: int, column: int, w: tuple[float, float, float, float]) -> float:
+def _interpolate_row(c: np.ndarray, row: int, column: int, w: tuple[float, float, float, float]) -> float:
     return w[0] * c[row, column - 1] + w[1] * c[row, column] + w[2] * c[row, column + 1] + w[3] * c[row, column + 2]
 
 
@@ -37,12 +37,12 @@ def _sample(c: np.ndarray, x: float, y: float) -> float:
     """Return the value of the spline with coefficients c; the position must be 1 … size - 3 cells inside."""
     column, row = int(x), int(y)
     w, v = _cubic_weights(x - column), _cubic_weights(y - row)
-    above = v[0] * _along_row(c, row - 1, column, w) + v[1] * _along_row(c, row, column, w)
-    return above + v[2] * _along_row(c, row + 1, column, w) + v[3] * _along_row(c, row + 2, column, w)
+    above = v[0] * _interpolate_row(c, row - 1, column, w) + v[1] * _interpolate_row(c, row, column, w)
+    return above + v[2] * _interpolate_row(c, row + 1, column, w) + v[3] * _interpolate_row(c, row + 2, column, w)
 
 
 @njit(**OPTIONS)
-def _factor(N: np.ndarray) -> bool:
+def _factorise(N: np.ndarray) -> bool:
     """Replace the lower triangle of N by its Cholesky factor; False where it is not positive definite."""
     for i in range(TERMS):
         limit = 1e-9 * N[i, i]
@@ -73,7 +73,7 @@ def _solve(L: np.ndarray, b: np.ndarray) -> None:
 
 
 @njit(**OPTIONS)
-def _weighted_product(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> float:
+def _sum_products(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> float:
     """Return the sum of products of two lists of numbers, with weights."""
     total = 0.0
     for k in range(len(weight)):
@@ -82,7 +82,7 @@ def _weighted_product(one: np.ndarray, other: np.ndarray, weight: np.ndarray) ->
 
 
 @njit(**OPTIONS)
-def _template(
+def _make_template(
     first: np.ndarray,
     by_x: np.ndarray,
     by_y: np.ndarray,
@@ -105,10 +105,10 @@ def _template(
             A[2, pixel], A[3, pixel], A[4, pixel], A[5, pixel] = gx * dx, gx * dy, gy * dx, gy * dy
             A[6, pixel], A[7, pixel] = first[y, x], 1.0
             pixel += 1
-    A[6] -= _weighted_product(A[6], A[7], weight) / weight.sum()
+    A[6] -= _sum_products(A[6], A[7], weight) / weight.sum()
     for a in range(TERMS):
         for b in range(a + 1):
-            N[a, b] = _weighted_product(A[a], A[b], weight)
+            N[a, b] = _sum_products(A[a], A[b], weight)
 
 
 @njit(**OPTIONS)
@@ -139,9 +139,9 @@ def match_range(
     total_weight = weight.sum()
     for n in range(begin, end):
         status[n] = ITERATIONS_USED_UP
-        _template(first, by_x, by_y, centre[n, 0], centre[n, 1], side, weight, A, N)
+        _make_template(first, by_x, by_y, centre[n, 0], centre[n, 1], side, weight, A, N)
         variance = N[6, 6]
-        if not variance > 0.0 or not _factor(N):
+        if not variance > 0.0 or not _factorise(N):
             status[n] = WEAK
             continue
         px, py = xy[n, 0], xy[n, 1]
@@ -165,8 +165,8 @@ def match_range(
                     seen[pixel] = _sample(coefficients, x, y)
                     pixel += 1
             for k in range(TERMS):
-                b[k] = _weighted_product(A[k], seen, weight)
-            squares = _weighted_product(seen, seen, weight)
+                b[k] = _sum_products(A[k], seen, weight)
+            squares = _sum_products(seen, seen, weight)
             mean = b[7] / total_weight
             spread = squares - mean * b[7]
             product = b[6]  # the template's grey values have the mean 0
@@ -202,7 +202,7 @@ def match_range(
         if status[n] == ITERATIONS_USED_UP or status[n] == DONE:
             for k in range(TERMS):
                 seen -= A[k] * b[k]
-            left = _weighted_product(seen, seen, weight)
+            left = _sum_products(seen, seen, weight)
             figures[n, 0] = product / math.sqrt(max(variance * spread, 1e-30))
             figures[n, 1] = gain
             figures[n, 2] = math.sqrt(left / total_weight)
@@ -226,7 +226,7 @@ def match_range(
 
 
 @njit(**OPTIONS)
-def window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
+def compute_window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
     """Return the sum of squared differences from the mean of the window around each pixel, 0 where it is flat.
 
     Windows are square, ``2 half + 1`` pixels a side; at pixels whose window leaves the image there is 0.
@@ -263,7 +263,7 @@ def window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
 
 
 @njit(**OPTIONS)
-def _products(template: np.ndarray, second: np.ndarray, x: int, y: int, products: np.ndarray) -> None:
+def _multiply_windows(template: np.ndarray, second: np.ndarray, x: int, y: int, products: np.ndarray) -> None:
     """Write the products of a template with the windows whose first pixels are ``x … x + 7`` in row ``y``.
 
     Eight neighbours at a time: each pixel of the template is multiplied with eight pixels that lie side by side.
@@ -310,7 +310,7 @@ def search_range(
     best: np.ndarray,
     figures: np.ndarray,
 ) -> None:
-    """Search the windows ``begin:end``; arguments as in `window_search.search_windows`, `window_spreads` besides.
+    """Search the windows ``begin:end``; arguments as `search_windows`, and the image's `compute_window_spreads`.
 
     ``second`` is as wide as ``clear`` and seven columns more, which are never a window's.
     """
@@ -350,7 +350,7 @@ def search_range(
                 if x < half or y < half or x >= columns - half or y >= rows - half or not clear[y, x]:
                     continue
                 if i > done:
-                    _products(template, second, x - half, y - half, products)
+                    _multiply_windows(template, second, x - half, y - half, products)
                     done = i + SIDE_BY_SIDE - 1
                 value = 0.0
                 if spreads[y, x] > 0.0:

@@ -14,11 +14,11 @@ from scipy import fft
 
 from ...foundation.pixel_filters import SCHARR, blur, erode, slopes
 from ...foundation.robust_scale import robust_sigma
-from .cross_correlation import window_sums
+from .cross_correlation import sum_windows
 from .windows import MATCHING
 
 
-class Peak(NamedTuple):
+class CorrelationPeak(NamedTuple):
     """The best shift ``(2,)`` in samples and lines, its score, and how it stands out of the surface.
 
     ``contrast`` is the distance from the surface's median in its robust standard deviations; ``rival`` is the second
@@ -31,7 +31,7 @@ class Peak(NamedTuple):
     rival: float
 
 
-def orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def compute_orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the field of doubled gradient directions, complex64 of the same shape; 0 where not all is valid."""
     by_column, by_row = slopes(blur(np.asarray(grey, dtype=np.float32), MATCHING.gradient_smoothing_px), *SCHARR)
     gradient = by_column + 1j * by_row
@@ -45,7 +45,7 @@ def orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return np.where(inside & (length > 0.0), field, 0.0).astype(np.complex64)
 
 
-def correlation_sums(template: np.ndarray, search: np.ndarray) -> np.ndarray:
+def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
     """Return the real part of the correlation at every shift at which the template lies inside the search field."""
     shape = [fft.next_fast_len(size) for size in search.shape]
     product = fft.fft2(search, shape) * np.conj(fft.fft2(template, shape))
@@ -53,20 +53,20 @@ def correlation_sums(template: np.ndarray, search: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(fft.ifft2(product)[:lines, :samples].real)
 
 
-def window_energy(search: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def compute_window_energy(search: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Return the sum of squares of the search field below the template at every shift."""
-    return window_sums(np.square(np.abs(search)), shape)
+    return sum_windows(np.square(np.abs(search)), shape)
 
 
-def scores(template: np.ndarray, search: np.ndarray) -> np.ndarray:
+def correlate_orientations(template: np.ndarray, search: np.ndarray) -> np.ndarray:
     """Return the normalised correlation, -1 to 1, at every shift; 0 where there is nothing to compare."""
     own = float(np.square(np.abs(template)).sum())
-    below = window_energy(search, (template.shape[0], template.shape[1]))
+    below = compute_window_energy(search, (template.shape[0], template.shape[1]))
     energy = np.maximum(below, 0.25 * own)  # half empty windows are no better
-    return correlation_sums(template, search) / np.sqrt(max(own, 1e-12) * np.maximum(energy, 1e-12))
+    return correlate_fields(template, search) / np.sqrt(max(own, 1e-12) * np.maximum(energy, 1e-12))
 
 
-def peak_of(surface: np.ndarray, apart: int = 3) -> Peak:
+def find_correlation_peak(surface: np.ndarray, apart: int = 3) -> CorrelationPeak:
     """Return the peak of a correlation surface; ``shift`` counts from its first element.
 
     Rivals are looked for more than ``apart`` elements away.
@@ -78,13 +78,13 @@ def peak_of(surface: np.ndarray, apart: int = 3) -> Peak:
     rest = surface.copy()
     rest[max(row - apart, 0) : row + apart + 1, max(column - apart, 0) : column + apart + 1] = -np.inf
     second = float(rest.max())
-    shift = np.array([column, row], dtype=np.float64) + _vertex(surface, int(row), int(column))
-    return Peak(
+    shift = np.array([column, row], dtype=np.float64) + _find_vertex(surface, int(row), int(column))
+    return CorrelationPeak(
         shift, best, (best - middle) / max(spread, 1e-12), second / best if best > 0.0 and np.isfinite(second) else 0.0
     )
 
 
-def _vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
+def _find_vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
     """Return the vertex of the parabolas through the peak and its neighbours, relative to the peak."""
     result = np.zeros(2)
     for axis, (place, line) in enumerate(((column, surface[row]), (row, surface[:, column]))):

@@ -17,7 +17,7 @@ from ...foundation import compiled_code
 from .windows import MATCHING, MatchImage
 
 
-class PeaksFound(NamedTuple):
+class SearchPeaks(NamedTuple):
     """Best positions ``xy (n, 2)``, their correlation, that of the best other peak (-1 without), and whether the best
     position lies inside its box rather than on the edge (then the true one may be outside)."""
 
@@ -35,7 +35,7 @@ def search_windows(
     direction: np.ndarray,
     reach: np.ndarray,
     half: int,
-) -> PeaksFound:
+) -> SearchPeaks:
     """Search windows of ``2 half + 1`` pixels around whole pixels ``centre (n, 2)`` of the first image in the second.
 
     predicted : (n, 2) positions in the second image; direction : (n, 2) unit vectors along the boxes
@@ -45,31 +45,31 @@ def search_windows(
     centre = np.asarray(centre, dtype=np.int64).reshape(-1, 2)
     best = np.array(predicted, dtype=np.float64)
     figures = np.full((len(centre), 3), -1.0)
-    usable = first.clear(half)[centre[:, 1], centre[:, 0]] & np.isfinite(best).all(axis=1)
+    usable = first.mask_clear(half)[centre[:, 1], centre[:, 0]] & np.isfinite(best).all(axis=1)
     rows = np.flatnonzero(usable)
     if len(rows):
         part = best[rows], figures[rows]
         inputs = centre[rows], best[rows].copy(), direction[rows], np.ascontiguousarray(reach[rows])
-        search = _by_compiled_loops if compiled_code.is_wanted() else _by_arrays
+        search = _search_compiled if compiled_code.is_wanted() else _search_arrays
         search(first, second, inputs, half, part)
         best[rows], figures[rows] = part
-    return PeaksFound(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
+    return SearchPeaks(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
 
 
 Inputs = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def _by_compiled_loops(
+def _search_compiled(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    from .lsm_kernels import SIDE_BY_SIDE, search_range, window_spreads
+    from .lsm_kernels import SIDE_BY_SIDE, compute_window_spreads, search_range
 
-    spreads = second.once(("spreads", half), lambda: window_spreads(second.grey, half))
-    grey = second.once("padded", lambda: np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1))))
-    search_range(0, len(inputs[0]), first.grey, grey, second.clear(half), spreads, *inputs, half, *results)
+    spreads = second.compute_once(("spreads", half), lambda: compute_window_spreads(second.grey, half))
+    grey = second.compute_once("padded", lambda: np.pad(second.grey, ((0, 0), (0, SIDE_BY_SIDE - 1))))
+    search_range(0, len(inputs[0]), first.grey, grey, second.mask_clear(half), spreads, *inputs, half, *results)
 
 
-def _by_arrays(
+def _search_arrays(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """NumPy's way: windows of like boxes together."""
@@ -79,11 +79,11 @@ def _by_arrays(
         for begin in range(0, len(same), MATCHING.search_batch):
             rows = same[begin : begin + MATCHING.search_batch]
             part = tuple(column[rows] for column in inputs)
-            scores, corner = _scores(first, second, part, half, int(length))
-            results[0][rows], results[1][rows] = _judge(scores, corner, part[1])
+            scores, corner = _correlate_boxes(first, second, part, half, int(length))
+            results[0][rows], results[1][rows] = _find_peaks(scores, corner, part[1])
 
 
-def _scores(
+def _correlate_boxes(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return correlations ``(n, size, size)``, -2 where not tried, and the boxes' first positions ``(n, 2)``."""
@@ -95,8 +95,8 @@ def _scores(
     norm = np.einsum("np,np->n", template, template)
     corner = np.round(predicted).astype(np.int64) - size // 2
     scores = np.full((len(centre), size, size), -2.0)
-    clear = second.clear(half)
-    spreads = second.once(("spreads", half), lambda: _window_spreads(second.grey, half))
+    clear = second.mask_clear(half)
+    spreads = second.compute_once(("spreads", half), lambda: _compute_spreads(second.grey, half))
     windows = sliding_window_view(second.grey, (side, side))  # at their first pixels
     row, column = np.mgrid[:size, :size]
     away_x, away_y = ((corner[:, k] - predicted[:, k])[:, None, None] + grid for k, grid in ((0, column), (1, row)))
@@ -117,7 +117,7 @@ def _scores(
     return scores, corner
 
 
-def _window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
+def _compute_spreads(grey: np.ndarray, half: int) -> np.ndarray:
     """Return the sum of squared differences from the mean of the window around each pixel inside the image."""
     side = 2 * half + 1
     mean = uniform_filter(grey, side, output=np.float64)
@@ -126,7 +126,7 @@ def _window_spreads(grey: np.ndarray, half: int) -> np.ndarray:
     return spread.astype(np.float32)
 
 
-def _judge(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_peaks(scores: np.ndarray, corner: np.ndarray, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return best positions and figures (correlation, rival, inside) of boxes of scores."""
     count, size, _ = scores.shape
     best, figures = predicted.copy(), np.full((count, 3), -1.0)

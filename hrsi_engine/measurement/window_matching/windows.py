@@ -43,12 +43,12 @@ MATCHING = WindowMatchingThresholds()
 class LsmOptions:
     """How windows are matched.
 
-    window_px : side of the template, odd; most : iterations
+    window_px : side of the template, odd; iterations : most of them
     closure_px : largest change at which they stop; reach_px : farthest from the start
     """
 
     window_px: int = 31
-    most: int = 20
+    iterations: int = 20
     closure_px: float = 3e-3
     reach_px: float = 4.0
 
@@ -56,13 +56,13 @@ class LsmOptions:
     def half(self) -> int:
         return self.window_px // 2
 
-    def weights(self) -> np.ndarray:
+    def make_weights(self) -> np.ndarray:
         """Return the weights of the template's pixels, ``(side, side)``: a Gaussian, 0.25 at the middle of the edge."""
         line = np.exp(-0.5 * (np.arange(-self.half, self.half + 1) / (MATCHING.taper * self.half)) ** 2)
         return line[:, None] * line
 
 
-class Patches(NamedTuple):
+class MatchedPatches(NamedTuple):
     """Matched windows: positions ``xy (n, 2)`` and ``affine (n, 2, 2)`` in the second image, covariance (n, 2, 2) px²,
     correlation, gain and RMS of the residual grey values (n,), status (n,)."""
 
@@ -80,19 +80,19 @@ class Patches(NamedTuple):
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2.0)
 
 
-class MadeOnce:
+class ResultCache:
     """Pixels that are matched with many others: what depends on them alone is made once, and kept with them."""
 
-    _made: dict[Hashable, Any]
+    _results: dict[Hashable, Any]
 
-    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+    def compute_once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return what ``make`` returned when it was first asked for under a key."""
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
+        if key not in self._results:
+            self._results[key] = make()
+        return self._results[key]
 
 
-class MatchImage(MadeOnce):
+class MatchImage(ResultCache):
     """An image prepared for matching: band-passed grey values, spline coefficients, slopes.
 
     ``smooth_px`` is the Gaussian that smooths, ``remove_px`` the one whose result is taken away; 0 for neither.
@@ -104,7 +104,7 @@ class MatchImage(MadeOnce):
         self.grey = blur(raw, smooth_px) if smooth_px > 0.0 else raw
         if remove_px > 0.0:
             self.grey = self.grey - blur(raw, remove_px)
-        self._made = {}
+        self._results = {}
 
     @cached_property
     def coefficients(self) -> np.ndarray:
@@ -126,9 +126,9 @@ class MatchImage(MadeOnce):
         by_column, by_row = slopes(self.coefficients, smooth, slope)
         return by_column, by_row
 
-    def clear(self, distance_px: int) -> np.ndarray:
+    def mask_clear(self, distance_px: int) -> np.ndarray:
         """Return the mask of pixels with nothing but valid pixels of the image so far around them (square)."""
-        clear: np.ndarray = self.once(
+        clear: np.ndarray = self.compute_once(
             ("clear", distance_px), lambda: erode(self.valid, 2 * distance_px + 1, outside=False)
         )
         return clear
