@@ -30,6 +30,7 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.ground.geodesy import WGS84
+from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
@@ -338,8 +339,7 @@ def _layers(
     layers = [Layer("images", "Polygon", WGS84, [compute_footprint(image, height) for image in images], columns)]
     pairs = [{"set": name, **pair} for name, entry in report["sets"].items() for pair in entry["pairs"]]
     if pairs:
-        table = {key: np.array([pair[key] for pair in pairs]) for key in pairs[0]}
-        layers.append(Layer("pairs", "None", WGS84, [], table))
+        layers.append(Layer("pairs", "None", WGS84, [], EvaluatedPairRows.of_entries(pairs)))
     return [*layers, *(_residual_layer(one, observations, kept, predicted) for one in sets)]
 
 
@@ -361,16 +361,16 @@ def _residual_layer(one: EvaluatedSet, observations: Observations, kept: np.ndar
     sizes = len(tracks), len(known), len(survey)
     pixels = np.vstack([on_image, np.full((len(survey), 2), np.nan)])
     metres = np.vstack([np.full((sizes[0] + sizes[1], 3), np.nan), one.known_m[survey]])
-    fields = {
-        "id": block.points.ids[point],
-        "role": ROLE_LABELS[block.points.role[point]],
-        "image": np.r_[names[observations.image[tracks]], names[rows.image[known]], np.full(len(survey), "")],
-        "level": np.repeat(["image", "ground"], [sizes[0] + sizes[1], sizes[2]]),
-        "residual": np.concatenate([np.where(told, "predicted", "fit"), np.full(sizes[1] + sizes[2], "known")]),
-        "residual_sample_px": pixels[:, 0], "residual_line_px": pixels[:, 1],
-        "residual_east_m": metres[:, 0], "residual_north_m": metres[:, 1], "residual_height_m": metres[:, 2],
-        "flag": np.full(sum(sizes), "ok"),
-    }  # fmt: skip
+    fields = EvaluatedResidualRows(
+        id=block.points.ids[point],
+        role=ROLE_LABELS[block.points.role[point]],
+        image=np.r_[names[observations.image[tracks]], names[rows.image[known]], np.full(len(survey), "")],
+        level=np.repeat(["image", "ground"], [sizes[0] + sizes[1], sizes[2]]),
+        residual=np.concatenate([np.where(told, "predicted", "fit"), np.full(sizes[1] + sizes[2], "known")]),
+        residual_sample_px=pixels[:, 0], residual_line_px=pixels[:, 1],
+        residual_east_m=metres[:, 0], residual_north_m=metres[:, 1], residual_height_m=metres[:, 2],
+        flag=np.full(sum(sizes), "ok"),
+    )  # fmt: skip
     at = np.vstack([fit.ground[observations.point[tracks]], block.points.ground[point[len(tracks) :]]])
     return Layer(f"residuals_{one.name}", "PointZ", WGS84, at, fields)
 

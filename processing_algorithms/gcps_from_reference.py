@@ -7,6 +7,7 @@ import numpy as np
 from ..hrsi_engine.block.reference_places import REFERENCE_KIND
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.ground.geodesy import WGS84_3D
+from ..hrsi_engine.io.geopackage.declared_layers import ReferenceGcpRows, RejectedMatchRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from .block_steps import reference_control
 from .block_steps.reference_control import PREFIX, FromReference
@@ -39,12 +40,12 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
         "measurements": len(measured), "reference": found.entries, "warnings": found.warnings,
     }  # fmt: skip
     sigma_m = tuple(ground.sigma_m[0])
-    layers = [_layer(LAYER, found, sigma_m, used=True), _layer(REJECTED, found, sigma_m, used=False)]
+    layers = [_layer(found, sigma_m, used=True), _layer(found, sigma_m, used=False)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
 
-def _layer(name: str, found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:
+def _layer(found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:
     """Return the matches that agree, or those that do not, at the positions of their places in the reference.
 
     ``sigma_m`` is that of a horizontal coordinate and of the height of each place.
@@ -57,18 +58,19 @@ def _layer(name: str, found: FromReference, sigma_m: tuple[float, float], used: 
         part.offset_px[here] - (part.agreement.bias(part.xy[here]) if part.agreement else 0.0) for part, here in rows
     ]
     xy, left = np.concatenate([part.xy[here] for part, here in rows]), np.concatenate(residual)
-    fields = {
-        "id": np.char.add(PREFIX, np.char.lstrip(control.ids[place], "R")),
-        "image": np.concatenate([np.full(int(here.sum()), part.image_id) for part, here in rows]),
-        "role": np.full(len(place), "gcp" if used else "tie"), "kind": np.full(len(place), REFERENCE_KIND),
-        "sample": xy[:, 0], "line": xy[:, 1],
-        "sigma": np.concatenate([part.sigma_px[here] for part, here in rows]),
-        "quality": np.concatenate([part.score[here] for part, here in rows]),
-        "sigma_xy": np.full(len(place), sigma_m[0]), "sigma_h": np.full(len(place), sigma_m[1]),
-        "survey_lon": ground[:, 0], "survey_lat": ground[:, 1], "survey_height": ground[:, 2],
-        "residual_sample_px": left[:, 0], "residual_line_px": left[:, 1],
-    }  # fmt: skip
-    return Layer(name, "PointZ", WGS84_3D, ground, fields)
+    fields = (ReferenceGcpRows if used else RejectedMatchRows)(
+        id=np.char.add(PREFIX, np.char.lstrip(control.ids[place], "R")),
+        image=np.concatenate([np.full(int(here.sum()), part.image_id) for part, here in rows]),
+        sample=xy[:, 0], line=xy[:, 1],
+        sigma=np.concatenate([part.sigma_px[here] for part, here in rows]),
+        kind=np.full(len(place), REFERENCE_KIND),
+        quality=np.concatenate([part.score[here] for part, here in rows]),
+        role=np.full(len(place), "gcp" if used else "tie"),
+        sigma_xy=np.full(len(place), sigma_m[0]), sigma_h=np.full(len(place), sigma_m[1]),
+        survey_lon=ground[:, 0], survey_lat=ground[:, 1], survey_height=ground[:, 2],
+        residual_sample_px=left[:, 0], residual_line_px=left[:, 1],
+    )  # fmt: skip
+    return Layer(LAYER if used else REJECTED, "PointZ", WGS84_3D, ground, fields)
 
 
 def summarise(report: Report) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.ground.sun import SunAngles
+from ..hrsi_engine.io.geopackage.declared_layers import InterestPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.sun_angles import FoundSun, read_sun
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
@@ -112,14 +113,12 @@ def _layer(
     image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])
     ids = [table.to_image_points(image.id, f"{image.id}_").ids for image, table in zip(images, tables, strict=True)]
     ground = np.concatenate(grounds)
-    fields = {
-        "id": np.concatenate(ids).astype(str), "image": image_ids.astype(str),
-        "sample": points.xy[:, 0], "line": points.xy[:, 1],
-        "sigma": points.sigma_px, "kind": points.kind, "quality": points.quality, "strength": points.strength,
-        "length_px": points.size_px[:, 0], "width_px": points.size_px[:, 1],
-        "azimuth_deg": np.degrees(points.azimuth_rad), "contrast": points.contrast, "rmse_px": points.rmse_px,
-        "shadow": np.concatenate(shadows).astype(str),
-    }  # fmt: skip
+    fields = InterestPointRows(
+        id=np.concatenate(ids).astype(str), image=image_ids.astype(str), sample=points.xy[:, 0], line=points.xy[:, 1],
+        sigma=points.sigma_px, kind=points.kind, quality=points.quality, strength=points.strength,
+        length_px=points.size_px[:, 0], width_px=points.size_px[:, 1], azimuth_deg=np.degrees(points.azimuth_rad),
+        contrast=points.contrast, rmse_px=points.rmse_px, shadow=np.concatenate(shadows).astype(str),
+    )  # fmt: skip
     everywhere = all(image.rpc is not None for image in images)
     return Layer(LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.geodesy import WGS84_3D
+from ..hrsi_engine.io.geopackage.declared_layers import LocalizedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.position_tables import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
@@ -99,7 +100,7 @@ def _on_ground(
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
     ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
-    return [Layer("ground_points", "PointZ", WGS84_3D, ground, dict(columns))]
+    return [Layer("ground_points", "PointZ", WGS84_3D, ground, LocalizedPointRows(**columns))]
 
 
 def summarise(report: Report) -> str:

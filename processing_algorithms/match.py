@@ -14,6 +14,7 @@ from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_csv
+from ..hrsi_engine.io.geopackage.declared_layers import CorrespondenceRows, MatchedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
@@ -120,18 +121,18 @@ def _layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: list[
     """Return the correspondences, and the same as image points, on the ground where the images have RPCs."""
     made = found.positions
     ids = np.char.add("M", np.char.zfill(np.arange(1, len(found) + 1).astype(str), len(str(max(len(found), 1)))))
-    fields = {
-        "id": ids, "first_sample": made.first[:, 0], "first_line": made.first[:, 1],
-        "second_sample": made.second[:, 0], "second_line": made.second[:, 1], "kind": found.kind,
-        "sigma": made.sigma_px, "quality": made.correlation, "residual_px": made.residual_px,
-        "epipolar_px": made.epipolar_px, "generation": found.generation,
-        "father": np.where(found.father >= 0, ids[found.father], "") if len(found) else ids,
-    }  # fmt: skip
+    fields = CorrespondenceRows(
+        id=ids, first_sample=made.first[:, 0], first_line=made.first[:, 1],
+        second_sample=made.second[:, 0], second_line=made.second[:, 1], kind=found.kind,
+        sigma=made.sigma_px, quality=made.correlation, residual_px=made.residual_px,
+        epipolar_px=made.epipolar_px, generation=found.generation,
+        father=np.where(found.father >= 0, ids[found.father], "") if len(found) else ids,
+    )  # fmt: skip
     points = _image_points(images, ids, found)
-    measured = {
-        "id": points.ids, "image": points.image_ids, "sample": points.xy[:, 0], "line": points.xy[:, 1],
-        "sigma": points.sigma_px, "kind": points.kind, "quality": points.quality,
-    }  # fmt: skip
+    measured = MatchedPointRows(
+        id=points.ids, image=points.image_ids, sample=points.xy[:, 0], line=points.xy[:, 1],
+        sigma=points.sigma_px, kind=points.kind, quality=points.quality,
+    )  # fmt: skip
     return [
         Layer(LAYER, "None" if images[0].rpc is None else "PointZ", WGS84_3D, ground[0], fields),
         Layer(

@@ -11,6 +11,7 @@ from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
+from ..hrsi_engine.io.geopackage.declared_layers import TargetRows
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
@@ -217,17 +218,18 @@ def _of_edges(
 def _layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:
     """Return the measured points, ready as image points; at their ground positions where the images have RPCs."""
     made = [target for target in targets if not target.measurement.refusal]
-    rows = [_row(target) for target in made]
-    names = ("id", "image", "kind")
-    fields = {name: np.array([row[name] for row in rows], dtype=str) for name in names}
-    fields |= {
-        name: np.array([row[source] for row in rows], dtype=np.float64)
-        for name, source in (
-            ("sample", "sample"), ("line", "line"), ("sigma", "sigma_px"), ("quality", "quality"),
-            ("rmse_px", "rmse_px"),
-        )
-    }  # fmt: skip
-    fields["edge_points"] = np.array([row["edge_points"] for row in rows], dtype=np.int64)
+    found = [target.measurement for target in made]
+    xy = np.array([one.xy for one in found], dtype=np.float64).reshape(-1, 2)
+    fields = TargetRows(
+        id=np.array([target.id for target in made], dtype=str),
+        image=np.array([target.image for target in made], dtype=str),
+        sample=xy[:, 0], line=xy[:, 1],
+        sigma=np.array([one.sigma_px for one in found], dtype=np.float64),
+        kind=np.array([one.kind for one in found], dtype=str),
+        quality=np.array([one.quality for one in found], dtype=np.float64),
+        rmse_px=np.array([one.rmse_px for one in found], dtype=np.float64),
+        edge_points=np.array([one.used.sum() for one in found], dtype=np.int64),
+    )  # fmt: skip
     located = bool(made) and all(t.image in images and images[t.image].rpc is not None for t in made)
     ground = (
         np.concatenate([ground_of(images[t.image], t.measurement.xy[None], None) for t in made])

@@ -9,6 +9,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.geodesy import WGS84_3D
+from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
@@ -92,7 +93,7 @@ def _project(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[s
 
 def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
     ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
-    return [Layer("image_points", "PointZ", WGS84_3D, ground, dict(columns))]
+    return [Layer("image_points", "PointZ", WGS84_3D, ground, ProjectedPointRows(**columns))]
 
 
 def summarise(report: Report) -> str:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import (
     PairGeometry,
@@ -16,6 +14,8 @@ from ..hrsi_engine.block.imaging_geometry import (
     find_rpc_warnings,
 )
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.ground.geodesy import WGS84
+from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
@@ -118,17 +118,9 @@ def _layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
         for key, entry in report["images"].items()
     ]
-    footprints = Layer("images", "Polygon", 4326, [view.footprint for view in views], _columns(rows))
-    return [footprints, *([Layer("pairs", "None", 4326, [], _columns(report["pairs"]))] if report["pairs"] else [])]
-
-
-def _columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return rows as columns: text, or floats with NaN for None."""
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
-    return {
-        name: np.array(values, dtype=str if any(isinstance(value, str) for value in values) else np.float64)
-        for name, values in columns.items()
-    }
+    footprints = Layer("images", "Polygon", WGS84, [view.footprint for view in views], ViewRows.of_entries(rows))
+    pairs = report["pairs"]
+    return [footprints, *([Layer("pairs", "None", WGS84, [], PairRows.of_entries(pairs))] if pairs else [])]
 
 
 def summarise(report: Report) -> str:

@@ -12,6 +12,7 @@ from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_measurements
+from ..hrsi_engine.io.geopackage.declared_layers import MeasurementRows, TiePointRows
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.opening.item_images import item_entry
 from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
@@ -54,16 +55,16 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         rows = found.image_points
         ids, track = np.unique(rows.ids, return_inverse=True)
         views = np.bincount(track, minlength=len(ids))
-        points = {
-            "id": ids, "views": views, "height": found.ground[:, 2],
-            "sigma": np.sqrt(np.bincount(track, rows.sigma_px**2, len(ids)) / np.maximum(views, 1)),
-            "quality": np.bincount(track, rows.quality, len(ids)) / np.maximum(views, 1),
-            "kind": rows.kind[np.searchsorted(track, np.arange(len(ids)))] if len(ids) else rows.kind,
-        }  # fmt: skip
-        measured = {
-            "id": rows.ids, "image": rows.image_ids, "sample": rows.xy[:, 0], "line": rows.xy[:, 1],
-            "sigma": rows.sigma_px, "quality": rows.quality, "kind": rows.kind,
-        }  # fmt: skip
+        points = TiePointRows(
+            id=ids, views=views, height=found.ground[:, 2],
+            sigma=np.sqrt(np.bincount(track, rows.sigma_px**2, len(ids)) / np.maximum(views, 1)),
+            quality=np.bincount(track, rows.quality, len(ids)) / np.maximum(views, 1),
+            kind=rows.kind[np.searchsorted(track, np.arange(len(ids)))] if len(ids) else rows.kind,
+        )  # fmt: skip
+        measured = MeasurementRows(
+            id=rows.ids, image=rows.image_ids, sample=rows.xy[:, 0], line=rows.xy[:, 1],
+            sigma=rows.sigma_px, kind=rows.kind, quality=rows.quality,
+        )  # fmt: skip
         layers = [
             Layer(LAYER, "PointZ", WGS84_3D, found.ground, points),
             Layer(MEASUREMENTS_LAYER, "PointZ", WGS84_3D, found.ground[track], measured),

@@ -1,14 +1,13 @@
 """An adjusted block as tables for a GIS: footprints, points, measurements and residuals, each with a position.
 
-Every table is its positions and a dict of columns of equal length, in the names of `docs/outputs`; residuals are in
-pixels and metres, positions in longitude, latitude and height. Words and positions that many rows share are there once
-(`Words`, `Picked`), and columns in two parts are not copied into one (`Stacked`): as arrays those of a million
-measurements take hundreds of megabytes.
+Every table is its positions (longitude, latitude, height) and the columns that its class of rows declares
+(`io.geopackage.declared_layers`, where a new column is declared first). Words and positions that many rows share are
+there once (`Words`, `Picked`), and columns in two parts are not copied into one (`Stacked`): as arrays those of a
+million measurements take hundreds of megabytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +18,9 @@ from ..block.block import Block
 from ..block.footprints import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
+from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
 from ..io.geopackage.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
+from ..io.geopackage.typed_rows import Rows
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
@@ -28,10 +29,10 @@ MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, an
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Positions ``(n, 3)`` lon, lat, height (array, `Picked` or `Stacked`; or polygons) and columns of length n."""
+    """Positions ``(n, 3)`` lon, lat, height (array, `Picked` or `Stacked`; or polygons) and n rows."""
 
     positions: Any
-    columns: Mapping[str, Column]
+    columns: Rows
 
 
 def images_table(result: Adjustment, height_m: float) -> Table:
@@ -39,34 +40,34 @@ def images_table(result: Adjustment, height_m: float) -> Table:
     images = result.block.images
     used = result.took_part
     count = np.bincount(result.block.measurements.image[used], minlength=len(images))
-    columns = {
-        "id": np.array([image.id for image in images]),
-        "path": np.array([image.path for image in images]),
-        "samples": np.array([image.size[0] if image.size else 0 for image in images]),
-        "lines": np.array([image.size[1] if image.size else 0 for image in images]),
-        "observations": count,
-        "footprint_height_m": np.full(len(images), height_m),
-    }
+    columns = ImageRows(
+        id=np.array([image.id for image in images]),
+        path=np.array([image.path for image in images]),
+        samples=np.array([image.size[0] if image.size else 0 for image in images]),
+        lines=np.array([image.size[1] if image.size else 0 for image in images]),
+        observations=count,
+        footprint_height_m=np.full(len(images), height_m),
+    )
     return Table(compute_footprints(images, height_m), columns)
 
 
 def laser_points_table(found: LaserOutcome) -> Table:
     """Return all laser points with what their file says of them, whether they hold the block, and why not."""
     points = found.points
-    columns = {
-        "id": points.ids,
-        "track": points.track,
-        "used": found.reason == "",
-        "reason": found.reason,
-        "residual_height_m": found.residual_m,
-        "ties": found.ties,
-        "sigma_m": found.sigma_m,
-        "stated_sigma_m": points.sigma_m,
-        "misfit_m": points.misfit_m,
-        "photons": points.photons,
-        "slope": points.slope,
-        "canopy_m": points.canopy_m,
-    }
+    columns = LaserPointRows(
+        id=points.ids,
+        track=points.track,
+        used=found.reason == "",
+        reason=found.reason,
+        residual_height_m=found.residual_m,
+        ties=found.ties,
+        sigma_m=found.sigma_m,
+        stated_sigma_m=points.sigma_m,
+        misfit_m=points.misfit_m,
+        photons=points.photons,
+        slope=points.slope,
+        canopy_m=points.canopy_m,
+    )
     return Table(points.ground, columns)
 
 
@@ -82,20 +83,20 @@ def ground_points_table(result: Adjustment) -> Table:
     here = finite_rows(place)
     surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
     sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
-    columns: dict[str, Column] = {
-        "id": points.ids,
-        "role": Words(ROLE_LABELS, points.role),
-        "height": place[:, 2],
-        "sigma_east_m": result.ground_sigma_m[:, 0],
-        "sigma_north_m": result.ground_sigma_m[:, 1],
-        "sigma_height_m": result.ground_sigma_m[:, 2],
-        "rays": result.block.rays_per_point(),
-        "survey_lon": surveyed[:, 0],
-        "survey_lat": surveyed[:, 1],
-        "survey_height": surveyed[:, 2],
-        "sigma_xy": sigma_survey[:, 0],
-        "sigma_h": sigma_survey[:, 1],
-    }
+    columns = GroundPointRows(
+        id=points.ids,
+        role=Words(ROLE_LABELS, points.role),
+        height=place[:, 2],
+        sigma_east_m=result.ground_sigma_m[:, 0],
+        sigma_north_m=result.ground_sigma_m[:, 1],
+        sigma_height_m=result.ground_sigma_m[:, 2],
+        rays=result.block.rays_per_point(),
+        survey_lon=surveyed[:, 0],
+        survey_lat=surveyed[:, 1],
+        survey_height=surveyed[:, 2],
+        sigma_xy=sigma_survey[:, 0],
+        sigma_h=sigma_survey[:, 1],
+    )
     return _placed(place, here, columns)
 
 
@@ -104,20 +105,20 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     rows = result.block.measurements
     place = positions(result)
     here = finite_rows(place)[rows.point]
-    columns = {
+    columns = ImagePointRows(
         **_identity(result.block, rows.point, rows.image),
-        "sample": rows.xy[:, 0],
-        "line": rows.xy[:, 1],
-        "sigma_px": rows.sigma_px,
-        "kind": rows.kind,
-        "quality": rows.quality,
-        "residual_sample_px": left.measured_px[:, 0],
-        "residual_line_px": left.measured_px[:, 1],
-        "sigma_sample_px": left.measured_sigma_px[:, 0],
-        "sigma_line_px": left.measured_sigma_px[:, 1],
-        "weight": result.weight,
-        "flag": measurement_flags(result, left),
-    }
+        sample=rows.xy[:, 0],
+        line=rows.xy[:, 1],
+        sigma_px=rows.sigma_px,
+        kind=rows.kind,
+        quality=rows.quality,
+        residual_sample_px=left.measured_px[:, 0],
+        residual_line_px=left.measured_px[:, 1],
+        sigma_sample_px=left.measured_sigma_px[:, 0],
+        sigma_line_px=left.measured_sigma_px[:, 1],
+        weight=result.weight,
+        flag=measurement_flags(result, left),
+    )
     return _placed(Picked(place, rows.point), here, columns)
 
 
@@ -127,7 +128,9 @@ def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_
     Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
     of image points has every one.
     """
-    return _stack(_ground_rows(result, left), _image_rows(result, left, most))
+    surveyed, on_ground = _ground_rows(result, left)
+    estimated, in_images = _image_rows(result, left, most)
+    return Table(Stacked((surveyed, estimated)), on_ground.then(in_images))
 
 
 def thinning_warnings(result: Adjustment) -> list[str]:
@@ -141,11 +144,9 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     ]
 
 
-def _placed(place: np.ndarray | Picked, here: np.ndarray, columns: Mapping[str, Column]) -> Table:
+def _placed(place: np.ndarray | Picked, here: np.ndarray, columns: Rows) -> Table:
     """Return the rows that have a position; the columns themselves where all do."""
-    if here.all():
-        return Table(place, columns)
-    return Table(place[here], {name: column[here] for name, column in columns.items()})
+    return Table(place, columns) if here.all() else Table(place[here], columns.select(here))
 
 
 def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, Column]:
@@ -156,31 +157,29 @@ def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, C
     }
 
 
-def _ground_rows(result: Adjustment, left: Residuals) -> Table:
+def _ground_rows(result: Adjustment, left: Residuals) -> tuple[np.ndarray, ResidualRows]:
+    """Return the ground residuals of known points, with their surveyed positions."""
     points = result.block.points
     here = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
-    nothing = np.broadcast_to(np.nan, len(here))
-    columns = {
-        "id": Words(points.ids, here),
-        "role": Words(ROLE_LABELS, points.role[here]),
-        "image": shared_word("", len(here)),
-        "level": shared_word("ground", len(here)),
-        "residual_sample_px": nothing,
-        "residual_line_px": nothing,
-        "residual_east_m": left.ground_m[here, 0],
-        "residual_north_m": left.ground_m[here, 1],
-        "residual_height_m": left.ground_m[here, 2],
-        "sigma_sample_px": nothing,
-        "sigma_line_px": nothing,
-        "sigma_east_m": left.ground_sigma_m[here, 0],
-        "sigma_north_m": left.ground_sigma_m[here, 1],
-        "sigma_height_m": left.ground_sigma_m[here, 2],
-        "flag": ground_flags(left)[here],
-    }
-    return Table(points.ground[here], columns)
+    rows = ResidualRows.of_level(
+        "ground",
+        len(here),
+        id=Words(points.ids, here),
+        role=Words(ROLE_LABELS, points.role[here]),
+        image=shared_word("", len(here)),
+        residual_east_m=left.ground_m[here, 0],
+        residual_north_m=left.ground_m[here, 1],
+        residual_height_m=left.ground_m[here, 2],
+        sigma_east_m=left.ground_sigma_m[here, 0],
+        sigma_north_m=left.ground_sigma_m[here, 1],
+        sigma_height_m=left.ground_sigma_m[here, 2],
+        flag=ground_flags(left)[here],
+    )
+    return points.ground[here], rows
 
 
-def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
+def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[Picked, ResidualRows]:
+    """Return image residuals of measurements whose point has a position, with these."""
     rows = result.block.measurements
     residual, sigma = left.measured_px, left.measured_sigma_px
     place = positions(result)
@@ -191,32 +190,15 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> Table:
         shown[:: -(-len(here) // most)] = True
         here = here[shown]
     count = len(here)
-    nothing = np.broadcast_to(np.nan, count)
     here = slice(None) if count == len(rows) else here  # of all nothing is copied
-    columns = {
+    found = ResidualRows.of_level(
+        "image",
+        count,
         **_identity(result.block, rows.point[here], rows.image[here]),
-        "level": shared_word("image", count),
-        "residual_sample_px": residual[here, 0],
-        "residual_line_px": residual[here, 1],
-        "residual_east_m": nothing,
-        "residual_north_m": nothing,
-        "residual_height_m": nothing,
-        "sigma_sample_px": sigma[here, 0],
-        "sigma_line_px": sigma[here, 1],
-        "sigma_east_m": nothing,
-        "sigma_north_m": nothing,
-        "sigma_height_m": nothing,
-        "flag": flags[here],
-    }
-    return Table(Picked(place, rows.point[here]), columns)
-
-
-def _stack(first: Table, second: Table) -> Table:
-    columns = {name: _one_column(column, second.columns[name]) for name, column in first.columns.items()}
-    return Table(Stacked((first.positions, second.positions)), columns)
-
-
-def _one_column(first: Column, second: Column) -> Column:
-    if isinstance(first, Words) and isinstance(second, Words):
-        return first.then(second)
-    return Stacked((first, second))
+        residual_sample_px=residual[here, 0],
+        residual_line_px=residual[here, 1],
+        sigma_sample_px=sigma[here, 0],
+        sigma_line_px=sigma[here, 1],
+        flag=flags[here],
+    )
+    return Picked(place, rows.point[here]), found

@@ -12,6 +12,7 @@ from ...hrsi_engine.block.block import ImagePoints
 from ...hrsi_engine.drawing.residual_plots import draw_bars, draw_residual_vectors
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance
+from ...hrsi_engine.io.geopackage.declared_layers import RegisteredPointRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
@@ -140,12 +141,12 @@ def _carry(options: RegisterOptions, first_px: np.ndarray) -> np.ndarray:
 
 def _layer(points: Mapping[str, np.ndarray], result: MethodComparison, unit: float) -> Layer:
     residual = result.registrations["all"].residual_px * unit
-    fields = {
-        "id": points["ids"], "kind": points["kind"].astype(str), "used": result.registrations["all"].used,
-        "first_sample": points["first"][:, 0], "first_line": points["first"][:, 1],
-        "second_sample": points["second"][:, 0], "second_line": points["second"][:, 1],
-        "residual_x": residual[:, 0], "residual_y": residual[:, 1],
-    }  # fmt: skip
+    fields = RegisteredPointRows(
+        id=points["ids"], kind=points["kind"].astype(str), used=result.registrations["all"].used,
+        first_sample=points["first"][:, 0], first_line=points["first"][:, 1],
+        second_sample=points["second"][:, 0], second_line=points["second"][:, 1],
+        residual_x=residual[:, 0], residual_y=residual[:, 1],
+    )  # fmt: skip
     return Layer(LAYER, "None", 4326, residual, fields)
 
 

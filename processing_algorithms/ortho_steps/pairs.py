@@ -17,6 +17,7 @@ from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.map_crs import map_epsg_of, to_projected
+from ...hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
@@ -238,23 +239,22 @@ def _positions(found: MatchedPair) -> tuple[np.ndarray, np.ndarray]:
 
 def _layers(found: Sequence[MatchedPair]) -> list[Layer]:
     """Return the windows with their shifts, in UTM and in WGS84."""
-    rows: dict[str, list[np.ndarray]] = {}
+    parts: list[MisregistrationRows] = []
     places = []
     for pair in found:
         lonlat, pixel_m = _positions(pair)
         for state, matches in pair.matches.items():
             count, shift = len(matches.centre), matches.shift_px
-            columns = {
-                "first": np.full(count, pair.pair.names[0]), "second": np.full(count, pair.pair.names[1]),
-                "state": np.full(count, state), "outcome": np.array([WindowOutcome(o).label for o in matches.outcome]),
-                "dx_px": shift[:, 0], "dy_px": shift[:, 1], "shift_px": np.hypot(*shift.T),
-                "east_m": shift[:, 0] * pixel_m[0], "north_m": -shift[:, 1] * pixel_m[1],
-                "correlation": matches.correlation, "sigma_px": matches.sigma_px,
-            }  # fmt: skip
-            for name, values in columns.items():
-                rows.setdefault(name, []).append(values)
+            part = MisregistrationRows(
+                first=np.full(count, pair.pair.names[0]), second=np.full(count, pair.pair.names[1]),
+                state=np.full(count, state), outcome=np.array([WindowOutcome(o).label for o in matches.outcome]),
+                dx_px=shift[:, 0], dy_px=shift[:, 1], shift_px=np.hypot(*shift.T),
+                east_m=shift[:, 0] * pixel_m[0], north_m=-shift[:, 1] * pixel_m[1],
+                correlation=matches.correlation, sigma_px=matches.sigma_px,
+            )  # fmt: skip
+            parts.append(part)
             places.append(lonlat)
-    fields = {name: np.concatenate(parts) for name, parts in rows.items()}
+    fields = MisregistrationRows(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     lonlat = np.concatenate(places)
     epsg = map_epsg_of(lonlat)
     return [

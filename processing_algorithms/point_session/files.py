@@ -11,6 +11,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.geopackage.declared_layers import GroundPointRows
 from ...hrsi_engine.io.geopackage.layer_rows import layer_names, replace_layers, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.output_dir import read_report
@@ -118,7 +119,7 @@ def _with_ties_placed(ground: Layer, session: PointSession) -> Layer:
         if point is not None and point.role == TIE:
             columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
             columns["survey_height"][row] = point.height
-    return replace(ground, fields={**ground.fields, **columns})
+    return replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
 
 
 def _with_others(full: Layer, plain: Layer) -> Layer:
@@ -129,18 +130,10 @@ def _with_others(full: Layer, plain: Layer) -> Layer:
     more = np.array([key not in there for key in keys], dtype=bool)
     if not more.any():
         return full
-    columns = {}
-    for name, field in full.fields.items():
-        column = np.asarray(field)
-        added = np.asarray(plain.fields[name])[more] if name in plain.fields else _empty(column, more.sum())
-        columns[name] = np.concatenate([column, added])
+    added = {name: np.asarray(column)[more] for name, column in plain.fields.items()}
+    columns = {name: np.concatenate([np.asarray(column), added[name]]) for name, column in full.fields.items()}
     place = np.vstack([np.asarray(full.coordinates), np.asarray(plain.coordinates)[more]])
-    return Layer(full.name, full.geometry, full.crs, place, columns)
-
-
-def _empty(column: np.ndarray, rows: int) -> np.ndarray:
-    """Return rows that hold no value."""
-    return np.full(rows, np.nan) if column.dtype.kind == "f" else np.zeros(rows, column.dtype)
+    return Layer(full.name, full.geometry, full.crs, place, type(full.fields)(**columns))
 
 
 def _found_paths(block: str, paths: Sequence[str]) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from ...hrsi_engine.block.footprints import compute_footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
+from ...hrsi_engine.io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows
 from ...hrsi_engine.io.geopackage.layers import Layer
 from .session import PointSession
 
@@ -44,13 +45,14 @@ def images_layer(session: PointSession) -> Layer:
     images = list(session.images.values())
     heights = [point.height for point in session.points.values()]
     height = float(np.mean(heights)) if heights else float(np.mean([image.middle_height_m for image in images]))
-    columns = {
-        "id": np.array([image.id for image in images], dtype=str),
-        "path": np.array([image.path for image in images], dtype=str),
-        "samples": np.array([image.size[0] if image.size else 0 for image in images], dtype=np.int64),
-        "lines": np.array([image.size[1] if image.size else 0 for image in images], dtype=np.int64),
-        "footprint_height_m": np.full(len(images), height),
-    }
+    columns = ImageRows(
+        id=np.array([image.id for image in images], dtype=str),
+        path=np.array([image.path for image in images], dtype=str),
+        samples=np.array([image.size[0] if image.size else 0 for image in images], dtype=np.int64),
+        lines=np.array([image.size[1] if image.size else 0 for image in images], dtype=np.int64),
+        observations=np.zeros(len(images), dtype=np.int64),
+        footprint_height_m=np.full(len(images), height),
+    )
     return Layer("images", "Polygon", WGS84, [compute_footprint(image, height) for image in images], columns)
 
 
@@ -58,29 +60,29 @@ def point_layers(session: PointSession) -> list[Layer]:
     """Return ``ground_points`` and ``image_points`` as they stand, without any residual."""
     known = ground_points(session)
     unknown = np.full(len(known), np.nan)
-    ground = {
-        "id": known.ids, "role": _labels(known.role), "height": known.ground[:, 2],
-        "sigma_east_m": unknown, "sigma_north_m": unknown, "sigma_height_m": unknown,
-        **surveyed_columns(known),
-    }  # fmt: skip
     # All measurements, of tie points too, at the surveyed positions where there are such
     tables = [image_points(session), *([] if session.ties is None else [session.ties])]
     ids = np.concatenate([table.ids for table in tables])
     index = {name: row for row, name in enumerate(known.ids.tolist())}
     at = np.array([index.get(name, -1) for name in ids.tolist()], dtype=np.int64)
+    ground = GroundPointRows(
+        id=known.ids, role=_labels(known.role), height=known.ground[:, 2],
+        sigma_east_m=unknown, sigma_north_m=unknown, sigma_height_m=unknown,
+        rays=np.bincount(at[at >= 0], minlength=len(known)), **surveyed_columns(known),
+    )  # fmt: skip
     place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
     roles = np.append(_labels(known.role), "tie")[at]
     xy = np.concatenate([table.xy for table in tables])
     nothing = np.full(len(ids), np.nan)
-    columns = {
-        "id": ids, "role": roles, "image": np.concatenate([table.image_ids for table in tables]),
-        "sample": xy[:, 0], "line": xy[:, 1],
-        "sigma_px": np.concatenate([table.sigma_px for table in tables]),
-        "kind": np.concatenate([table.kind for table in tables]),
-        "quality": np.concatenate([table.quality for table in tables]),
-        "residual_sample_px": nothing, "residual_line_px": nothing, "weight": nothing,
-        "flag": np.full(len(ids), ""),
-    }  # fmt: skip
+    columns = ImagePointRows(
+        id=ids, role=roles, image=np.concatenate([table.image_ids for table in tables]),
+        sample=xy[:, 0], line=xy[:, 1],
+        sigma_px=np.concatenate([table.sigma_px for table in tables]),
+        kind=np.concatenate([table.kind for table in tables]),
+        quality=np.concatenate([table.quality for table in tables]),
+        residual_sample_px=nothing, residual_line_px=nothing, sigma_sample_px=nothing, sigma_line_px=nothing,
+        weight=nothing, flag=np.full(len(ids), ""),
+    )  # fmt: skip
     image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
     return [
         Layer("ground_points", "PointZ", WGS84, known.ground, ground),

@@ -18,6 +18,7 @@ import jinja2
 import numpy as np
 
 from .layer_words import Column, is_any
+from .typed_rows import describe_columns, title_of
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
 MOST_ON_MAP = 1500  #: points or arrows that one map shows; more are a grey mass
@@ -36,8 +37,6 @@ REASON_COLORS = (
     "90,90,90,255",
 )
 
-#: Ends of the names of fields that are units.
-UNITS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
 LayerColumns = Mapping[str, Column]
 
 
@@ -59,20 +58,14 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
 
 def _with_aliases(qml: str, fields: LayerColumns) -> str:
     """Return a style that names the fields in forms and tables with words and units."""
+    titles = {name: title_of(name) for name in ("fid", *fields)}
+    titles |= {name: said.title for name, said in describe_columns(fields).items()}
     entries = "".join(
-        f'<alias index="{number}" field="{escape(name)}" name="{escape(alias_of(name))}"/>'
-        for number, name in enumerate(("fid", *fields))
+        f'<alias index="{number}" field="{escape(name)}" name="{escape(title)}"/>'
+        for number, (name, title) in enumerate(titles.items())
     )
     head = qml.replace('styleCategories="', 'styleCategories="Fields|', 1)
     return head.replace("</qgis>", f"<aliases>{entries}</aliases>\n</qgis>")
-
-
-def alias_of(field: str) -> str:
-    """Return what a form writes beside a field: ``Residual east (m)`` for ``residual_east_m``."""
-    words = field.split("_")
-    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
-    text = " ".join(words[:-1] if unit else words)
-    return f"{text[:1].upper()}{text[1:]}{f' ({unit})' if unit else ''}"
 
 
 @dataclass(frozen=True)

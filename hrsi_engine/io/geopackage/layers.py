@@ -31,10 +31,10 @@ from ..opening.datasets import config_option, gdal_messages, quiet
 from ..opening.sql import sql_text
 from ..safety.replacing import replacing
 from .layer_styles import Style, default_style
-from .layer_texts import FIELD_TEXTS, LAYER_TEXTS
 from .layer_words import Column
 from .rtree import empty_rtree, fill_rtree, pack_rtree
 from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
+from .typed_rows import DTYPES, Rows, describe_columns
 
 _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
@@ -58,8 +58,9 @@ class Layer:
         EPSG code.
     coordinates : (n, 2) or (n, 3) ndarray, Picked or Stacked, or sequence of shapely.geometry.Polygon
         Points or polygons. NaN, an empty polygon: no geometry.
-    fields : mapping of str to (n,) ndarray, Words or Stacked
-        Columns by name: text, integers, floats (NaN is written as NULL) or bools.
+    fields : Rows, or mapping of str to (n,) ndarray, Words or Stacked
+        Columns by name: text, integers, floats (NaN is written as NULL) or bools. Those of a class of
+        `declared_layers` describe themselves in the file.
     """
 
     name: str
@@ -70,6 +71,11 @@ class Layer:
 
     def __len__(self) -> int:
         return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
+
+    @property
+    def description(self) -> str:
+        """What the layer holds, as its class of rows says; empty for other columns."""
+        return (type(self.fields).__doc__ or "").partition("\n")[0].rstrip(".") if isinstance(self.fields, Rows) else ""
 
     @cached_property
     def boxes(self) -> np.ndarray:
@@ -224,19 +230,21 @@ def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str]
     reference.ImportFromEPSG(layer.crs)
     reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
     options = ["SPATIAL_INDEX=YES", f"GEOMETRY_NAME={GEOMETRY_COLUMN}", "FID=fid"]
-    options += [f"DESCRIPTION={LAYER_TEXTS[layer.name]}"] if layer.name in LAYER_TEXTS else []
+    options += [f"DESCRIPTION={layer.description}"] if layer.description else []
     has_geometry = layer.geometry != "None"
     table = dataset.CreateLayer(
         layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
     )
+    declared = layer.fields.declared if isinstance(layer.fields, Rows) else {}
     for name, column in layer.fields.items():
         kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
-        definition = ogr.FieldDefn(name, kinds.get(column.dtype.kind, ogr.OFTString))
-        if column.dtype.kind == "b":
+        kind = DTYPES[declared[name].kind][0] if name in declared else column.dtype.kind
+        definition = ogr.FieldDefn(name, kinds.get(kind, ogr.OFTString))
+        if kind == "b":
             definition.SetSubType(ogr.OFSTBoolean)
         table.CreateField(definition)
     if lineage:
-        description = {"DESCRIPTION": LAYER_TEXTS[layer.name]} if layer.name in LAYER_TEXTS else {}
+        description = {"DESCRIPTION": layer.description} if layer.description else {}
         table.SetMetadata({**lineage, **description})
 
 
@@ -377,8 +385,8 @@ _SCHEMA_EXTENSION = "http://www.geopackage.org/spec121/#extension_schema"
 
 
 def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> None:
-    """Say of each field what it holds (`layer_texts`), in the table that the standard has for that."""
-    rows = [(layer.name, name, FIELD_TEXTS[name]) for layer in layers for name in layer.fields if name in FIELD_TEXTS]
+    """Write what each field holds, as it is declared (`typed_rows`), into the table that the standard has for that."""
+    rows = [(layer.name, name, said.text) for layer in layers for name, said in describe_columns(layer.fields).items()]
     if not rows:
         return
     for statement in _SCHEMA_TABLES:

@@ -1,0 +1,244 @@
+"""A layer's columns, each declared once: name, kind of value, unit and text stand in a class of `declared_layers`.
+
+Who makes the rows of a layer makes an object of its class, with one argument a column::
+
+    rows = TiePointRows(id=ids, views=views, height=height_m, ...)
+
+A column that is given and not declared, or declared and not given, is an error there, for mypy and when it runs. The
+object is the mapping of columns that a `Layer` takes; the writer has the kinds and texts of the fields from it, the
+styles their titles, and `scripts/list_layers.py` the tables of the documentation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_type_hints
+
+import numpy as np
+
+from .layer_words import Column, Stacked, Words, shared_word
+
+#: Kinds of columns, as annotations of a class of rows: what one value of the column is stands second.
+Texts = Annotated[Column, str]
+Floats = Annotated[Column, float]
+Integers = Annotated[Column, int]
+Flags = Annotated[Column, bool]
+#: Letters of NumPy's dtypes that a column of each kind may have.
+DTYPES: dict[type, str] = {str: "UO", float: "f", int: "iu", bool: "b"}
+#: How units are written in titles.
+UNIT_SIGNS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
+
+
+@dataclass(frozen=True)
+class DeclaredColumn:
+    """What is known of a column before there are rows; see `column`."""
+
+    description: str
+    unit: str = ""
+    level: str = ""
+    name: str = ""
+    kind: type = object
+
+    @property
+    def text(self) -> str:
+        """The description with its unit, as files have it."""
+        return f"{self.description}, {self.unit}" if self.unit else self.description
+
+    @property
+    def title(self) -> str:
+        """What a form writes beside the field: ``Residual east (m)``."""
+        return title_of(self.name, self.unit)
+
+
+def title_of(name: str, unit: str = "") -> str:
+    """Return a column's name as words with its unit, ``Residual east (m)``; by default that at the name's end."""
+    words = name.split("_")
+    ending = words[-1] if len(words) > 1 and words[-1] in UNIT_SIGNS else ""
+    text, sign = " ".join(words[:-1] if ending else words), UNIT_SIGNS.get(unit or ending, unit)
+    return f"{text[:1].upper()}{text[1:]}{f' ({sign})' if sign else ''}"
+
+
+def column(description: str = "", unit: str = "", *, level: str = "") -> Any:
+    """Declare a column of a class of `Rows`.
+
+    Parameters
+    ----------
+    description : str
+        What it holds; by default the text of `SHARED_COLUMNS` under its name, for a column of several layers.
+    unit : str
+        Of a number.
+    level : str
+        In a layer with rows of several levels, the one whose rows have it; empty: all.
+
+    Returns
+    -------
+    DeclaredColumn
+        For type checkers the field that the annotation says.
+    """
+    return DeclaredColumn(description, unit, level)
+
+
+@dataclass_transform(kw_only_default=True, field_specifiers=(column,))
+class Rows(Mapping[str, Column]):
+    """Columns of equal length of a layer, by name: those that the class declares, no more and no fewer.
+
+    A class names its layer (``class TiePointRows(Rows, layer="tie_points")``); the first line of its docstring
+    describes it. Columns of a base class come first.
+
+    Raises
+    ------
+    TypeError
+        A column is not declared, not given, of another length or of another kind than declared.
+    """
+
+    layer: ClassVar[str] = ""
+    declared: ClassVar[Mapping[str, DeclaredColumn]] = {}
+
+    def __init_subclass__(cls, layer: str = "") -> None:
+        cls.layer = layer or cls.layer
+        own = {name: value for name, value in vars(cls).items() if isinstance(value, DeclaredColumn)}
+        hints = get_type_hints(cls, include_extras=True)
+        inherited = {name: part for base in reversed(cls.__mro__[1:]) for name, part in _declared_of(base).items()}
+        cls.declared = inherited | {
+            name: replace(_described(cls, name, part), name=name, kind=get_args(hints[name])[1])
+            for name, part in own.items()
+        }
+
+    def __init__(self, **columns: Column) -> None:
+        where = f"layer {self.layer}: `{type(self).__name__}` of {type(self).__module__.rpartition('.')[2]}.py"
+        unknown = [name for name in columns if name not in self.declared]
+        missing = [name for name in self.declared if name not in columns]
+        if unknown:
+            raise TypeError(f"{where} does not declare the column {unknown[0]!r}: declare it there, or leave it out")
+        if missing:
+            raise TypeError(
+                f"{where} declares the column {missing[0]!r}, which is not given: give it where the rows are made, "
+                "or take it out of the class"
+            )
+        lengths = {name: len(values) for name, values in columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise TypeError(f"{where}: the columns differ in length: {lengths}")
+        for name, said in self.declared.items():
+            values = columns[name]
+            if len(values) and values.dtype.kind not in DTYPES[said.kind]:
+                raise TypeError(
+                    f"{where} declares {name!r} as {said.kind.__name__}, and {values.dtype} is given: convert it, or "
+                    "declare the other kind"
+                )
+            self.__dict__[name] = values
+
+    @classmethod
+    def of_level(cls, level: str, count: int, **columns: Column) -> Self:
+        """Return ``count`` rows of one level: the columns of other levels hold NaN, and take no memory."""
+        others = [name for name, said in cls.declared.items() if said.level not in ("", level)]
+        wrong = [name for name in others if name in columns]
+        if wrong:
+            raise TypeError(f"`{cls.__name__}` declares {wrong[0]!r} for another level than {level!r}: do not give it")
+        nothing = np.broadcast_to(np.nan, count)
+        return cls(**columns, **dict.fromkeys(others, nothing), level=shared_word(level, count))
+
+    @classmethod
+    def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
+        """Return the rows of entries of a report, in which None is NaN."""
+        kinds = {name: said.kind for name, said in cls.declared.items()}
+        columns = {name: [entry[name] for entry in entries] for name in entries[0]}
+        return cls(**{name: np.array(values, dtype=kinds.get(name)) for name, values in columns.items()})
+
+    def __getitem__(self, name: str) -> Column:
+        if name not in self.declared:
+            raise KeyError(name)
+        values: Column = self.__dict__[name]
+        return values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.declared)
+
+    def __len__(self) -> int:
+        return len(self.declared)
+
+    def select(self, rows: Any) -> Self:
+        """Return some rows (slice, mask or indices)."""
+        return type(self)(**{name: values[rows] for name, values in self.items()})
+
+    def then(self, other: Self) -> Self:
+        """Return these rows and others behind them, without a copy of the numbers."""
+        return type(self)(**{name: _join(values, other[name]) for name, values in self.items()})
+
+    def with_columns(self, **changed: Column) -> Self:
+        """Return the same rows with other values in some columns."""
+        return type(self)(**{**self, **changed})
+
+
+def _declared_of(base: type) -> Mapping[str, DeclaredColumn]:
+    return base.declared if issubclass(base, Rows) else {}
+
+
+def _described(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
+    """Return a declared column with the text that it shares with those of the same name in other layers."""
+    if part.description:
+        return part
+    if name not in SHARED_COLUMNS:
+        raise TypeError(f"`{cls.__name__}.{name}`: say what it holds, or enter a text for all layers in SHARED_COLUMNS")
+    description, unit = SHARED_COLUMNS[name]
+    return replace(part, description=description, unit=unit)
+
+
+def _join(first: Column, second: Column) -> Column:
+    if isinstance(first, Words) and isinstance(second, Words):
+        return first.then(second)
+    return Stacked((first, second))
+
+
+def describe_columns(fields: Mapping[str, Column]) -> dict[str, DeclaredColumn]:
+    """Return what is known of a layer's fields: as declared; of other columns, what `SHARED_COLUMNS` says."""
+    if isinstance(fields, Rows):
+        return dict(fields.declared)
+    return {name: DeclaredColumn(*SHARED_COLUMNS[name], name=name) for name in fields if name in SHARED_COLUMNS}
+
+
+#: Descriptions and units of columns that mean the same in every layer that has them, by name.
+SHARED_COLUMNS: dict[str, tuple[str, str]] = {
+    "id": ("Id of the point or image", ""),
+    "path": ("File of the image", ""),
+    "samples": ("Columns of the image", "px"),
+    "lines": ("Rows of the image", "px"),
+    "role": ("gcp: control; check: known, and took no part; tie: unknown", ""),
+    "height": ("Height above the WGS84 ellipsoid", "m"),
+    "views": ("Images on which the point was found", ""),
+    "image": ("Id of the image", ""),
+    "first": ("Id of the first image", ""),
+    "second": ("Id of the second image", ""),
+    "sample": ("Column; 0 is the CENTRE of the first pixel", "px"),
+    "line": ("Row; 0 is the CENTRE of the first pixel", "px"),
+    "first_sample": ("Column in the first image; 0 is the CENTRE of the first pixel", "px"),
+    "first_line": ("Row in the first image; 0 is the CENTRE of the first pixel", "px"),
+    "second_sample": ("Column in the second image; 0 is the CENTRE of the first pixel", "px"),
+    "second_line": ("Row in the second image; 0 is the CENTRE of the first pixel", "px"),
+    "lon": ("Longitude", "degrees"),
+    "lat": ("Latitude", "degrees"),
+    "survey_lon": ("Longitude as surveyed", "degrees"),
+    "survey_lat": ("Latitude as surveyed", "degrees"),
+    "survey_height": ("Ellipsoidal height as surveyed", "m"),
+    "sigma_xy": ("Standard deviation of each horizontal coordinate as surveyed", "m"),
+    "sigma_h": ("Standard deviation of the height as surveyed", "m"),
+    "sigma_px": ("Standard deviation of the measurement along each axis", "px"),
+    "sigma": ("Standard deviation of the measurement along each axis", "px"),
+    "kind": ("What was measured, or how", ""),
+    "quality": ("Quality of the measurement, 0 to 1", ""),
+    "level": ("ground: residual of a known point on the ground; image: of a measurement in an image", ""),
+    "residual_sample_px": ("Observed - computed along the rows", "px"),
+    "residual_line_px": ("Observed - computed along the columns", "px"),
+    "residual_east_m": ("Surveyed - computed to the east", "m"),
+    "residual_north_m": ("Surveyed - computed to the north", "m"),
+    "residual_height_m": ("Surveyed - computed height", "m"),
+    "sigma_east_m": ("Standard deviation of the coordinate or residual to the east", "m"),
+    "sigma_north_m": ("Standard deviation of the coordinate or residual to the north", "m"),
+    "sigma_height_m": ("Standard deviation of the height or its residual", "m"),
+    "sigma_sample_px": ("Standard deviation of residual_sample_px, from whose quotient the flag is made", "px"),
+    "sigma_line_px": ("Standard deviation of residual_line_px, from whose quotient the flag is made", "px"),
+    "flag": ("ok, or what is to be said of the residual", ""),
+    "used": ("Whether it takes part", ""),
+    "rmse_px": ("Root mean square of the residuals", "px"),
+    "correlation": ("Correlation of the grey values after matching", ""),
+}
