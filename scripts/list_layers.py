@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from hrsi.hrsi_engine.io.geopackage import declared_layers
-from hrsi.hrsi_engine.io.geopackage.typed_rows import Rows
+from hrsi.hrsi_engine.io.geopackage.typed_rows import LayerRows
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "layers.md"
 COMMAND = ".venv/bin/python scripts/list_layers.py"
@@ -29,13 +29,15 @@ def write_page() -> str:
     return "\n".join([HEAD, *map(write_layer, declared_classes())])
 
 
-def declared_classes() -> list[type[Rows]]:
+def declared_classes() -> list[type[LayerRows]]:
     """Return the classes of rows that declare a layer."""
-    classes = (value for value in vars(declared_layers).values() if isinstance(value, type) and issubclass(value, Rows))
+    classes = (
+        value for value in vars(declared_layers).values() if isinstance(value, type) and issubclass(value, LayerRows)
+    )
     return [rows for rows in classes if rows.layer]
 
 
-def write_layer(rows: type[Rows]) -> str:
+def write_layer(rows: type[LayerRows]) -> str:
     """Return a heading, what the layer holds, and a line for each column."""
     told = (rows.__doc__ or "").partition("\n")[0]
     lines = [f"## `{rows.layer}`", "", told, "", "| column | kind | unit | holds |", "|---|---|---|---|"]

@@ -20,7 +20,7 @@ from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
 from ..io.geopackage.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
-from ..io.geopackage.typed_rows import Rows
+from ..io.geopackage.typed_rows import LayerRows
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
@@ -32,7 +32,7 @@ class Table:
     """Positions ``(n, 3)`` lon, lat, height (array, `Picked` or `Stacked`; or polygons) and n rows."""
 
     positions: Any
-    columns: Rows
+    columns: LayerRows
 
 
 def images_table(result: Adjustment, height_m: float) -> Table:
@@ -144,7 +144,7 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     ]
 
 
-def _placed(place: np.ndarray | Picked, here: np.ndarray, columns: Rows) -> Table:
+def _placed(place: np.ndarray | Picked, here: np.ndarray, columns: LayerRows) -> Table:
     """Return the rows that have a position; the columns themselves where all do."""
     return Table(place, columns) if here.all() else Table(place[here], columns.select(here))
 

@@ -21,12 +21,12 @@ from hrsi.hrsi_engine.io.geopackage.declared_layers import ImagePointRows, Resid
 from hrsi.hrsi_engine.io.geopackage.layer_styles import NEEDED, STYLES, default_style
 from hrsi.hrsi_engine.io.geopackage.layer_words import Stacked, shared_word
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.geopackage.typed_rows import Floats, Rows, column
+from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, column
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = [
     value for value in vars(declared_layers).values()
-    if isinstance(value, type) and issubclass(value, Rows) and value.layer
+    if isinstance(value, type) and issubclass(value, LayerRows) and value.layer
 ]  # fmt: skip
 VALUES = {
     str: np.array(["a", "b"]),
@@ -36,13 +36,13 @@ VALUES = {
 }
 
 
-def columns_of(rows: type[Rows]) -> dict[str, np.ndarray]:
+def columns_of(rows: type[LayerRows]) -> dict[str, np.ndarray]:
     """Return two rows of sound values."""
     return {name: VALUES[said.kind] for name, said in rows.declared.items()}
 
 
 @pytest.mark.parametrize("rows", CLASSES)
-def test_columns_that_are_not_as_declared_are_refused(rows: type[Rows]) -> None:
+def test_columns_that_are_not_as_declared_are_refused(rows: type[LayerRows]) -> None:
     sound = columns_of(rows)
     assert list(rows(**sound)) == list(rows.declared)
     with pytest.raises(TypeError, match=rf"`{rows.__name__}` of declared_layers.py does not declare the column 'mood'"):
@@ -85,7 +85,7 @@ def test_a_declared_column_is_in_file_form_and_description(tmp_path: Path) -> No
     class WiderRows(ImagePointRows):
         """Image points with the time of their line."""
 
-        time_s: Floats = column("Seconds since the first line", "s")
+        time_s: FloatColumn = column("Seconds since the first line", "s")
 
     rows = WiderRows(**columns_of(ImagePointRows), time_s=np.array([1.0, 2.0]))
     path = tmp_path / "block.gpkg"

@@ -19,7 +19,7 @@ from qgis.PyQt.QtGui import QColor
 from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.geopackage.typed_rows import title_of
+from hrsi.hrsi_engine.io.geopackage.typed_rows import write_title
 
 SIZE, DPI = 400, 127.0  # 127 dpi: 5 pixels a millimetre
 GROUND_PX, IMAGE_PX = 40, 20  # 8 mm and 4 mm
@@ -125,4 +125,4 @@ def test_fields_have_names_with_units(block: Path) -> None:
     assert names["residual_east_m"] == "Residual east (m)"
     assert names["residual_sample_px"] == "Residual sample (px)"
     assert names["role"] == "Role"
-    assert title_of("sigma_xy") == "Sigma xy" and title_of("footprint_height_m") == "Footprint height (m)"
+    assert write_title("sigma_xy") == "Sigma xy" and write_title("footprint_height_m") == "Footprint height (m)"

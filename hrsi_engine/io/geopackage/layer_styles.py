@@ -18,7 +18,7 @@ import jinja2
 import numpy as np
 
 from .layer_words import Column, is_any
-from .typed_rows import describe_columns, title_of
+from .typed_rows import describe_columns, write_title
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
 MOST_ON_MAP = 1500  #: points or arrows that one map shows; more are a grey mass
@@ -58,7 +58,7 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
 
 def _with_aliases(qml: str, fields: LayerColumns) -> str:
     """Return a style that names the fields in forms and tables with words and units."""
-    titles = {name: title_of(name) for name in ("fid", *fields)}
+    titles = {name: write_title(name) for name in ("fid", *fields)}
     titles |= {name: said.title for name, said in describe_columns(fields).items()}
     entries = "".join(
         f'<alias index="{number}" field="{escape(name)}" name="{escape(title)}"/>'

@@ -34,7 +34,7 @@ from .layer_styles import Style, default_style
 from .layer_words import Column
 from .rtree import empty_rtree, fill_rtree, pack_rtree
 from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
-from .typed_rows import DTYPES, Rows, describe_columns
+from .typed_rows import DTYPES, LayerRows, describe_columns
 
 _GEOMETRY_TYPES = {
     "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
@@ -58,7 +58,7 @@ class Layer:
         EPSG code.
     coordinates : (n, 2) or (n, 3) ndarray, Picked or Stacked, or sequence of shapely.geometry.Polygon
         Points or polygons. NaN, an empty polygon: no geometry.
-    fields : Rows, or mapping of str to (n,) ndarray, Words or Stacked
+    fields : LayerRows, or mapping of str to (n,) ndarray, Words or Stacked
         Columns by name: text, integers, floats (NaN is written as NULL) or bools. Those of a class of
         `declared_layers` describe themselves in the file.
     """
@@ -75,7 +75,11 @@ class Layer:
     @property
     def description(self) -> str:
         """What the layer holds, as its class of rows says; empty for other columns."""
-        return (type(self.fields).__doc__ or "").partition("\n")[0].rstrip(".") if isinstance(self.fields, Rows) else ""
+        return (
+            (type(self.fields).__doc__ or "").partition("\n")[0].rstrip(".")
+            if isinstance(self.fields, LayerRows)
+            else ""
+        )
 
     @cached_property
     def boxes(self) -> np.ndarray:
@@ -235,7 +239,7 @@ def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str]
     table = dataset.CreateLayer(
         layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
     )
-    declared = layer.fields.declared if isinstance(layer.fields, Rows) else {}
+    declared = layer.fields.declared if isinstance(layer.fields, LayerRows) else {}
     for name, column in layer.fields.items():
         kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
         kind = DTYPES[declared[name].kind][0] if name in declared else column.dtype.kind

@@ -20,10 +20,10 @@ import numpy as np
 from .layer_words import Column, Stacked, Words, shared_word
 
 #: Kinds of columns, as annotations of a class of rows: what one value of the column is stands second.
-Texts = Annotated[Column, str]
-Floats = Annotated[Column, float]
-Integers = Annotated[Column, int]
-Flags = Annotated[Column, bool]
+TextColumn = Annotated[Column, str]
+FloatColumn = Annotated[Column, float]
+IntegerColumn = Annotated[Column, int]
+FlagColumn = Annotated[Column, bool]
 #: Letters of NumPy's dtypes that a column of each kind may have.
 DTYPES: dict[type, str] = {str: "UO", float: "f", int: "iu", bool: "b"}
 #: How units are written in titles.
@@ -48,10 +48,10 @@ class DeclaredColumn:
     @property
     def title(self) -> str:
         """What a form writes beside the field: ``Residual east (m)``."""
-        return title_of(self.name, self.unit)
+        return write_title(self.name, self.unit)
 
 
-def title_of(name: str, unit: str = "") -> str:
+def write_title(name: str, unit: str = "") -> str:
     """Return a column's name as words with its unit, ``Residual east (m)``; by default that at the name's end."""
     words = name.split("_")
     ending = words[-1] if len(words) > 1 and words[-1] in UNIT_SIGNS else ""
@@ -60,7 +60,7 @@ def title_of(name: str, unit: str = "") -> str:
 
 
 def column(description: str = "", unit: str = "", *, level: str = "") -> Any:
-    """Declare a column of a class of `Rows`.
+    """Declare a column of a class of `LayerRows`.
 
     Parameters
     ----------
@@ -80,10 +80,10 @@ def column(description: str = "", unit: str = "", *, level: str = "") -> Any:
 
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(column,))
-class Rows(Mapping[str, Column]):
+class LayerRows(Mapping[str, Column]):
     """Columns of equal length of a layer, by name: those that the class declares, no more and no fewer.
 
-    A class names its layer (``class TiePointRows(Rows, layer="tie_points")``); the first line of its docstring
+    A class names its layer (``class TiePointRows(LayerRows, layer="tie_points")``); the first line of its docstring
     describes it. Columns of a base class come first.
 
     Raises
@@ -171,7 +171,7 @@ class Rows(Mapping[str, Column]):
 
 
 def _declared_of(base: type) -> Mapping[str, DeclaredColumn]:
-    return base.declared if issubclass(base, Rows) else {}
+    return base.declared if issubclass(base, LayerRows) else {}
 
 
 def _described(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
@@ -192,7 +192,7 @@ def _join(first: Column, second: Column) -> Column:
 
 def describe_columns(fields: Mapping[str, Column]) -> dict[str, DeclaredColumn]:
     """Return what is known of a layer's fields: as declared; of other columns, what `SHARED_COLUMNS` says."""
-    if isinstance(fields, Rows):
+    if isinstance(fields, LayerRows):
         return dict(fields.declared)
     return {name: DeclaredColumn(*SHARED_COLUMNS[name], name=name) for name in fields if name in SHARED_COLUMNS}
 
