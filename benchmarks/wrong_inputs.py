@@ -25,11 +25,11 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.ground.geodesy import (
-    geoid_heights,
     ground_difference_m,
     metres_per_degree,
     moved_ground,
 )
+from hrsi.hrsi_engine.ground.geoids import geoid_heights
 from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata

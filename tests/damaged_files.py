@@ -34,7 +34,7 @@ from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.geoid_grids import read_geoid_heights
+from hrsi.hrsi_engine.io.rasters.geoid_grids import open_geoid, read_geoid_heights
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
@@ -221,7 +221,7 @@ def _read_dem(path: Path) -> None:
 
 
 def _read_geoid(path: Path) -> None:
-    read_geoid_heights(np.array([[*PLACE, 0.0], [PLACE[0] + 0.002, PLACE[1], 0.0]]), str(path))
+    read_geoid_heights(np.array([[*PLACE, 0.0], [PLACE[0] + 0.002, PLACE[1], 0.0]]), open_geoid(str(path)))
 
 
 def _read_points(path: Path) -> None:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground import geodesy, map_crs
+from hrsi.hrsi_engine.ground import crs_operations, geodesy, geoids, map_crs
 
 METRE_TOLERANCE = 1e-6  # a micrometre; ECEF coordinates have a rounding step of 1e-9 m
 
@@ -142,7 +142,7 @@ def test_places_on_different_continents_are_not_brought_together() -> None:
 def test_egm96_from_a_grid_file(real_data: Path) -> None:
     grid = real_data / "ventoux_phr_pair" / "dem" / "egm96_15.gtx"
     ground = np.array([[5.25, 44.25, 0.0], [179.9, 10.0, 0.0], [-179.9, 10.0, 0.0], [5.25 + 1e-9, 44.25, 0.0]])
-    undulation = geodesy.geoid_heights(ground, str(grid))
+    undulation = geoids.geoid_heights(ground, str(grid))
     # the file itself: header of 40 bytes (lat0, lon0, dlat, dlon as doubles, rows, columns as int), big-endian floats
     lat0, lon0, dlat, dlon = np.frombuffer(grid.read_bytes()[:32], ">f8")
     rows, columns = np.frombuffer(grid.read_bytes()[32:40], ">i4")
@@ -157,41 +157,44 @@ def test_a_height_above_the_geoid_becomes_ellipsoidal(real_data: Path) -> None:
     grid = str(real_data / "ventoux_phr_pair" / "dem" / "egm96_15.gtx")
     ground = np.array([[5.2, 44.2, 476.0]])
     try:
-        by_crs = geodesy.to_wgs84(ground, "EPSG:4326+5773")
+        by_crs = crs_operations.to_wgs84(ground, "EPSG:4326+5773")
     except InputError:
         pytest.skip("PROJ has no EGM96 grid here")
-    assert by_crs[0, 2] == pytest.approx(476.0 + geodesy.geoid_heights(ground, grid)[0], abs=1e-3)
-    assert geodesy.undulations_of_crs("EPSG:4326+5773")(ground)[0] == pytest.approx(by_crs[0, 2] - 476.0, abs=1e-6)
+    assert by_crs[0, 2] == pytest.approx(476.0 + geoids.geoid_heights(ground, grid)[0], abs=1e-3)
+    offsets = crs_operations.operations_of("EPSG:4326+5773").height_offsets(ground[:, :2])
+    assert offsets[0] == pytest.approx(by_crs[0, 2] - 476.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("datum", ["no_such_grid.gtx", "egm99", __file__])
 def test_a_missing_grid_says_what_to_do(datum: str) -> None:
     with pytest.raises(InputError, match=r"check its name|projsync"):
-        geodesy.geoid_heights(np.zeros((1, 3)), datum)
+        geoids.geoid_heights(np.zeros((1, 3)), datum)
 
 
 def test_heights_are_never_left_as_they_are_for_want_of_a_grid() -> None:
     """DHHN92 needs a grid that is on no machine without proj-data; PROJ itself would keep the number."""
     point = np.array([[600000.0, 5300000.0, 100.0]])
     try:
-        converted = geodesy.to_wgs84(point, "EPSG:25832+5783")
+        operations = crs_operations.operations_of("EPSG:25832+5783")
     except InputError as error:
         message = str(error)
-    else:
-        assert converted[0, 2] == pytest.approx(146.0, abs=5.0)  # the quasigeoid is 44 to 50 m in the south of Germany
+        assert "DHHN92" in message
+        assert "projsync" in message
         return
-    assert "DHHN92" in message
-    assert "projsync" in message
+    ground, number = operations.convert(point)
+    assert ground[0, 2] == pytest.approx(146.0, abs=5.0)  # the quasigeoid is 44 to 50 m in the south of Germany
+    (use,) = operations.uses("gcps.csv", ground, number)
+    assert not use.is_substituted or use.operation.sigma_m[1] == 1.0  # a model that stands in is told, with its error
 
 
 def test_unknown_crs_is_named() -> None:
     with pytest.raises(InputError, match="EPSG:999999"):
-        geodesy.to_wgs84(np.zeros((1, 3)), "EPSG:999999")
+        crs_operations.to_wgs84(np.zeros((1, 3)), "EPSG:999999")
 
 
 def test_ellipsoidal_heights_stay() -> None:
     point = np.array([[5.0, 44.0, 321.0]])
-    np.testing.assert_allclose(geodesy.to_wgs84(point, "EPSG:4979"), point)
-    np.testing.assert_allclose(geodesy.undulations_of_crs("EPSG:4326")(point), [0.0])
-    assert geodesy.has_vertical_datum("EPSG:4979")
-    assert not geodesy.has_vertical_datum("EPSG:32631")
+    np.testing.assert_allclose(crs_operations.to_wgs84(point, "EPSG:4979"), point)
+    np.testing.assert_allclose(crs_operations.operations_of("EPSG:4326").height_offsets(point[:, :2]), [0.0])
+    assert crs_operations.operations_of("EPSG:4979").has_heights
+    assert not crs_operations.operations_of("EPSG:32631").has_heights

@@ -16,6 +16,7 @@ import numpy as np
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
 from ..foundation.large_arrays import any_of_rows, finite_rows
+from ..ground.operation_uses import OperationUse
 from .default_sigmas import DefaultSigmas
 from .names import find_unique_ids, isin, join_names
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, are_apart
@@ -291,7 +292,7 @@ class Block:
         points = GroundPoints(
             np.concatenate([own.ids, added.ids]), np.concatenate([own.ground, added.ground]),
             np.concatenate([own.role, added.role]), np.concatenate([own.sigma_m, added.sigma_m]), own.source,
-            _join_covariances([own, added]),
+            _join_covariances([own, added]), *_join_operations([own, added]),
         )  # fmt: skip
         return replace(self, points=points, measurements=Measurements(**rows))
 
@@ -436,6 +437,7 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
         np.concatenate([t.sigma_m for t in tables]),
         tables[0].source,
         _join_covariances(tables),
+        *_join_operations(tables),
     )
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
     apart = are_apart(merged.ground, merged.ground[first[inverse]])
@@ -452,6 +454,16 @@ def _join_covariances(tables: list[GroundPoints]) -> np.ndarray | None:
         return None
     nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
     return np.concatenate(nothing)
+
+
+def _join_operations(tables: Sequence[GroundPoints]) -> tuple[np.ndarray, tuple[OperationUse, ...]]:
+    """Return which operation brought each point of several tables to WGS84, and all operations."""
+    operations: tuple[OperationUse, ...] = ()
+    number = []
+    for table in tables:
+        number.append(np.where(table.operation >= 0, table.operation + len(operations), -1))
+        operations += table.operations
+    return np.concatenate(number), operations
 
 
 def _join_image_points(tables: list[ImagePoints]) -> ImagePoints:
@@ -520,11 +532,13 @@ def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, default
     points = GroundPoints.create(
         ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source, covariance_m2=empty
     )
+    points = replace(points, operations=known.operations)
     row = np.searchsorted(ids, known.ids)
     if points.covariance_m2 is not None and known.covariance_m2 is not None:
         _require_covariances(known)
         points.covariance_m2[row] = known.covariance_m2
     points.ground[row], points.role[row], points.sigma_m[row] = known.ground, role, known.sigma_m
+    points.operation[row] = known.operation
     for column, default in enumerate((defaults.sigma_gcp_xy_m, defaults.sigma_gcp_h_m)):
         sigma = points.sigma_m[:, column]
         sigma[np.isnan(sigma)] = default

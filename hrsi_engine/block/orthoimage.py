@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..ground.geodesy import ground_difference_m
+from ..ground.operation_uses import OperationUse
 from .block import Raster
 
 Transform = Callable[[np.ndarray], np.ndarray]
@@ -20,12 +21,14 @@ class Orthoimage:
 
     to_pixels : sample, line ``(n, 2)``, (0, 0) the centre of the first pixel, of lon, lat ``(n, 2)``
     to_lonlat : the inverse
+    operations : how it came to WGS84
     """
 
     raster: Raster
     to_pixels: Transform
     to_lonlat: Transform
     path: str = ""
+    operations: tuple[OperationUse, ...] = ()
 
     @cached_property
     def gsd_m(self) -> float:

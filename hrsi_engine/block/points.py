@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..ground.geodesy import distances_m
+from ..ground.operation_uses import OperationUse
 from .columns import Columns
 
 SAME_POSITION_M = 0.1  # between two positions of one point
@@ -77,6 +78,10 @@ class GroundPoints(Columns):
     covariance_m2 : (m, 3, 3) ndarray, optional
         Of east, north and height; where an element is NaN, or for None, ``sigma_m`` says it. An infinite variance is a
         coordinate that was not surveyed.
+    operation : (m,) ndarray of int
+        Which of the ``operations`` brought a point to WGS84; -1 where it was given there.
+    operations : tuple of OperationUse
+        The operations, with the errors that all of their points share.
     """
 
     ids: np.ndarray
@@ -85,9 +90,14 @@ class GroundPoints(Columns):
     sigma_m: np.ndarray = np.nan  # type: ignore[assignment]
     source: str = ""
     covariance_m2: np.ndarray | None = None
+    operation: np.ndarray = -1  # type: ignore[assignment]
+    operations: tuple[OperationUse, ...] = ()
 
     def __post_init__(self) -> None:
-        self._fill(ids=(str, ()), ground=(np.float64, (3,)), role=(np.int8, ()), sigma_m=(np.float64, (2,)))
+        self._fill(
+            ids=(str, ()), ground=(np.float64, (3,)), role=(np.int8, ()), sigma_m=(np.float64, (2,)),
+            operation=(np.int16, ()),
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.ids)

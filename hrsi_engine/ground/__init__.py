@@ -5,7 +5,10 @@ from ..foundation.lazy_names import lazy_names
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "geodesy": "LocalFrame from_ecef geoid_heights ground_difference_m to_ecef to_wgs84",
+        "geodesy": "LocalFrame from_ecef ground_difference_m to_ecef",
+        "crs_operations": "CrsOperations operations_of to_wgs84",
+        "geoids": "geoid_heights",
+        "operation_uses": "CrsOperation OperationUse",
         "map_crs": "map_epsg to_projected",
         "height_datum": "HeightDifference height_difference",
     },

@@ -8,33 +8,22 @@ Three metric views of them are used:
 * local metric steps: a metre east, north or up *at each point* expressed in degrees and metres
   (`metres_per_degree`). The adjustment's unknowns are such steps, so that survey sigmas apply directly.
 
-Vertical datums are converted by PROJ; a missing geoid grid is an error, never zero.
+Other CRS and height datums are brought to these by `crs_operations` and `geoids`.
 """
 
 from __future__ import annotations
 
-import os
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pyproj
 
-from ..foundation.errors import InputError
 from . import ellipsoid
 
 #: EPSG codes of WGS84: longitude and latitude, … and ellipsoidal height.
 WGS84, WGS84_3D = 4326, 4979
 
 ONE_PLACE_DEG = 90.0  # longitudes that lie nearer together across the 180 degree meridian are those of one place
-MOST_UNDULATION_M = 200.0  # the geoid's are within 110 m; a local height datum may lie some metres off it
-#: Geoid grids by the name used on the command line: PROJ's file name, then older names of the same model.
-GEOID_GRIDS = {
-    "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
-    "egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"),
-}
 
 
 def metres_per_degree(ground: np.ndarray) -> np.ndarray:
@@ -257,140 +246,3 @@ class LocalFrame:
             Without unit.
         """
         return self.axes @ east_north_up(ground[:, 0], ground[:, 1]).transpose(0, 2, 1)
-
-
-def to_wgs84(xyz: np.ndarray, crs: str) -> np.ndarray:
-    """Return lon, lat, ellipsoidal height of points in any CRS that PROJ knows.
-
-    A vertical part of the CRS is converted; a CRS without one leaves the heights as they are.
-
-    Parameters
-    ----------
-    xyz : (n, 3) ndarray
-        Positions in the CRS, x (east) first.
-    crs : str
-        Anything PROJ reads: ``EPSG:28355``, WKT, ``EPSG:25832+5783``.
-
-    Returns
-    -------
-    (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres.
-
-    Raises
-    ------
-    InputError
-        The CRS is not known, or a grid that it needs is missing.
-    """
-    return np.column_stack(_transformer_to_wgs84(crs).transform(xyz[:, 0], xyz[:, 1], xyz[:, 2]))
-
-
-def undulations_of_crs(crs: str) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that gives, for ground points ``(n, 3)``, the ellipsoidal height of a CRS's height 0 there.
-
-    Raises `InputError` as `to_wgs84` does.
-    """
-    source = pyproj.CRS.from_user_input(crs)
-    if len(source.sub_crs_list) < 2:
-        return lambda ground: np.zeros(len(ground))
-    on_lonlat = pyproj.crs.CompoundCRS(source.name, [pyproj.CRS.from_epsg(4326), source.sub_crs_list[1]])
-    transformer = _transformer_to_wgs84(on_lonlat.to_wkt())
-
-    def undulations(ground: np.ndarray) -> np.ndarray:
-        _, _, height = transformer.transform(ground[:, 0], ground[:, 1], np.zeros(len(ground)))
-        if not np.isfinite(height).all():
-            raise InputError(
-                f"the grid for {source.sub_crs_list[1].name!r} does not cover all points: use another datum"
-            )
-        return np.asarray(height)
-
-    return undulations
-
-
-def _transformer_to_wgs84(crs: str) -> pyproj.Transformer:
-    """Return PROJ's best operation that converts positions and, where the CRS has heights of its own, heights.
-
-    Without the grid that a height datum needs, PROJ falls back to a "ballpark" operation that leaves heights as they
-    are; that is never taken. A ballpark offset of positions is taken only where PROJ knows nothing better.
-    """
-    try:
-        source = pyproj.CRS.from_user_input(crs)
-    except (pyproj.exceptions.CRSError, UnicodeError) as error:
-        raise InputError(f"unknown coordinate reference system {crs!r}: give an EPSG code or WKT") from error
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: told below where it matters
-        group = pyproj.transformer.TransformerGroup(source, pyproj.CRS.from_epsg(4979), always_xy=True)
-    known = [t for t in group.transformers if "ballpark vertical" not in t.description.lower()]
-    if group.transformers and not known:
-        raise InputError(f"no PROJ grid to convert the heights of {source.name!r}: {_how_to_get_grids()}")
-    if not known:
-        raise InputError(f"PROJ knows no way from {source.name!r} to WGS84: convert the layer first")
-    return next((t for t in known if "ballpark" not in t.description.lower()), known[0])
-
-
-def has_vertical_datum(crs: str) -> bool:
-    """Tell whether a CRS says what its heights refer to (compound or three-dimensional)."""
-    parsed = pyproj.CRS.from_user_input(crs)
-    return len(parsed.sub_crs_list) > 1 or len(parsed.axis_info) == 3
-
-
-def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
-    """Return geoid undulations N (m): ellipsoidal height = height above the geoid + N.
-
-    Parameters
-    ----------
-    ground : (n, 3) or (n, 2) ndarray
-        Lon, lat in degrees; a height is not used.
-    datum : str
-        ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``).
-
-    Returns
-    -------
-    (n,) ndarray
-        Metres.
-
-    Raises
-    ------
-    InputError
-        The grid is missing, or does not cover a point.
-    """
-    names = GEOID_GRIDS.get(datum.lower())
-    if names is None and not os.path.isfile(datum):
-        raise InputError(
-            f"height datum {datum!r} is neither ellipsoidal, egm96 or egm2008 nor a geoid grid: check its name"
-        )
-    transformers = [found for name in names or (os.path.abspath(datum),) if (found := _grid_shift(name)) is not None]
-    if not transformers:
-        reason = f"{datum} is no geoid grid" if names is None else f"the geoid grid {names[0]} is not installed"
-        raise InputError(f"{reason}: {_how_to_get_grids()}")
-    try:
-        _, _, undulation = transformers[0].transform(
-            ground[:, 0], ground[:, 1], np.zeros(len(ground)), errcheck=True
-        )  # fmt: skip
-    except pyproj.exceptions.ProjError:
-        undulation = np.full(len(ground), np.nan)
-    if not np.isfinite(undulation).all():
-        raise InputError(f"the geoid grid {datum} does not cover all points: use another datum or a larger grid")
-    largest = undulation[np.abs(undulation).argmax()] if undulation.size else 0.0
-    if abs(largest) > MOST_UNDULATION_M:
-        raise InputError(f"the geoid grid {datum} holds {largest:g} m, which no geoid has: get the file again")
-    return np.asarray(undulation)
-
-
-def _grid_shift(grid: str) -> pyproj.Transformer | None:
-    """Return the transformer that adds the heights of a grid, None where PROJ cannot open it."""
-    try:
-        return pyproj.Transformer.from_pipeline(
-            f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
-            f'+step +proj=vgridshift +grids="{grid}" +multiplier=1 '
-            f"+step +proj=unitconvert +xy_in=rad +xy_out=deg"
-        )
-    except pyproj.exceptions.ProjError:
-        return None
-
-
-def _how_to_get_grids() -> str:
-    folder = pyproj.datadir.get_user_data_dir()
-    return (
-        f"install Debian's proj-data, or run projsync for the files us_nga_egm (grids go to {folder}), "
-        "or name the file of a geoid grid as the height datum"
-    )

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pyproj
 
+from .crs_operations import operations_of
 from .geodesy import continuous_longitudes, wrap_degrees
 
 UTM_LATITUDES = (-80.0, 84.0)  # between which the zones are in use
@@ -95,5 +95,4 @@ def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
     (n, 2) ndarray
         Easting, northing in the CRS's unit.
     """
-    transformer = pyproj.Transformer.from_crs(4326, epsg, always_xy=True)
-    return np.column_stack(transformer.transform(ground[:, 0], ground[:, 1]))
+    return operations_of(f"EPSG:{epsg}").from_wgs84(ground)

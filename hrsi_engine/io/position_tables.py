@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.errors import InputError
+from ..ground.operation_uses import OperationUse
 from .opening.budgets import require_heights
 from .point_files.find import point_reader_of, split_spec
 from .point_files.in_memory import PointsInMemory
@@ -26,11 +27,15 @@ class ImagePositions(NamedTuple):
 
 
 class Correspondences(NamedTuple):
-    """Ground points (n, 3) lon, lat, ellipsoidal height, where they are in one image (n, 2), and warnings."""
+    """Ground points (n, 3) lon, lat, ellipsoidal height, where they are in one image (n, 2), and warnings.
+
+    ``operations`` brought the ground points to WGS84.
+    """
 
     ground: np.ndarray
     image: np.ndarray
     warnings: tuple[str, ...]
+    operations: tuple[OperationUse, ...] = ()
 
 
 def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
@@ -46,7 +51,9 @@ def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
     return ImagePositions(ids, np.asarray(image_names(table, rows, image_ids)), image, height)
 
 
-def read_correspondences(spec: str, *, ground_crs: str | None = None, height_datum: str = "layer") -> Correspondences:
+def read_correspondences(
+    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", epoch: float | None = None
+) -> Correspondences:
     """Return the correspondences of a file with positions (geometry, lon and lat, x and y), heights, sample and line.
 
     Raises `InputError` naming file, row and field.
@@ -57,12 +64,13 @@ def read_correspondences(spec: str, *, ground_crs: str | None = None, height_dat
         raise InputError(
             f"{table.source}: has no ground positions (point geometry, lon and lat, x and y): add them"
         )  # fmt: skip
-    ground, warnings = ground_positions(table, Reference(ground_crs or "", height_datum))
+    placed = ground_positions(table, Reference(ground_crs or "", height_datum, epoch=epoch))
+    ground = placed.ground
     missing = np.flatnonzero(np.isnan(ground).any(axis=1))
     if missing.size:
         raise InputError(f"{table.at(missing[0])}: has no ground position: fill it in, or remove the row")
     require_heights(ground[:, 2], table.at)
-    return Correspondences(ground, image, (*table.notes, *warnings))
+    return Correspondences(ground, image, (*table.notes, *placed.warnings), placed.operations)
 
 
 def _read(spec: str) -> PointTable:

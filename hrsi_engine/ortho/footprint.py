@@ -7,6 +7,7 @@ import pyproj
 
 from ..block.block import Image
 from ..foundation.errors import InputError
+from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
@@ -49,8 +50,9 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
         for height in (known[:, 2].min(), known[:, 2].max()):
             ground = np.vstack([ground, image.rpc.localize(outline[lost], height).ground])
     ground = ground[np.isfinite(ground).all(axis=1)]
-    x, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(ground[:, 0], ground[:, 1])
-    if pyproj.CRS.from_wkt(crs).is_geographic:
+    operations = operations_of(crs)
+    x, y = operations.from_wgs84(ground).T
+    if operations.crs.is_geographic:
         x = continuous_longitudes(x)
     margin = FOOTPRINT_MARGIN_PX * resolution
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin

@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pyproj
 
 from ..foundation.errors import InputError
+from ..ground.crs_operations import operations_of
 
 #: Leading digits of a resolution that maps like.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
@@ -114,10 +113,6 @@ class MapGrid:
         west, north = self.left * self.resolution, self.top * self.resolution
         return west, north - self.rows * self.resolution, west + self.columns * self.resolution, north
 
-    @cached_property
-    def _to_wgs84(self) -> pyproj.Transformer:
-        return pyproj.Transformer.from_crs(self.crs, 4326, always_xy=True)
-
     def lonlat(self, pixels: np.ndarray) -> np.ndarray:
         """Return the positions of pixels.
 
@@ -133,7 +128,7 @@ class MapGrid:
         """
         x = (self.left + 0.5 + pixels[:, 0]) * self.resolution
         y = (self.top - 0.5 - pixels[:, 1]) * self.resolution
-        return np.column_stack(self._to_wgs84.transform(x, y))
+        return operations_of(self.crs).to_wgs84(np.column_stack([x, y, np.zeros(len(x))]))[:, :2]
 
     def chunks(self, columns: int, rows: int | None = None) -> Iterator[GridWindow]:
         """Yield windows of so many columns and rows (the same number) that cover the grid, row by row.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -12,6 +11,8 @@ import pyproj
 from pyproj.aoi import AreaOfInterest
 from pyproj.enums import PJType
 
+from ..foundation.errors import InputError
+from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 LEAST_DATUM_M = 3.0  # datums nearer to WGS84 are not told apart from it
@@ -35,10 +36,8 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
     factors = metres_per_degree(np.array([[lon_deg, lat_deg, 0.0]]))[0]
     found: list[DatumShift] = []
     for info in known:
-        with warnings.catch_warnings(), contextlib.suppress(pyproj.exceptions.ProjError):
-            warnings.simplefilter("ignore")
-            to_wgs84 = pyproj.Transformer.from_crs(f"EPSG:{info.code}", "EPSG:4326", always_xy=True)
-            lon, lat = to_wgs84.transform(lon_deg, lat_deg)
+        with contextlib.suppress(InputError):
+            lon, lat, _ = operations_of(f"EPSG:{info.code}").to_wgs84(np.array([[lon_deg, lat_deg, 0.0]]))[0]
             shift = DatumShift(
                 info.name,
                 float(wrap_degrees(np.array(lon - lon_deg)) * factors[0]),

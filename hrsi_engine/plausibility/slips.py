@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import pyproj
 
 from ..block.block import Image
 from ..foundation.errors import InputError
-from ..ground.geodesy import GEOID_GRIDS, geoid_heights, metres_per_degree, wrap_degrees
+from ..ground.crs_operations import operations_of
+from ..ground.geodesy import metres_per_degree, wrap_degrees
+from ..ground.geoids import GEOID_GRIDS, geoid_heights
 from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import ControlMeasurements
 from .datums import find_datum_shifts
@@ -218,13 +219,12 @@ def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
     """Return points ``(n, 3)`` whose coordinates were read in one CRS (EPSG) and meant in another, or None."""
     try:
-        there = np.array(pyproj.Transformer.from_crs(DEGREES, read, always_xy=True).transform(*ground[:, :2].T))
-        if meant == DEGREES and not (np.abs(there) <= [[180.0], [90.0]]).all():
+        there = operations_of(f"EPSG:{read}").from_wgs84(ground)
+        if meant == DEGREES and not (np.abs(there) <= [180.0, 90.0]).all():
             return None
-        back = pyproj.Transformer.from_crs(meant, DEGREES, always_xy=True).transform(*there)
-    except pyproj.exceptions.ProjError:
+        moved = operations_of(f"EPSG:{meant}").to_wgs84(np.column_stack([there, ground[:, 2]]))
+    except InputError:
         return None
-    moved = np.column_stack([*back, ground[:, 2]])
     return moved if np.isfinite(moved).all() else None
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..ground.geodesy import longitudes_near, metres_per_degree, wrap_degrees
+from ..ground.operation_uses import OperationUse
 
 CACHE_TILE = 256  # cells along the side of a cached part
 CACHED_TILES = 128  # 68 MB
@@ -197,12 +198,16 @@ class GridSurface:
         ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none.
     to_grid : callable
         Column, row ``(n, 2)`` of lon, lat points ``(n, 2)``.
+    operations : tuple of OperationUse
+        How it came to WGS84.
     """
 
-    def __init__(self, shape: tuple[int, int], read: ReadCells, to_grid: ToGrid) -> None:
+    def __init__(
+        self, shape: tuple[int, int], read: ReadCells, to_grid: ToGrid, operations: tuple[OperationUse, ...] = ()
+    ) -> None:
         if min(shape) < 2:
             raise ValueError(f"a grid of {shape} cells has no area; 2 x 2 are needed")
-        self.shape = shape
+        self.shape, self.operations = shape, operations
         self._read, self._to_grid = read, to_grid
         self._tiles: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
         self._ranges: dict[tuple[int, int], tuple[float, float]] = {}

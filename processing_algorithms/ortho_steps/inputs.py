@@ -13,6 +13,7 @@ import pyproj
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.filled_dems import fill_gaps
@@ -26,6 +27,7 @@ from ..files.terrain import open_terrain
 
 UNLIKELY_RATIO = 200.0  # of the orthoimages' pixels to the images': nobody wants that
 METRES_PER_DEGREE = 111_320.0
+NODES_A_SIDE = 21  # of an extent in another CRS
 NOTABLE_HEIGHT_M = 10.0  # an error of the constant height that the warning speaks of
 
 
@@ -187,8 +189,13 @@ def _given_box(extent: str, crs: str) -> tuple[float, ...]:
         )
     if not named:
         return box
-    to_map = pyproj.Transformer.from_crs(_named_crs(named, "extent"), crs, always_xy=True)
-    box = to_map.transform_bounds(*box)
+    # The outline goes by way of WGS84, as everything does
+    west, south, east, north = box
+    x, y = np.linspace(west, east, NODES_A_SIDE), np.linspace(south, north, NODES_A_SIDE)
+    sides = [np.stack(np.broadcast_arrays(*side), axis=1) for side in ((x, south), (x, north), (west, y), (east, y))]
+    outline = np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
+    xy = operations_of(crs).from_wgs84(operations_of(_named_crs(named, "extent").to_wkt()).to_wgs84(outline))
+    box = (*xy.min(axis=0).tolist(), *xy.max(axis=0).tolist())
     if not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
         raise InputError(f"`extent` {extent!r} is no box in the orthoimages' CRS: give it in that, or another `crs`")
     return box

@@ -20,7 +20,7 @@ from osgeo import gdal, ogr, osr
 from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground.geodesy import geoid_heights
+from hrsi.hrsi_engine.ground.geoids import geoid_heights
 from hrsi.hrsi_engine.io.catalogue.deliveries import named_images
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.opening import budgets
@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.io.opening.sound_databases import require_sound, widths
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.geoid_grids import read_geoid_heights
+from hrsi.hrsi_engine.io.rasters.geoid_grids import open_geoid, read_geoid_heights
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory
@@ -323,7 +323,7 @@ def test_a_geoid_grid_that_claims_other_cells(tmp_path: Path) -> None:
     path = tmp_path / "geoid.gtx"
     path.write_bytes(struct.pack(">4d2i", 44.0, 6.0, 0.1, 0.1, 65_536, 30_000) + b"\0" * 4000)
     with pytest.raises(InputError, match=r"geoid.gtx: is no geoid grid: its head tells of 65536 x 30000 cells"):
-        read_geoid_heights(np.array([[6.1, 44.1]]), str(path))
+        read_geoid_heights(np.array([[6.1, 44.1]]), open_geoid(str(path)))
 
 
 def with_line(folder: Path, text: str, name: str, value: str) -> Path:

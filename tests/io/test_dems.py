@@ -110,8 +110,6 @@ def test_rotated_grid_feet_and_nodata(tmp_path: Path) -> None:
         ("", (0.0, 1.0, 0.0, 0.0, 0.0, -1.0), "egm96", "no coordinate reference system"),
         ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "does not say what its heights refer to"),
         ("EPSG:4326", (), "ellipsoidal", "no geotransform"),
-        ("EPSG:4326+3855", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "projsync"),
-        ("EPSG:25832+5783", (5e5, 10.0, 0.0, 5e6, 0.0, -10.0), "layer", "DHHN92"),
         ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "my_geoid.gtx", "my_geoid.gtx"),
     ],
 )
@@ -119,20 +117,38 @@ def test_what_is_missing_is_named(
     tmp_path: Path, crs: str, geotransform: tuple[float, ...], datum: str, message: str
 ) -> None:
     path = write_dem(tmp_path / "dem.tif", np.zeros((4, 4)), crs, geotransform)
-    if "3855" in crs and _has_egm2008():
-        pytest.skip("the EGM2008 grid is installed")
     with pytest.raises(InputError, match=message):
         surface_heights(open_dem(path, datum), np.array([[5.02, 44.98]]))
 
 
-def _has_egm2008() -> bool:
-    from hrsi.hrsi_engine.ground.geodesy import geoid_heights
-
+@pytest.mark.parametrize(
+    ("crs", "geotransform", "datum", "meant"),
+    [
+        ("EPSG:4326+3855", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "EGM2008 height"),
+        ("EPSG:25832+5783", (5e5, 10.0, 0.0, 5e6, 0.0, -10.0), "layer", "DHHN92 height"),
+        ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "egm2008", "egm2008"),
+    ],
+)
+def test_a_missing_geoid_is_replaced_and_told_or_named(
+    tmp_path: Path, crs: str, geotransform: tuple[float, ...], datum: str, meant: str
+) -> None:
+    path = write_dem(tmp_path / "dem.tif", np.zeros((4, 4)), crs, geotransform)
     try:
-        geoid_heights(np.zeros((1, 3)), "egm2008")
-    except InputError:
-        return False
-    return True
+        surface = open_dem(path, datum)
+    except InputError as error:  # no geoid grid at all
+        assert "projsync" in str(error)
+        return
+    (use,) = surface.operations
+    grid = np.array([[2.0, 1.0]])
+    place = np.array([[5.025, 44.985]]) if crs.startswith("EPSG:4326") else np.array([[9.000255, 45.1532]])
+    if use.is_substituted:
+        assert use.geoid is not None
+        assert (use.geoid.stands_for, use.operation.sigma_m[1]) == (meant, 1.0)
+        expected = use.geoid.heights(place)
+    else:
+        expected = surface.heights(grid)
+    np.testing.assert_allclose(surface.heights(grid), expected, atol=0.01)
+    assert 30.0 < expected[0] < 60.0
 
 
 def test_what_is_no_dem_is_named(tmp_path: Path) -> None:

@@ -152,7 +152,8 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
 def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     """With the wrong datum the ground lies N tan(incidence) aside, in the direction of the view."""
     from hrsi.hrsi_engine.block.imaging_geometry import ViewDirection
-    from hrsi.hrsi_engine.ground.geodesy import geoid_heights, ground_difference_m
+    from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+    from hrsi.hrsi_engine.ground.geoids import geoid_heights
     from hrsi.hrsi_engine.io.rasters.dems import open_dem
     from hrsi.hrsi_engine.io.rasters.images import open_image
     from hrsi.hrsi_engine.surface.dem import intersect_surface

@@ -13,7 +13,7 @@ import pytest
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.ground.geodesy import geoid_heights
+from hrsi.hrsi_engine.ground.geoids import geoid_heights
 from hrsi.hrsi_engine.io.rasters.ortho_warp import RESAMPLING
 from hrsi.hrsi_engine.io.rasters.orthoimages import COMPRESSION, FORMATS
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text

@@ -77,7 +77,8 @@ def _of_table(table: PointTable, reference: Reference) -> LaserPoints:
             f"{table.source}: has no heights: laser points need a field height (or h_mean), or points with z"
         )
     table = _with_heights(table)
-    ground, _ = ground_positions(table, reference)
+    placed = ground_positions(table, reference)
+    ground = placed.ground
     nothing = np.full(len(table), np.nan)
     sigma = table.columns.get("sigma_h", nothing)
     sources = {name: table.columns.get(name, nothing) for name in ("slope", "misfit", "photons", "canopy")}

@@ -163,7 +163,8 @@ def _matching_id(name: str, image_ids: set[str], alike: Mapping[str, str], prefi
 
 def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
     """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
-    ground, warnings = ground_positions(table, reference)
+    placed = ground_positions(table, reference)
+    ground, warnings = placed.ground, placed.warnings
     require_heights(ground[:, 2], table.at)
     role = np.full(len(table), UNSET, dtype=np.int8)
     names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
@@ -185,7 +186,9 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     if not len(ids):
         return None, warnings
     order = np.sort(chosen)
-    points = GroundPoints(table.columns["id"], ground, role, sigma, table.source, covariance)
+    points = GroundPoints(
+        table.columns["id"], ground, role, sigma, table.source, covariance, placed.operation, placed.operations
+    )
     return points.select(order), warnings
 
 

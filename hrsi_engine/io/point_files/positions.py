@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyproj
-from osgeo import osr
 
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import finite_rows
-from ...ground.geodesy import has_vertical_datum, to_wgs84, wrap_degrees
-from ..rasters.geoid_grids import read_geoid_heights
+from ...ground.crs_operations import CrsOperations, has_heights, operations_of, without_heights
+from ...ground.geodesy import wrap_degrees
+from ...ground.operation_uses import OperationUse, with_geoid
+from ..rasters.geoid_grids import open_geoid, read_geoid_heights
 from .table import PointTable
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.
@@ -33,13 +34,14 @@ class Reference:
 
     ground_crs : CRS of a file that names none; height_datum : ``layer``, ``ellipsoidal``, ``egm96``, ``egm2008`` or
     a geoid grid; surface : where the heights of points without one come from; adjusted : of HRSI's own layers, take the
-    adjusted positions instead of the surveyed ones
+    adjusted positions instead of the surveyed ones; epoch : year in which a CRS fixed to a plate is brought to WGS84
     """
 
     ground_crs: str = ""
     height_datum: str = "layer"
     surface: Surface | None = None
     adjusted: bool = False
+    epoch: float | None = None
 
 
 def has_positions(table: PointTable) -> bool:
@@ -48,37 +50,70 @@ def has_positions(table: PointTable) -> bool:
     return table.geometry is not None or {"lon", "lat"} <= fields.keys() or {"x", "y"} <= fields.keys()
 
 
-def ground_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, list[str]]:
-    """Return ``(n, 3)`` lon, lat, ellipsoidal height, NaN rows where there is no position, and warnings.
+@dataclass(frozen=True)
+class Positions:
+    """Positions of a table's rows on WGS84, and how they came there.
+
+    ground : (n, 3) lon, lat, ellipsoidal height, NaN where a row has no position
+    warnings : what the user should know
+    operation : (n,) which of the ``operations`` converted each row, -1 for none
+    """
+
+    ground: np.ndarray
+    warnings: list[str]
+    operation: np.ndarray
+    operations: tuple[OperationUse, ...] = ()
+
+
+def ground_positions(table: PointTable, reference: Reference) -> Positions:
+    """Return the positions of a table's rows.
 
     Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
     """
+    operation = np.full(len(table), -1)
     if table.columns.keys() >= set(SURVEYED) and not reference.adjusted:
         lon, lat, height = (table.columns[name] for name in SURVEYED)
-        return np.column_stack([wrap_degrees(lon), lat, height]), []
+        return Positions(np.column_stack([wrap_degrees(lon), lat, height]), [], operation)
     xyz, crs, warnings = _given_positions(table, reference)
     present = finite_rows(xyz[:, :2])
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
     missing = half if "sample" in table.columns else ~present
     if missing.any():
         raise InputError(f"{table.at(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
-    ground = np.full_like(xyz, np.nan)
+    ground, uses = np.full_like(xyz, np.nan), list[OperationUse]()
     if not present.any():
-        return ground, warnings
+        return Positions(ground, warnings, operation)
     parsed = _parse_numbers(table, crs)
     rows = np.flatnonzero(present)
     _require_plausible(table, xyz, rows, parsed)
     without = np.isnan(xyz[rows, 2])
-    warnings += _fill_heights(table, xyz, rows[without], parsed, reference, ground)
-    rows = rows[~without]
-    if len(rows):
-        ground[rows], more = _to_ellipsoidal(table, xyz[rows], parsed, reference.height_datum)
-        warnings += more
+    # Rows without a height, which lie on the surface, go by the CRS without heights
+    for chosen, on_surface in ((rows[~without], False), (rows[without], True)):
+        if not len(chosen):
+            continue
+        is_flat = on_surface or reference.height_datum != "layer" or not has_heights(parsed)
+        operations = _operations(table, parsed, is_flat, reference.epoch)
+        ground[chosen], number = operations.convert(np.nan_to_num(xyz[chosen]))
+        used = operations.uses(table.source, ground[chosen], number)
+        if on_surface:
+            warnings.append(_take_heights(table, chosen, ground, reference.surface))
+        elif reference.height_datum not in ("layer", "ellipsoidal"):
+            geoid = open_geoid(reference.height_datum)
+            ground[chosen, 2] += read_geoid_heights(ground[chosen], geoid)
+            used = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in used)
+        elif is_flat and reference.height_datum == "layer":
+            warnings.append(
+                f"{table.source}: says nothing about its heights; they are taken as ellipsoidal "
+                f"(`height_datum` ellipsoidal|egm96|egm2008|FILE says what they are)"
+            )
+        place = {use.number: len(uses) + at for at, use in enumerate(used)}
+        operation[chosen] = [place.get(one, -1) for one in number.tolist()]
+        uses += used
     lost = np.flatnonzero(present & ~finite_rows(ground))
     if len(lost):
         raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
     ground[:, 0] = wrap_degrees(ground[:, 0])
-    return ground, warnings
+    return Positions(ground, warnings, operation, tuple(uses))
 
 
 def _given_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
@@ -143,56 +178,20 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
         raise InputError(f"{table.at(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS")
 
 
-def _fill_heights(
-    table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS, reference: Reference, ground: np.ndarray
-) -> list[str]:
-    """Set the positions of rows without a height in ``ground``, with heights of the surface."""
-    if not len(rows):
-        return []
-    if reference.surface is None:
+def _operations(table: PointTable, crs: pyproj.CRS, is_flat: bool, epoch: float | None) -> CrsOperations:
+    """Return the operations of a table's CRS, without its heights where ``is_flat``."""
+    try:
+        return operations_of((without_heights(crs) if is_flat else crs).to_wkt(), epoch)
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}") from None
+
+
+def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surface: Surface | None) -> str:
+    """Set the heights of rows without one in ``ground`` to those of the surface; return what to say of it."""
+    if surface is None:
         raise InputError(f"{table.at(rows[0])}: has no height: {_ADD_HEIGHTS}")
-    flat = np.column_stack([xyz[rows, :2], np.zeros(len(rows))])
-    ground[rows] = _transform(table, flat, _horizontal(crs))
-    ground[rows, 2] = reference.surface(ground[rows, :2])
+    ground[rows, 2] = surface(ground[rows, :2])
     outside = rows[np.isnan(ground[rows, 2])]
     if len(outside):
         raise InputError(f"{table.at(outside[0])}: has no height, and the DEM has none there: {_ADD_HEIGHTS}")
-    return [f"{table.source}: {len(rows)} points have no height; it is taken from the DEM"]
-
-
-def _to_ellipsoidal(
-    table: PointTable, xyz: np.ndarray, crs: pyproj.CRS, height_datum: str
-) -> tuple[np.ndarray, list[str]]:
-    """Return lon, lat, ellipsoidal height by the datum the user names, or by the CRS."""
-    if height_datum == "layer":
-        if has_vertical_datum(crs.to_wkt()):
-            return _transform(table, xyz, crs), []
-        return _transform(table, xyz, crs), [
-            f"{table.source}: says nothing about its heights; they are taken as ellipsoidal "
-            f"(`height_datum` ellipsoidal|egm96|egm2008|FILE says what they are)"
-        ]
-    ground = _transform(table, xyz, _horizontal(crs))
-    if height_datum != "ellipsoidal":
-        ground[:, 2] += read_geoid_heights(ground, height_datum)
-    return ground, []
-
-
-def _transform(table: PointTable, xyz: np.ndarray, crs: pyproj.CRS) -> np.ndarray:
-    try:
-        return to_wgs84(xyz, crs.to_wkt())
-    except InputError as error:
-        raise InputError(f"{table.source}: {error}") from None
-    except pyproj.exceptions.ProjError as error:
-        raise InputError(
-            f"{table.source}: no way from {crs.name!r} to WGS84 ({error}): convert the layer first"
-        ) from None
-
-
-def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:
-    """Return a CRS without its vertical part, so that heights pass unchanged."""
-    if len(crs.axis_info) == 2 or crs.is_geocentric:
-        return crs
-    flat = osr.SpatialReference()
-    flat.ImportFromWkt((crs.sub_crs_list[0] if crs.sub_crs_list else crs).to_wkt())
-    flat.DemoteTo2D()
-    return pyproj.CRS.from_wkt(flat.ExportToWkt(["FORMAT=WKT2_2019"]))
+    return f"{table.source}: {len(rows)} points have no height; it is taken from the DEM"

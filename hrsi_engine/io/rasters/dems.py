@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...ground.geodesy import has_vertical_datum, undulations_of_crs
+from ...ground.crs_operations import has_heights, operations_of
+from ...ground.operation_uses import OperationUse, with_geoid
 from ...surface.dem import GridSurface
 from ..opening.budgets import require_heights, require_raster
 from ..opening.datasets import check_advice, gdal_messages, open_dataset
-from .geoid_grids import read_geoid_heights
+from .geoid_grids import open_geoid, read_geoid_heights
 from .georeference import Georeference
 
 #: Metres per unit of height, by the names that drivers give (lower case).
@@ -22,10 +24,10 @@ HEIGHT_UNITS_M = {
     "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200.0 / 3937.0, "us survey foot": 1200.0 / 3937.0,
 }  # fmt: skip
 
-Undulations = Callable[[np.ndarray], np.ndarray]  # (n, 3) lon, lat, anything -> (n,) m to add
+Undulations = Callable[[np.ndarray], np.ndarray]  # (n, 2) x, y in the DEM's CRS -> (n,) m to add
 
 
-def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
+def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None) -> GridSurface:
     """Open a DEM as a surface of ellipsoidal heights; its cells are read when they are needed.
 
     Parameters
@@ -34,11 +36,13 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
         Any raster that GDAL opens, with a geotransform and a CRS; the first band holds the heights.
     height_datum : str
         ``layer`` (as the CRS of the file says), ``ellipsoidal``, ``egm96``, ``egm2008`` or a geoid grid file.
+    epoch : float, optional
+        Year in which a CRS fixed to a plate is brought to WGS84.
 
     Returns
     -------
     GridSurface
-        Ellipsoidal heights.
+        Ellipsoidal heights; its ``operations`` say how it came to WGS84.
 
     Raises
     ------
@@ -50,23 +54,48 @@ def open_dem(path: str, height_datum: str = "layer") -> GridSurface:
         advice = check_advice(path, "check the file")
         raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): {advice}")
     require_raster(path, dataset)
-    place = Georeference(dataset, path, "DEM", endless=True)
-    reader = _DemReader(dataset, path, place, _undulations(path, place.crs, height_datum))
-    return GridSurface((dataset.RasterYSize, place.turn or dataset.RasterXSize), reader.read, place.to_grid)
+    place = Georeference(dataset, path, "DEM", endless=True, epoch=epoch)
+    heights = _find_heights(path, place, height_datum)
+    reader = _DemReader(dataset, path, place, heights.undulations)
+    size = dataset.RasterYSize, place.turn or dataset.RasterXSize
+    return GridSurface(size, reader.read, place.to_grid, heights.operations)
 
 
-def _undulations(path: str, crs: pyproj.CRS, height_datum: str) -> Undulations | None:
-    """Return the function that gives what is to be added to the DEM's heights, None for ellipsoidal ones."""
-    if height_datum == "ellipsoidal":
-        return None
-    if height_datum != "layer":
-        return lambda ground: read_geoid_heights(ground, height_datum)
-    if not has_vertical_datum(crs.to_wkt()):
+class _Heights(NamedTuple):
+    """What is to be added to a DEM's heights at map coordinates ``(n, 2)``, None for ellipsoidal ones; and why."""
+
+    undulations: Undulations | None
+    operations: tuple[OperationUse, ...]
+
+
+def _find_heights(path: str, place: Georeference, height_datum: str) -> _Heights:
+    """Return how a DEM's heights become ellipsoidal, and how it comes to WGS84."""
+    flat = place.operations
+    if height_datum == "layer" and not has_heights(place.crs):
         raise InputError(
             f"{path}: does not say what its heights refer to: name egm96, egm2008, ellipsoidal or the file of a geoid "
             "grid with `dem_datum` or `height_datum`, whichever the command has"
         )
-    return undulations_of_crs(crs.to_wkt())
+    if height_datum == "layer":
+        try:
+            own = operations_of(place.crs.to_wkt(), flat.epoch)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        return _Heights(lambda xy: _require_covered(own.height_offsets(xy), path, own.vertical_name),
+                        own.uses_at(path, place.nodes_lonlat()))  # fmt: skip
+    uses = flat.uses_at(path, place.nodes_lonlat())
+    if height_datum == "ellipsoidal":
+        return _Heights(None, uses)
+    geoid = open_geoid(height_datum)
+    uses = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in uses)
+    return _Heights(lambda xy: read_geoid_heights(flat.to_wgs84(np.pad(xy, ((0, 0), (0, 1)))), geoid), uses)
+
+
+def _require_covered(undulations: np.ndarray, path: str, datum: str) -> np.ndarray:
+    """Return undulations; raises `InputError` where there are none."""
+    if not np.isfinite(undulations).all():
+        raise InputError(f"{path}: the grid for {datum!r} does not cover all points: use another datum")
+    return undulations
 
 
 def _metres_per_unit(band: gdal.Band, crs: pyproj.CRS, path: str) -> float:
@@ -107,10 +136,9 @@ class _DemReader:
                 heights = np.hstack([heights, self._read_heights(row, 0, rows, columns - before)])
         known = np.isfinite(heights)
         if self._undulations is not None and known.any():
-            # Lon, lat, 0 of the known cells of a window
             i, j = np.nonzero(known)
-            lonlat = self._place.to_lonlat(np.column_stack([column + j, row + i]).astype(np.float64))
-            heights[known] += self._undulations(np.column_stack([lonlat, np.zeros(len(lonlat))]))
+            cells = np.column_stack([column + j, row + i]).astype(np.float64)
+            heights[known] += self._undulations(self._place.to_map(cells))
         return heights
 
     def _read_heights(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:

@@ -21,7 +21,7 @@ def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:
         top, left = row - first_row, column - first_column
         return _fill_gaps(heights, cells)[top : top + rows, left : left + columns]
 
-    return GridSurface(surface.shape, read, surface.grid_coordinates)
+    return GridSurface(surface.shape, read, surface.grid_coordinates, surface.operations)
 
 
 def _fill_gaps(heights: np.ndarray, cells: int) -> np.ndarray:

@@ -8,35 +8,33 @@ import struct
 import numpy as np
 
 from ...foundation.errors import InputError
-from ...ground.geodesy import geoid_heights
+from ...ground.geoids import Geoid, find_geoid
 from ..opening.datasets import quietly
 
 #: Of a ``.gtx`` grid, big-endian: latitude and longitude of the first cell, their steps, rows, columns; then float32.
 GTX_HEAD = struct.Struct(">4d2i")
 
 
-def read_geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
-    """Return geoid undulations (m) as `geoid_heights` does, quietly, and from files only that hold what they claim.
+def open_geoid(datum: str) -> Geoid:
+    """Return the geoid model that `find_geoid` finds, quietly, and from files only that hold what they claim.
 
     PROJ makes room for all cells that the head of a ``.gtx`` grid tells of before it looks for them; other formats say
     themselves where they are damaged.
 
     Parameters
     ----------
-    ground : (n, 3) ndarray
-        Lon, lat in degrees; a height is not used.
     datum : str
         ``egm96``, ``egm2008`` or the path of a grid.
 
     Returns
     -------
-    (n,) ndarray
-        Metres.
+    Geoid
+        With ``stands_for`` where another model has to stand in.
 
     Raises
     ------
     InputError
-        The grid is missing or damaged, or does not cover a point.
+        The grid is missing or damaged.
     """
     if datum.lower().endswith(".gtx") and os.path.isfile(datum):
         with open(datum, "rb") as file:
@@ -47,4 +45,9 @@ def read_geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
                 f"{datum}: is no geoid grid: its head tells of {rows} x {columns} cells, the file does not hold them: "
                 "get it again"
             )
-    return quietly(geoid_heights, ground, datum)
+    return quietly(find_geoid, datum)
+
+
+def read_geoid_heights(ground: np.ndarray, geoid: Geoid) -> np.ndarray:
+    """Return the undulations ``(n,)`` of a geoid as `Geoid.heights` does, quietly."""
+    return quietly(geoid.heights, ground)

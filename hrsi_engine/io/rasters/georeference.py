@@ -9,9 +9,11 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ...ground.crs_operations import operations_of, without_heights
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
 from ..opening.budgets import CELL_M
 
+NODES = 5  # along each side of a raster, to tell how it came to WGS84
 TURN_TOLERANCE = 1e-3  # of a column, by which a raster round the Earth may miss a whole turn
 
 
@@ -25,23 +27,22 @@ class Georeference:
     column ``(first + k) % turn`` of the file.
     """
 
-    def __init__(self, dataset: gdal.Dataset, path: str, what: str, endless: bool = False) -> None:
+    def __init__(
+        self, dataset: gdal.Dataset, path: str, what: str, endless: bool = False, epoch: float | None = None
+    ) -> None:
         self.crs = _crs_of(dataset, path)
         geotransform = dataset.GetGeoTransform(can_return_null=True)
         inverse = None if geotransform is None else gdal.InvGeoTransform(geotransform)
         if geotransform is None or inverse is None:
             raise InputError(f"{path}: has no geotransform, so its cells have no place: georeference the {what}")
         self._geotransform, self._inverse = geotransform, inverse
-        self.horizontal = self.crs.sub_crs_list[0] if self.crs.sub_crs_list else self.crs
+        self.horizontal = without_heights(self.crs)
         self._geographic = bool(self.horizontal.is_geographic)
         try:
-            self._from_wgs84 = pyproj.Transformer.from_crs(4326, self.horizontal, always_xy=True)
-            self._to_wgs84 = pyproj.Transformer.from_crs(self.horizontal, 4326, always_xy=True)
-        except pyproj.exceptions.ProjError as error:
-            raise InputError(
-                f"{path}: PROJ knows no way from its CRS to WGS84 ({error}): assign one with gdal_edit.py"
-            ) from None
-        self.first = 0
+            self.operations = operations_of(self.horizontal.to_wkt(), epoch)
+        except InputError as error:
+            raise InputError(f"{path}: {error}, or assign another CRS with gdal_edit.py") from None
+        self.first, self._size = 0, (dataset.RasterXSize, dataset.RasterYSize)
         self._require_place(path, np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))
         (west, _), (middle, _), (east, _) = self._xy(
             np.array([[0.0, 0.5], [0.5, 0.5], [1.0, 0.5]]) * [dataset.RasterXSize, dataset.RasterYSize]
@@ -56,8 +57,7 @@ class Georeference:
 
     def to_grid(self, lonlat: np.ndarray) -> np.ndarray:
         """Return column, row, (0, 0) the centre of the first cell, of lon, lat points ``(n, 2)``."""
-        x, y = self._from_wgs84.transform(lonlat[:, 0], lonlat[:, 1])
-        x = np.asarray(x)
+        x, y = self.operations.from_wgs84(lonlat).T
         if not self._placed:
             self._begin_opposite(x)
         if self._geographic:
@@ -79,11 +79,22 @@ class Georeference:
             self._half_width = 180.0
             self._placed = True
 
+    def to_map(self, grid: np.ndarray) -> np.ndarray:
+        """Return map coordinates ``(n, 2)`` of columns and rows ``(n, 2)``."""
+        return self._xy(grid + [self.first + 0.5, 0.5])
+
+    def nodes_lonlat(self) -> np.ndarray:
+        """Return lon, lat ``(n, 2)`` of nodes over the raster, `NODES` a side; without those that are nowhere."""
+        columns, rows = self._size
+        node = np.stack(np.meshgrid(np.linspace(0.0, columns - 1.0, NODES), np.linspace(0.0, rows - 1.0, NODES)), -1)
+        lonlat = self.to_lonlat(node.reshape(-1, 2) - [self.first, 0.0])
+        return lonlat[np.isfinite(lonlat).all(axis=1)]
+
     def to_lonlat(self, grid: np.ndarray) -> np.ndarray:
         """Return lon, lat ``(n, 2)`` of columns and rows ``(n, 2)``."""
-        xy = self._xy(grid + [self.first + 0.5, 0.5])
-        lon, lat = self._to_wgs84.transform(xy[:, 0], xy[:, 1])
-        return np.column_stack([wrap_degrees(np.asarray(lon)), lat])
+        lonlat = self.operations.to_wgs84(_at_height_0(self.to_map(grid)))[:, :2]
+        lonlat[:, 0] = wrap_degrees(lonlat[:, 0])
+        return lonlat
 
     def _require_place(self, path: str, middle: np.ndarray) -> None:
         """Raise `InputError` for a middle that is nowhere on Earth, or cells of an impossible size."""
@@ -101,8 +112,8 @@ class Georeference:
         return np.column_stack([x0 + dx_column * column + dx_row * row, y0 + dy_column * column + dy_row * row])
 
 
-def _at_height_0(lonlat: np.ndarray) -> np.ndarray:
-    return np.column_stack([lonlat, np.zeros(len(lonlat))])
+def _at_height_0(xy: np.ndarray) -> np.ndarray:
+    return np.column_stack([xy, np.zeros(len(xy))])
 
 
 def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:

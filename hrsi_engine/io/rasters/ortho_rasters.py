@@ -10,6 +10,7 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ...ground.crs_operations import operations_of
 from ...ground.geodesy import metres_per_degree
 from ..opening.datasets import gdal_messages
 from .images import GdalRaster
@@ -38,7 +39,7 @@ class OrthoRaster:
         """Return lon, lat ``(n, 2)`` of column, row ``(n, 2)``; (0, 0) is the centre of the first pixel."""
         west, step_x, _, north, _, step_y = self.geotransform
         x, y = west + (pixels[:, 0] + 0.5) * step_x, north + (pixels[:, 1] + 0.5) * step_y
-        return np.column_stack(pyproj.Transformer.from_crs(self.crs, 4326, always_xy=True).transform(x, y))
+        return operations_of(self.crs).to_wgs84(np.column_stack([x, y, np.zeros(len(x))]))[:, :2]
 
     def pixel_m(self) -> tuple[float, float]:
         """Return width and height of a pixel in metres."""

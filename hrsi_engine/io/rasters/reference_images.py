@@ -33,7 +33,7 @@ class BandMean:
         return np.where(valid, total / np.float32(len(self.bands)), np.float32(0.0)), valid
 
 
-def open_reference(path: str, band: int | None = None) -> Orthoimage:
+def open_reference(path: str, band: int | None = None, epoch: float | None = None) -> Orthoimage:
     """Open an orthoimage.
 
     Parameters
@@ -42,6 +42,8 @@ def open_reference(path: str, band: int | None = None) -> Orthoimage:
         Any raster that GDAL opens, with a CRS and a geotransform.
     band : int, optional
         The band that is used, 1 is the first; by default the mean of all but alpha.
+    epoch : float, optional
+        Year in which a CRS fixed to a plate is brought to WGS84.
 
     Returns
     -------
@@ -54,7 +56,7 @@ def open_reference(path: str, band: int | None = None) -> Orthoimage:
         It cannot be opened, or has no CRS or geotransform.
     """
     first = GdalRaster(path, band or 1)
-    place = Georeference(first.dataset, path, "orthoimage")
+    place = Georeference(first.dataset, path, "orthoimage", epoch=epoch)
     shown = [
         number
         for number in range(1, first.dataset.RasterCount + 1)
@@ -62,4 +64,5 @@ def open_reference(path: str, band: int | None = None) -> Orthoimage:
     ]
     several = band is None and len(shown) > 1
     raster = BandMean(tuple(GdalRaster(path, number) for number in shown)) if several else first
-    return Orthoimage(raster, place.to_grid, place.to_lonlat, path)
+    uses = place.operations.uses_at(path, place.nodes_lonlat())
+    return Orthoimage(raster, place.to_grid, place.to_lonlat, path, uses)

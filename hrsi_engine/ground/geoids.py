@@ -1,0 +1,189 @@
+"""Heights of the geoid from PROJ's grids, and the model that stands in for one that is not installed.
+
+The heights of EGM96 and EGM2008 are defined by their models: what refers to them is converted without an error. Where
+the grid that a height datum needs is missing, the nearest model stands in. Its difference from the one that is meant is
+the same for all points of a scene, for the most part: an error that they share.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pyproj
+
+from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
+
+
+@thresholds
+class GeoidThresholds:
+    """What a geoid grid may hold, and what a model that stands in for another one costs."""
+
+    largest_undulation_m: float = threshold(
+        200.0, "m", "a grid with more is no geoid: the geoid lies within 110 m of the ellipsoid, a local datum off it"
+    )
+    substitute_sigma_m: float = threshold(
+        1.0, "m", "standard deviation of a model's heights above those of another model or of a levelling network, "
+        "where not both grids are at hand", "issue 36",
+    )  # fmt: skip
+
+
+GEOID = GeoidThresholds()
+
+#: Geoid models by the name used on the command line, the finest first: PROJ's file name, then older names of it.
+GEOID_GRIDS = {
+    "egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"),
+    "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
+}
+
+
+@dataclass(frozen=True)
+class Geoid:
+    """A geoid grid that PROJ can read.
+
+    Parameters
+    ----------
+    name : str
+        ``egm96``, ``egm2008`` or the path of a grid.
+    file : str
+        What PROJ opens.
+    stands_for : str
+        The height datum that is meant, where this is not it.
+    """
+
+    name: str
+    file: str
+    stands_for: str = ""
+
+    def heights(self, ground: np.ndarray) -> np.ndarray:
+        """Return geoid undulations (m): ellipsoidal height = height above the geoid + undulation.
+
+        Parameters
+        ----------
+        ground : (n, 3) or (n, 2) ndarray
+            Lon, lat in degrees; a height is not used.
+
+        Returns
+        -------
+        (n,) ndarray
+            Metres.
+
+        Raises
+        ------
+        InputError
+            The grid does not cover a point, or holds what is no undulation.
+        """
+        undulation = np.full(len(ground), np.nan)
+        if self._pipeline is not None:
+            _, _, undulation = self._pipeline.transform(ground[:, 0], ground[:, 1], np.zeros(len(ground)))
+        if not np.isfinite(undulation).all():
+            raise InputError(
+                f"the geoid grid {self.name} does not cover all points: use another datum or a larger grid"
+            )
+        largest = undulation[np.abs(undulation).argmax()] if undulation.size else 0.0
+        if abs(largest) > GEOID.largest_undulation_m:
+            raise InputError(f"the geoid grid {self.name} holds {largest:g} m, which no geoid has: get the file again")
+        return np.asarray(undulation)
+
+    @cached_property
+    def _pipeline(self) -> pyproj.Transformer | None:
+        return _open_grid(self.file)
+
+
+def find_geoid(datum: str) -> Geoid:
+    """Return the grid of a geoid model or file; for a model that is not installed the nearest one that is.
+
+    Parameters
+    ----------
+    datum : str
+        ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``).
+
+    Returns
+    -------
+    Geoid
+        With ``stands_for`` where it is another model.
+
+    Raises
+    ------
+    InputError
+        It is neither a model nor a grid, or no grid of a model is installed.
+    """
+    names = GEOID_GRIDS.get(datum.lower())
+    if names is None:
+        if not os.path.isfile(datum):
+            raise InputError(
+                f"height datum {datum!r} is neither ellipsoidal, egm96 or egm2008 nor a geoid grid: check its name"
+            )
+        if _open_grid(os.path.abspath(datum)) is None:
+            raise InputError(f"{datum} is no geoid grid: {how_to_get_grids()}")
+        return Geoid(datum, os.path.abspath(datum))
+    for file in names:
+        if _open_grid(file) is not None:
+            return Geoid(datum.lower(), file)
+    found = find_substitute(datum.lower())
+    if found is None:
+        raise InputError(f"the geoid grid {names[0]} is not installed: {how_to_get_grids()}")
+    return found
+
+
+def find_substitute(datum: str) -> Geoid | None:
+    """Return the finest geoid model that is installed as what stands in for a height datum; None without any."""
+    return next((Geoid(name, file, datum) for name, file in _installed_models()), None)
+
+
+def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
+    """Return geoid undulations N (m): ellipsoidal height = height above the geoid + N.
+
+    Parameters
+    ----------
+    ground : (n, 3) or (n, 2) ndarray
+        Lon, lat in degrees; a height is not used.
+    datum : str
+        ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``). A model that is not installed
+        is replaced by the nearest one that is (`find_geoid`).
+
+    Returns
+    -------
+    (n,) ndarray
+        Metres.
+
+    Raises
+    ------
+    InputError
+        There is no grid, or it does not cover a point.
+    """
+    return find_geoid(datum).heights(ground)
+
+
+def how_to_get_grids(files: str = "us_nga_egm08_25.tif") -> str:
+    """Return where grids come from, for messages: ``files`` as projsync names them, separated by commas."""
+    folder = pyproj.datadir.get_user_data_dir()
+    commands = " and ".join(f"projsync --file {file.strip()}" for file in files.split(","))
+    return (
+        f"run {commands} (grids go to {folder}), set PROJ_NETWORK=ON to have PROJ fetch what it needs, or name the "
+        "file of a geoid grid as the height datum"
+    )
+
+
+def _installed_models() -> Iterator[tuple[str, str]]:
+    """Yield names and files of the models that are installed, finest first."""
+    for name, files in GEOID_GRIDS.items():
+        for file in files:
+            if _open_grid(file) is not None:
+                yield name, file
+
+
+def _open_grid(file: str) -> pyproj.Transformer | None:
+    """Return the pipeline that adds the heights of a grid, None where PROJ cannot open it."""
+    try:
+        return pyproj.Transformer.from_pipeline(
+            f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+            f'+step +proj=vgridshift +grids="{file}" +multiplier=1 '
+            f"+step +proj=unitconvert +xy_in=rad +xy_out=deg"
+        )
+    except pyproj.exceptions.ProjError:
+        return None
