@@ -13,7 +13,7 @@ from ...ground.crs_operations import operations_of, without_heights
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
 from ..opening.budgets import CELL_M
 
-NODES = 5  # along each side of a raster, to tell how it came to WGS84
+NODES_OVER_RASTER = 5  # along each side of a raster, to tell how it came to WGS84
 TURN_TOLERANCE = 1e-3  # of a column, by which a raster round the Earth may miss a whole turn
 
 
@@ -84,9 +84,14 @@ class Georeference:
         return self._xy(grid + [self.first + 0.5, 0.5])
 
     def nodes_lonlat(self) -> np.ndarray:
-        """Return lon, lat ``(n, 2)`` of nodes over the raster, `NODES` a side; without those that are nowhere."""
+        """Return lon, lat ``(n, 2)`` of nodes over the raster, `NODES_OVER_RASTER` a side; without those that are nowhere."""
         columns, rows = self._size
-        node = np.stack(np.meshgrid(np.linspace(0.0, columns - 1.0, NODES), np.linspace(0.0, rows - 1.0, NODES)), -1)
+        node = np.stack(
+            np.meshgrid(
+                np.linspace(0.0, columns - 1.0, NODES_OVER_RASTER), np.linspace(0.0, rows - 1.0, NODES_OVER_RASTER)
+            ),
+            -1,
+        )
         lonlat = self.to_lonlat(node.reshape(-1, 2) - [self.first, 0.0])
         return lonlat[np.isfinite(lonlat).all(axis=1)]
 
