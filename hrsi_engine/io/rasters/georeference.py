@@ -84,7 +84,7 @@ class Georeference:
         return self._xy(grid + [self.first + 0.5, 0.5])
 
     def nodes_lonlat(self) -> np.ndarray:
-        """Return lon, lat ``(n, 2)`` of nodes over the raster, `NODES_OVER_RASTER` a side; without those that are nowhere."""
+        """Return lon, lat ``(n, 2)`` of nodes over the raster, without those that are nowhere."""
         columns, rows = self._size
         node = np.stack(
             np.meshgrid(
