@@ -44,7 +44,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 
@@ -185,7 +185,7 @@ def _hobart_cell(count: int, options: AdjustOptions, model: str) -> str:
 def simulated_blocks(name: str) -> list[Block]:
     """Return blocks like the thesis's test fields, 10 GCPs each."""
     sensor, images, checks = SIMULATED[name]
-    views = along_track_views(SENSORS[sensor], images, (12000, 12000))
+    views = make_along_track_views(SENSORS[sensor], images, (12000, 12000))
     counts = PointCounts(10, checks, 200)
     return [simulate_block(SceneSpec(seed=seed), views, counts, NOISE).block for seed in SEEDS]
 

@@ -28,7 +28,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 
@@ -41,7 +41,7 @@ Section = tuple[str, str, Sequence[str], list[list[str]]]
 @cache
 def simulated(sensor: str, images: int, ties: int, checks: int, seed: int) -> tuple[Block, np.ndarray]:
     """Return a clean block with 10 GCPs, and its true ground points."""
-    views = along_track_views(SENSORS[sensor], images, (12000, 12000))
+    views = make_along_track_views(SENSORS[sensor], images, (12000, 12000))
     made = simulate_block(SceneSpec(seed=seed), views, PointCounts(10, checks, ties), Noise())
     return made.block, made.truth.ground
 

@@ -25,7 +25,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 from hrsi.hrsi_engine.results.verdict import Verdict
@@ -39,7 +39,7 @@ def simulated(sensor: str, seed: int) -> tuple[Block, int]:
     """Return a block that its seed describes altogether, and its number of GCPs."""
     rng = np.random.default_rng([seed, 7])
     side, gcps = int(rng.choice(SIDES)), int(rng.integers(0, 13))
-    views = along_track_views(SENSORS[sensor], int(rng.integers(2, 5)), (side, side))
+    views = make_along_track_views(SENSORS[sensor], int(rng.integers(2, 5)), (side, side))
     counts = PointCounts(gcps, int(rng.integers(0, 30)), int(rng.choice((40, 200, 800))))
     noise = Noise(float(rng.choice((0.1, 0.3, 0.5))), blunders=float(rng.choice((0.0, 0.02, 0.05))))
     place = SceneSpec(

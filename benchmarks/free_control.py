@@ -27,16 +27,16 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 from hrsi.hrsi_engine.laboratory.simulation.free_dem import simulate_free_dem
-from hrsi.hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, free_orthoimage
+from hrsi.hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, simulate_free_orthoimage
 from hrsi.hrsi_engine.laboratory.simulation.laser import simulate_laser
 from hrsi.hrsi_engine.laboratory.simulation.options import FreeDemSpec, FreeOrthoSpec, LaserSpec
-from hrsi.hrsi_engine.laboratory.simulation.render import block_with_pixels
+from hrsi.hrsi_engine.laboratory.simulation.render import add_pixels
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
-from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, SimulatedTerrain
+from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, TerrainSurface
 from hrsi.hrsi_engine.measurement.reference.matching import match_reference
 from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from hrsi.hrsi_engine.surface.dem import GridSurface, surface_heights
@@ -55,7 +55,7 @@ AROUND = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (0.5, 0.5), (-0.5, 0.5), (0.
 AREA_HALF_M, POST_M, FILLED_M = 230.0, 0.5, 5.0
 
 
-def dsm_terrain() -> SimulatedTerrain:
+def dsm_terrain() -> TerrainSurface:
     """Return the triplet's DSM as a surface that a simulated laser flies over."""
     dsm = open_dem(str(DSM), "ellipsoidal")
     chart = Chart(5.4429, 43.2617)
@@ -65,7 +65,7 @@ def dsm_terrain() -> SimulatedTerrain:
     height = surface_heights(dsm, place[:, :2]).reshape(east.shape)
     away, nearest = ndimage.distance_transform_edt(np.isnan(height), return_indices=True)
     height = np.where(away * POST_M <= FILLED_M, height[tuple(nearest)], np.nan)  # stereo has holes at every wall
-    return SimulatedTerrain(chart, height.astype(np.float32), -AREA_HALF_M, AREA_HALF_M, POST_M)
+    return TerrainSurface(chart, height.astype(np.float32), -AREA_HALF_M, AREA_HALF_M, POST_M)
 
 
 def moved_images(folder: Path, by_m: float) -> list[str]:
@@ -276,19 +276,19 @@ def matching(first: int) -> list[list[str]]:
     """Return how well images of 0.5 m are matched with a reference of 10 m, by season and bands."""
     found: dict[tuple[float, str], list[tuple[np.ndarray, float]]] = {}
     for seed in range(first, first + ORTHO_SEEDS):
-        views = along_track_views(SENSORS["worldview-2"], 2, (MATCHED_PX, MATCHED_PX))
+        views = make_along_track_views(SENSORS["worldview-2"], 2, (MATCHED_PX, MATCHED_PX))
         simulated = simulate_block(SceneSpec(seed=seed), views, PointCounts(0, 5, 5), Noise())
         scene = simulated.scene
         images = [
             replace(image, raster=ArrayRaster(image.pixels.read(0, 0, *image.known_size)[0]))
-            for image in block_with_pixels(simulated).images
+            for image in add_pixels(simulated).images
         ]
         made = simulate_free_dem(scene.terrain, scene.half_extent_m, FreeDemSpec(30.0), [seed, 60])
         dem = GridSurface.from_array(made.heights_m, made.first_deg, made.cell_deg)
         for change in CHANGES:
             spec = replace(ORTHO, change=change)
             errors = draw_ortho_errors(0.25 * MATCHED_PX, spec, [seed, 61])
-            bands = free_orthoimage(scene, spec, errors)
+            bands = simulate_free_orthoimage(scene, spec, errors)
             grey = np.array([band.read(0, 0, *band.size)[0] for band in bands], dtype=np.float32)
             for name, chosen in BAND_SETS.items():
                 raster = ArrayRaster(grey[chosen].mean(axis=0))
@@ -296,7 +296,7 @@ def matching(first: int) -> list[list[str]]:
                 for number, one in enumerate(control.images):
                     stated = control.ground[one.places[one.used]]
                     shown = locate_on_surface(simulated.truth.cameras[number], scene.terrain, one.xy[one.used])
-                    off = errors.at(*scene.chart.from_ground(stated).T[:2]).T
+                    off = errors.errors_at(*scene.chart.from_ground(stated).T[:2]).T
                     share = float(one.used.mean()) if len(one.used) else 0.0
                     error = ground_difference_m(stated, shown)[:, :2] - off
                     found.setdefault((change, name), []).append((error, share))
@@ -333,9 +333,9 @@ class CountedRaster:
 
 def cost(seed: int) -> list[list[str]]:
     """Return the CPU time of thousands of laser points on a pair of the largest images."""
-    views = along_track_views(SENSORS["worldview-2"], 2, (LARGE_PX, LARGE_PX))
+    views = make_along_track_views(SENSORS["worldview-2"], 2, (LARGE_PX, LARGE_PX))
     simulated = simulate_block(SceneSpec(seed=seed), views, PointCounts(0, 50, 500), Noise(image_px=IMAGE_PX))
-    block = block_with_pixels(simulated)
+    block = add_pixels(simulated)
     rasters = [CountedRaster(image.pixels) for image in block.images]
     images = tuple(replace(image, raster=raster) for image, raster in zip(block.images, rasters, strict=True))
     half_m = 0.5 * LARGE_PX * views[0].sensor.gsd_m

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from hrsi.hrsi_engine.laboratory.registration import register_points
-from hrsi.hrsi_engine.laboratory.simulation import SimulatedBlock
+from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, InterestPoints, detect_interest_points
 from hrsi.hrsi_engine.measurement.targets.measuring import TargetOptions, measure_target
 from hrsi.tests.object_scenes import (
@@ -115,7 +115,7 @@ not correspond: the response moves inwards by a constant number of pixels of eac
 """
 
 
-def print_pair(name: str, simulated: SimulatedBlock, figures: Figures, change: float) -> None:
+def print_pair(name: str, simulated: BlockSimulation, figures: Figures, change: float) -> None:
     """Print what one pair shows and gather its errors."""
     images = [rendered(simulated, view) for view in VIEWS]
     centres, corners = detected(simulated, "centres"), detected(simulated, "harris")
@@ -241,7 +241,7 @@ def print_centres(figures: Figures) -> None:
 
 
 def gather_pair(
-    figures: Figures, simulated: SimulatedBlock, images: Sequence, sets: dict, name: str, tolerance_px: float = 1.5
+    figures: Figures, simulated: BlockSimulation, images: Sequence, sets: dict, name: str, tolerance_px: float = 1.5
 ) -> None:
     """Gather what pairs of each kind leave over, and the errors of registrations by some of them."""
     scale = float(np.sqrt(np.prod(images[0].camera.gsd_m()) / np.prod(images[1].camera.gsd_m())))

@@ -23,14 +23,14 @@ from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     Noise,
     PointCounts,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
-from hrsi.hrsi_engine.laboratory.simulation.render import renderer
+from hrsi.hrsi_engine.laboratory.simulation.render import make_renderer
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 
@@ -46,7 +46,7 @@ Change = Callable[["Pair", np.ndarray, int], np.ndarray]  # pixels of an image a
 class Pair:
     """A simulated pair: the block, which band the second image is of, and the random numbers of the trap."""
 
-    block: SimulatedBlock
+    block: BlockSimulation
     band: str
     seed: int
 
@@ -191,14 +191,14 @@ TRAPS: dict[str, Trap] = {
 
 def make_pair(trap: Trap, seed: int) -> tuple[Pair, list[Image]]:
     """Return a simulated pair and its images with the vendor's RPCs."""
-    views = along_track_views(SENSORS["pleiades"], 2, SIZE)
+    views = make_along_track_views(SENSORS["pleiades"], 2, SIZE)
     views = tuple(replace(view, along_deg=angle) for view, angle in zip(views, trap.along_deg, strict=True))
     spec = SceneSpec(seed=seed, **(trap.scene or {}))
     block = simulate_block(spec, views, PointCounts(0, 0, 20), Noise())
     pair, images = Pair(block, trap.band, seed), []
     for index, image in enumerate(block.block.images):
         band = trap.band if index else "pan"
-        raster = renderer(block, image.id, band)
+        raster = make_renderer(block, image.id, band)
         grey = raster.read(0, 0, *raster.size)[0].astype(np.float32)
         rpc, ratio = image.rpc, SIZE[0] // raster.size[0]
         if trap.change is not None:

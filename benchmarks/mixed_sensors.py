@@ -25,9 +25,9 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    dated_views,
     draw_acquisitions,
-    renderer,
+    make_renderer,
+    make_views_of_dates,
     simulate_block,
 )
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
@@ -51,13 +51,13 @@ def scene(names: tuple[str, str], seed: int) -> tuple[list[Image], list[RPC], np
     views = []
     for number, name in enumerate(names):
         side = round(GROUND_M / SENSORS[name].gsd_m)
-        of_date = dated_views(SENSORS[name], taken, 1, (side, side), 190.0, OFF_NADIR_DEG, seed)[first + number]
+        of_date = make_views_of_dates(SENSORS[name], taken, 1, (side, side), 190.0, OFF_NADIR_DEG, seed)[first + number]
         views.append(replace(of_date, id=f"{name}_{number}"))
     block = simulate_block(spec, tuple(views), PointCounts(0, 0, 3000), Noise())
     images = []
     for view, image in zip(block.views, block.block.images, strict=True):
         size = image.known_size
-        images.append(replace(image, raster=ArrayRaster(renderer(block, view.id).window(0, 0, *size))))
+        images.append(replace(image, raster=ArrayRaster(make_renderer(block, view.id).window(0, 0, *size))))
     return images, [fit.rpc for fit in block.truth.rpcs], block.truth.ground
 
 

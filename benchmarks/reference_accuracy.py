@@ -25,12 +25,12 @@ from hrsi.hrsi_engine.block.block import ArrayRaster, Image  # noqa: E402
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m  # noqa: E402
 from hrsi.hrsi_engine.laboratory.simulation import (  # noqa: E402
     SENSORS,
+    BlockSimulation,
     Noise,
     OrientationError,
     PointCounts,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, reference_shift  # noqa: E402
@@ -111,8 +111,8 @@ def matching() -> None:
 # ---- without GCPs ----------------------------------------------------------------------------------------------
 
 
-def pleiades_triplet(seed: int, points: PointCounts) -> SimulatedBlock:
-    views = along_track_views(SENSORS["pleiades"], 3, (1500, 1500))
+def pleiades_triplet(seed: int, points: PointCounts) -> BlockSimulation:
+    views = make_along_track_views(SENSORS["pleiades"], 3, (1500, 1500))
     return simulate_block(SceneSpec(seed=seed), views, points, Noise())
 
 

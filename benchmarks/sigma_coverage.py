@@ -29,8 +29,8 @@ from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.laboratory.simulation import SENSORS, PushbroomCamera, aim, fit_camera
-from hrsi.hrsi_engine.laboratory.simulation.vendor import stated_accuracy
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, PushbroomCamera, aim_camera, fit_camera
+from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "coverage.md"
 JUDGED = 1000  # the first seed of those that judge
@@ -105,9 +105,9 @@ def cameras(sensor: str, angles_deg: tuple[float, ...], size: int) -> list[tuple
     """Return undisturbed cameras and the images with their RPCs, with the sensor's stated accuracy."""
     found = []
     for number, angle in enumerate(angles_deg):
-        camera = aim(SENSORS[sensor], (size, size), np.array(CENTRE), angle, 0.0, 190.0)
+        camera = aim_camera(SENSORS[sensor], (size, size), np.array(CENTRE), angle, 0.0, 190.0)
         rpc = fit_camera(camera, (CENTRE[2] - RELIEF_M, CENTRE[2] + RELIEF_M)).rpc
-        rpc = stated_accuracy(rpc, camera, SENSORS[sensor].accuracy, 1.0)
+        rpc = make_accuracy_statement(rpc, camera, SENSORS[sensor].accuracy, 1.0)
         found.append((camera, Image(f"image_{number + 1}", rpc, (size, size))))
     return found
 

@@ -17,7 +17,7 @@ import numpy as np
 import pyproj
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim, fit_camera
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.refinement.estimate import Control
 
 SIZE = (24_000, 24_000)
@@ -46,7 +46,7 @@ class Spot5:
     def camera(self) -> PushbroomCamera:
         """The true camera."""
         middle = np.array([*self.ground[:, :2].mean(axis=0), 0.0])
-        return aim(SENSORS["spot5"], SIZE, middle, 0.0, OFF_NADIR_DEG, HEADING_DEG)
+        return aim_camera(SENSORS["spot5"], SIZE, middle, 0.0, OFF_NADIR_DEG, HEADING_DEG)
 
     @cached_property
     def observed_px(self) -> np.ndarray:

@@ -26,7 +26,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Image, ImagePoints, assemble
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
-from hrsi.hrsi_engine.laboratory.simulation.synthesis import SimulatedBlock, simulate_block
+from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.declare import made_options
@@ -59,7 +59,7 @@ class Ties(NamedTuple):
 
     images: tuple[Image, ...]
     ties: ImagePoints
-    simulated: SimulatedBlock | None = None
+    simulated: BlockSimulation | None = None
 
 
 def real(name: str) -> Ties:

@@ -36,11 +36,11 @@ from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.laboratory.simulated_files import write_dem, write_ground_points
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     Noise,
     PointCounts,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
@@ -126,7 +126,7 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
         lon, lat, mean_height_m=float(rng.uniform(50.0, 1500.0)), relief_m=relief, seed=1000 * seed + len(sensor)
     )
     size = (int(rng.integers(3000, 9000)), int(rng.integers(3000, 9000)))
-    views = along_track_views(
+    views = make_along_track_views(
         SENSORS[sensor], images, size, across_deg=float(rng.uniform(-15.0, 15.0)),
         heading_deg=float(rng.choice([190.0, 350.0])),
     )  # fmt: skip
@@ -146,7 +146,7 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
     )  # fmt: skip
 
 
-def _grid_of(simulated: SimulatedBlock, side: int = 150) -> tuple[np.ndarray, tuple[float, ...]]:
+def _grid_of(simulated: BlockSimulation, side: int = 150) -> tuple[np.ndarray, tuple[float, ...]]:
     """Return heights and geotransform of the images' ground."""
     corners = np.concatenate([
         image.rpc.localize(image.outline_px(2), height).ground

@@ -17,14 +17,14 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
-from hrsi.hrsi_engine.laboratory.simulation.control import measure, observe
-from hrsi.hrsi_engine.laboratory.simulation.free_ortho import CORNER_FROM, draw_ortho_errors
-from hrsi.hrsi_engine.laboratory.simulation.laser import SimulatedLaser, simulate_laser
+from hrsi.hrsi_engine.laboratory.simulation.control import measure_points, project_true_points
+from hrsi.hrsi_engine.laboratory.simulation.free_ortho import ORTHO_ERROR, draw_ortho_errors
+from hrsi.hrsi_engine.laboratory.simulation.laser import LaserSimulation, simulate_laser
 from hrsi.hrsi_engine.laboratory.simulation.options import FreeOrthoSpec, LaserSpec
-from hrsi.hrsi_engine.laboratory.simulation.synthesis import SimulatedBlock
+from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation
 from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 
 LOOKED_UP, TIES_EACH, AROUND_M = 400, 3, 10.0
@@ -34,8 +34,8 @@ LOOKED_UP, TIES_EACH, AROUND_M = 400, 3, 10.0
 class LaserScene:
     """A simulated block, its laser points with the reasons of those left out, and the block with ties around them."""
 
-    simulated: SimulatedBlock
-    laser: SimulatedLaser
+    simulated: BlockSimulation
+    laser: LaserSimulation
     points: LaserPoints
     block: Block
 
@@ -50,7 +50,7 @@ def laser_scene(
     image_px: float = 0.3, relief_m: float = 150.0, looked_up: int = LOOKED_UP, checks: int = 100,
 ) -> LaserScene:  # fmt: skip
     """Return a block with check points, whose laser points have tie points around them, as matching would find them."""
-    views = along_track_views(SENSORS[sensor], images, (size, size))
+    views = make_along_track_views(SENSORS[sensor], images, (size, size))
     noise = Noise(image_px=image_px, gcp_xy_m=0.01, gcp_h_m=0.01)
     scene = SceneSpec(seed=seed, post_m=8.0, relief_m=relief_m)
     simulated = simulate_block(scene, views, PointCounts(0, checks, 200), noise)
@@ -65,7 +65,9 @@ def laser_scene(
     ids = np.array([f"F{number:06d}" for number in range(len(ground))])
     role = np.full(len(ground), int(Role.TIE))
     image_ids = np.array([view.id for view in views])
-    more, _ = measure(ids, role, image_ids, observe(simulated.truth.cameras, terrain, ground), noise, rng)
+    more, _ = measure_points(
+        ids, role, image_ids, project_true_points(simulated.truth.cameras, terrain, ground), noise, rng
+    )
     block = simulated.block
     rows = block.measurements
     given = ImagePoints.create(block.points.ids[rows.point], image_ids[rows.image], rows.xy, rows.sigma_px, rows.kind)
@@ -85,7 +87,7 @@ class PlacedScene:
     def with_corner(self, off_m: float) -> PlacedScene:
         """Return the scene with the north-eastern corner of the orthoimage so far off in the east."""
         half_m = np.abs(self.chart_m).max()
-        corner = (self.chart_m > CORNER_FROM * half_m).all(axis=1)
+        corner = (self.chart_m > ORTHO_ERROR.corner_from * half_m).all(axis=1)
         ground = self.places.ground.copy()
         ground[corner, 0] += off_m / metres_per_degree(ground[corner])[:, 0]
         return replace(self, places=replace(self.places, ground=ground))
@@ -103,13 +105,13 @@ def placed_scene(
     half_m = 0.5 * min(view.size[0] * view.sensor.gsd_m for view in views)
     chart = rng.uniform(-half_m, half_m, (places, 2))
     errors = draw_ortho_errors(half_m, ortho, [seed, 61])
-    stated = chart + errors.at(*chart.T).T + rng.normal(0.0, match_m, chart.shape)
+    stated = chart + errors.errors_at(*chart.T).T + rng.normal(0.0, match_m, chart.shape)
     true = terrain.chart.to_ground(chart, terrain.height(*chart.T))
     ground = terrain.chart.to_ground(stated, true[:, 2])
     ids = np.array([f"REF{number:03d}" for number in range(places)])
     image_ids = np.array([view.id for view in views])
-    measured, _ = measure(
-        ids, np.full(places, int(Role.GCP)), image_ids, observe(truth.cameras, terrain, true),
+    measured, _ = measure_points(
+        ids, np.full(places, int(Role.GCP)), image_ids, project_true_points(truth.cameras, terrain, true),
         Noise(image_px=images_agree_px), rng,
     )  # fmt: skip
     sigma_m = ortho.error_m / np.sqrt(2.0)

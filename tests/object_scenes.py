@@ -12,15 +12,15 @@ import numpy as np
 
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     ImageRenderer,
     Noise,
     PointCounts,
     Radiometry,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
     locate_on_surface,
-    renderer,
+    make_along_track_views,
+    make_renderer,
     simulate_block,
 )
 from hrsi.hrsi_engine.laboratory.simulation.landscape import Objects
@@ -48,13 +48,15 @@ class TrueObjects:
     diameter: np.ndarray
 
 
-def scene(scale: float, size: int = 1200, relief_m: float = 30.0, seed: int = 1, change: float = 0.0) -> SimulatedBlock:
+def scene(
+    scale: float, size: int = 1200, relief_m: float = 30.0, seed: int = 1, change: float = 0.0
+) -> BlockSimulation:
     """Return a pair, 24 degrees apart, of 0.7 m pixels; ``scale`` multiplies objects: tanks are 18 to 37 px at 1.
 
     With a ``change``, 0 … 1, the second view is of another date: soil and plants look different, the light comes from
     elsewhere, the image is less sharp and less bright.
     """
-    first, second = along_track_views(SENSORS["pleiades"], 2, (size, size))
+    first, second = make_along_track_views(SENSORS["pleiades"], 2, (size, size))
     if change:
         second = replace(second, date=1, radiometry=Radiometry(gain=0.8, offset=40.0, psf_px=0.6))
     views = (first, second)
@@ -62,7 +64,7 @@ def scene(scale: float, size: int = 1200, relief_m: float = 30.0, seed: int = 1,
     return simulate_block(spec, views, PointCounts(4, 4, 0), Noise(vendor=0.0))
 
 
-def true_objects(simulated: SimulatedBlock, image: ImageRenderer) -> TrueObjects:
+def true_objects(simulated: BlockSimulation, image: ImageRenderer) -> TrueObjects:
     """Return where an image's own camera sees the objects (pixels of that image, PAN or MS)."""
     objects, chart, terrain = simulated.scene.objects, simulated.scene.chart, simulated.scene.terrain
 
@@ -99,7 +101,7 @@ def _centroids(rings: np.ndarray) -> np.ndarray:
     return middle[:, 0] + np.sum((a + b) * cross[..., None], axis=1) / (3.0 * cross.sum(axis=1)[:, None])
 
 
-def _painted_over(simulated: SimulatedBlock) -> np.ndarray:
+def _painted_over(simulated: BlockSimulation) -> np.ndarray:
     """Return the mask of objects that a surveyed target with its apron covers in part."""
     objects = simulated.scene.objects
     apron = objects.kind == "apron"
@@ -110,13 +112,13 @@ def _painted_over(simulated: SimulatedBlock) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def rendered(simulated: SimulatedBlock, view: str, band: str = "pan") -> ImageRenderer:
+def rendered(simulated: BlockSimulation, view: str, band: str = "pan") -> ImageRenderer:
     """Return the renderer of a view, remembered: making one blurs the textures of the whole scene."""
-    return renderer(simulated, view, band)
+    return make_renderer(simulated, view, band)
 
 
 @lru_cache(maxsize=4)
-def detected(simulated: SimulatedBlock, detector: str) -> list[InterestPoints]:
+def detected(simulated: BlockSimulation, detector: str) -> list[InterestPoints]:
     """Return the points of both views, remembered."""
     return [detect_interest_points(rendered(simulated, view), detector, CANDIDATES) for view in VIEWS]
 
@@ -139,7 +141,7 @@ def centre_errors(truth: TrueObjects, points: InterestPoints, kinds: tuple[str, 
     return np.array(errors).reshape(-1, 2), found
 
 
-def carried(simulated: SimulatedBlock, points: np.ndarray, first: ImageRenderer, second: ImageRenderer) -> np.ndarray:
+def carried(simulated: BlockSimulation, points: np.ndarray, first: ImageRenderer, second: ImageRenderer) -> np.ndarray:
     """Return where points of one image truly are in another, ``(n, 2)``; NaN where they are not inside it."""
     ground = locate_on_surface(first.camera, simulated.scene.terrain, points)
     xy = second.camera.ground_to_image(ground)
@@ -168,7 +170,9 @@ def alike(first: InterestPoints, second: InterestPoints, scale: float = 1.0) -> 
     return np.where(np.isfinite(ratio), same, True)
 
 
-def repeatability(simulated: SimulatedBlock, first: np.ndarray, second: np.ndarray, tolerance_px: float = 1.5) -> float:
+def repeatability(
+    simulated: BlockSimulation, first: np.ndarray, second: np.ndarray, tolerance_px: float = 1.5
+) -> float:
     """Return the share of points of the smaller set that the other view has too, where both views see the ground.
 
     Schmid, Mohr and Bauckhage (2000): repeated points over the smaller number of points in the common part.
@@ -182,7 +186,7 @@ def repeatability(simulated: SimulatedBlock, first: np.ndarray, second: np.ndarr
 
 
 def found_again(
-    simulated: SimulatedBlock, points: np.ndarray, others: np.ndarray, view: int = 0, tolerance_px: float = 1.5
+    simulated: BlockSimulation, points: np.ndarray, others: np.ndarray, view: int = 0, tolerance_px: float = 1.5
 ) -> float:
     """Return the share of points of a view that are among the points of the other, where both see the ground."""
     first, second = (rendered(simulated, VIEWS[k]) for k in (view, 1 - view))

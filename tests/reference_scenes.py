@@ -11,17 +11,17 @@ from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.block.orthoimage import Orthoimage
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     Noise,
     OrientationError,
     PointCounts,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
-    block_with_pixels,
-    orthophoto,
+    add_pixels,
+    make_along_track_views,
+    make_orthophoto,
     simulate_block,
 )
-from hrsi.hrsi_engine.laboratory.simulation.terrain import SimulatedTerrain
+from hrsi.hrsi_engine.laboratory.simulation.terrain import TerrainSurface
 from hrsi.hrsi_engine.surface.dem import GridSurface
 
 
@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.surface.dem import GridSurface
 class Scene:
     """Images with pixels, the true orthophoto, the true terrain, and the truth."""
 
-    simulated: SimulatedBlock
+    simulated: BlockSimulation
     images: tuple[Image, ...]
     reference: Orthoimage
     terrain: GridSurface
@@ -39,7 +39,7 @@ class Scene:
         return xy - self.simulated.truth.cameras[number].ground_to_image(ground)
 
 
-def surface_of(terrain: SimulatedTerrain) -> GridSurface:
+def surface_of(terrain: TerrainSurface) -> GridSurface:
     """Return a simulated terrain as a height surface."""
     west, lon_step, _, north, _, lat_step = terrain.geotransform
     return GridSurface.from_array(
@@ -56,17 +56,17 @@ def make(
     ``error`` is the vendor's orientation error of every image, by default drawn from the sensor's accuracy.
     """
     sensor = SENSORS["pleiades"]
-    oblique = along_track_views(sensor, max(images, 2), (size, size))[:images]
+    oblique = make_along_track_views(sensor, max(images, 2), (size, size))[:images]
     views = [replace(view, vendor_error=error) if error else view for view in oblique]
     simulated = simulate_block(
         SceneSpec(seed=seed, relief_m=relief_m), views, points or PointCounts(0, 4, 10), Noise(image_px=noise_px)
     )  # fmt: skip
-    block = block_with_pixels(simulated)
+    block = add_pixels(simulated)
     pixels = tuple(
         replace(image, raster=ArrayRaster(image.raster.window(0, 0, *image.size)))  # type: ignore[union-attr, misc]
         for image in block.images
     )
-    photo = orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
+    photo = make_orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
     reference = Orthoimage.on_degrees(ArrayRaster(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
     return Scene(simulated, pixels, reference, surface_of(simulated.scene.terrain))
 

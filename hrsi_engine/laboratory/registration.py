@@ -17,10 +17,8 @@ from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
 from .registration_options import RegistrationOptions
 
-_ITERATIONS = 20
 
-
-class Form(NamedTuple):
+class TransformationModel(NamedTuple):
     """A family of transformations: number of parameters, start by linear equations, application to points."""
 
     unknowns: int
@@ -58,7 +56,9 @@ class ResidualSummary:
     largest: float
 
 
-def _linear(columns: Callable[[np.ndarray], np.ndarray], to_matrix: Callable[[np.ndarray], np.ndarray]) -> Callable:
+def _solve_linear(
+    columns: Callable[[np.ndarray], np.ndarray], to_matrix: Callable[[np.ndarray], np.ndarray]
+) -> Callable:
     def start(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
         design = columns(first)
         root = np.sqrt(np.repeat(weight, 2))
@@ -70,39 +70,39 @@ def _linear(columns: Callable[[np.ndarray], np.ndarray], to_matrix: Callable[[np
     return start
 
 
-def _shift(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _fit_shift(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
     offset = np.average(second - first, axis=0, weights=weight)
     return np.array([[1.0, 0.0, offset[0]], [0.0, 1.0, offset[1]], [0.0, 0.0, 1.0]])
 
 
-def _affine_columns(xy: np.ndarray) -> np.ndarray:
+def _design_affine(xy: np.ndarray) -> np.ndarray:
     design = np.zeros((2 * len(xy), 6))
     design[0::2, :2], design[1::2, 3:5] = xy, xy
     design[0::2, 2] = design[1::2, 5] = 1.0
     return design
 
 
-def _affine_matrix(values: np.ndarray) -> np.ndarray:
+def _make_affine(values: np.ndarray) -> np.ndarray:
     return np.vstack([values.reshape(2, 3), [0.0, 0.0, 1.0]])
 
 
-def _conformal_columns(xy: np.ndarray) -> np.ndarray:
+def _design_conformal(xy: np.ndarray) -> np.ndarray:
     design = np.zeros((2 * len(xy), 4))
     design[0::2, 0], design[0::2, 1], design[0::2, 2] = xy[:, 0], -xy[:, 1], 1.0
     design[1::2, 0], design[1::2, 1], design[1::2, 3] = xy[:, 1], xy[:, 0], 1.0
     return design
 
 
-def _conformal_matrix(values: np.ndarray) -> np.ndarray:
+def _make_conformal(values: np.ndarray) -> np.ndarray:
     a, b, c, d = values
     return np.array([[a, -b, c], [b, a, d], [0.0, 0.0, 1.0]])
 
 
-def _projective(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _fit_projective(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the homography with least residuals in the second image, by Gauss-Newton from the affine solution."""
-    H = FORMS["affine"].start(first, second, weight)
+    H = REGISTRATION_FORMS["affine"].start(first, second, weight)
     root = np.sqrt(np.repeat(weight, 2))
-    for _ in range(_ITERATIONS):
+    for _ in range(20):
         xyw = np.column_stack([first, np.ones(len(first))])
         computed = apply_matrix(H, first)
         w = (xyw @ H[2])[:, None]
@@ -125,11 +125,11 @@ def apply_matrix(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return moved[:, :2] / moved[:, 2:]
 
 
-FORMS: dict[str, Form] = {
-    "shift": Form(2, _shift, apply_matrix),
-    "conformal": Form(4, _linear(_conformal_columns, _conformal_matrix), apply_matrix),
-    "affine": Form(6, _linear(_affine_columns, _affine_matrix), apply_matrix),
-    "projective": Form(8, _projective, apply_matrix),
+REGISTRATION_FORMS: dict[str, TransformationModel] = {
+    "shift": TransformationModel(2, _fit_shift, apply_matrix),
+    "conformal": TransformationModel(4, _solve_linear(_design_conformal, _make_conformal), apply_matrix),
+    "affine": TransformationModel(6, _solve_linear(_design_affine, _make_affine), apply_matrix),
+    "projective": TransformationModel(8, _fit_projective, apply_matrix),
 }
 
 
@@ -141,28 +141,28 @@ def register_points(
     reject_sigma: float = RegistrationOptions.reject_sigma,
     taking_part: np.ndarray | None = None,
 ) -> Registration:
-    """Return the transformation of one of `FORMS` that carries points ``(n, 2)`` of the first image to the second.
+    """Return the transformation of a `REGISTRATION_FORMS` model from points ``(n, 2)`` of the first image to the second.
 
     ``reject_sigma`` leaves out points whose residual is that many robust standard deviations, 0 keeps all;
     ``taking_part`` masks the points that determine it, the others only get residuals. Raises `InputError` for an
     unknown model, `SolveError` for too few points or points that do not determine it.
     """
-    if model not in FORMS:
-        raise InputError(f"registration model {model!r} is not one of {', '.join(FORMS)}: choose one")
-    form = FORMS[model]
+    if model not in REGISTRATION_FORMS:
+        raise InputError(f"registration model {model!r} is not one of {', '.join(REGISTRATION_FORMS)}: choose one")
+    form = REGISTRATION_FORMS[model]
     sigma = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), (len(first_px),))
     used = np.ones(len(first_px), dtype=bool) if taking_part is None else taking_part.copy()
     allowed = used.copy()
     while True:
-        matrix, residual = _solve(form, first_px, second_px, sigma, used)
-        keep = allowed & _within(residual, sigma, used, reject_sigma)
+        matrix, residual = _fit_transformation(form, first_px, second_px, sigma, used)
+        keep = allowed & _is_inlier(residual, sigma, used, reject_sigma)
         if np.array_equal(keep, used) or keep.sum() >= used.sum():
             return Registration(model, matrix, residual, used, form.unknowns)
         used = keep
 
 
-def _solve(
-    form: Form, first: np.ndarray, second: np.ndarray, sigma: np.ndarray, used: np.ndarray
+def _fit_transformation(
+    form: TransformationModel, first: np.ndarray, second: np.ndarray, sigma: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     if 2 * used.sum() < form.unknowns:
         raise SolveError(f"{used.sum()} points are too few for {form.unknowns} parameters: add points")
@@ -172,16 +172,16 @@ def _solve(
     if inner is None:
         matrix = form.start(first[used], second[used], 1.0 / sigma[used] ** 2)
     else:
-        matrix = _similarity(scale, origins[1]) @ inner @ np.linalg.inv(_similarity(scale, origins[0]))
+        matrix = _make_similarity(scale, origins[1]) @ inner @ np.linalg.inv(_make_similarity(scale, origins[0]))
     matrix = matrix / matrix[2, 2]
     return matrix, second - form.apply(matrix, first)
 
 
-def _similarity(scale: float, origin: np.ndarray) -> np.ndarray:
+def _make_similarity(scale: float, origin: np.ndarray) -> np.ndarray:
     return np.array([[scale, 0.0, origin[0]], [0.0, scale, origin[1]], [0.0, 0.0, 1.0]])
 
 
-def _within(residual: np.ndarray, sigma: np.ndarray, used: np.ndarray, reject_sigma: float) -> np.ndarray:
+def _is_inlier(residual: np.ndarray, sigma: np.ndarray, used: np.ndarray, reject_sigma: float) -> np.ndarray:
     if reject_sigma <= 0.0:
         return np.ones(len(residual), dtype=bool)
     relative = np.hypot(*residual.T) / sigma
@@ -213,7 +213,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 
-def group_of(kind: str) -> str:
+def choose_group(kind: str) -> str:
     """Return ``center`` or ``corner`` for a kind of point, the kind itself (or ``point``) for others."""
     return next((group for group, kinds in GROUPS.items() if kind.lower() in kinds), kind or "point")
 
@@ -273,7 +273,7 @@ def compare_kinds(
     kinds : (n,) ndarray of str
         Of the points.
     model : str
-        One of `FORMS`.
+        One of `REGISTRATION_FORMS`.
     sigma_px : (n,) ndarray or float
         Standard deviations of the measurements.
     reject_sigma : float
@@ -293,7 +293,7 @@ def compare_kinds(
     SolveError
         Even all points together are too few, or lie on a line.
     """
-    groups = np.array([group_of(str(kind)) for kind in kinds])
+    groups = np.array([choose_group(str(kind)) for kind in kinds])
     everything = register_points(first_px, second_px, model, sigma_px, reject_sigma)
     registrations = {"all": everything}
     alone, together = {}, {}
@@ -302,7 +302,7 @@ def compare_kinds(
         summary = summarise_residuals(everything.residual_px[here & everything.used], unit)
         if summary is not None:
             together[group] = summary
-        if 2 * here.sum() <= FORMS[model].unknowns:
+        if 2 * here.sum() <= REGISTRATION_FORMS[model].unknowns:
             continue
         own = register_points(first_px, second_px, model, sigma_px, reject_sigma, here)
         registrations[group] = own

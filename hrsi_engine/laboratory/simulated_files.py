@@ -18,6 +18,7 @@ from ..block.laser import LaserPoints
 from ..camera.rpc import RPC
 from ..foundation.errors import OutputError
 from ..foundation.progress import Progress, advance, silent
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import WGS84_3D
 from ..io.csv_tables import write_csv, write_measurements
 from ..io.opening.datasets import gdal_messages
@@ -25,8 +26,17 @@ from ..io.rpc_files.crop import Geotransform
 from ..io.rpc_files.fields import gdal_metadata
 from ..io.safety.replacing import replacing
 
-FILE_TILE = 256
-WINDOW_SAMPLES = 1024  # rendered at a time by one thread
+
+@thresholds
+class ImageFileParameters:
+    """How simulated images are written."""
+
+    tile_px: int = threshold(256, "px", "side of a tile of the file")
+    window_samples: int = threshold(1024, "px", "samples that one thread renders at a time")
+
+
+IMAGE_FILES = ImageFileParameters()
+
 
 PixelStrip = tuple[int, int, np.ndarray]  # band, first sample, pixels
 
@@ -47,12 +57,12 @@ def write_image(
     samples, lines = bands[0].size
     with replacing(path) as temporary:
         with gdal_messages() as messages:
-            dataset = _create(path, temporary, (samples, lines, len(bands)), gdal.GDT_UInt16, messages)
+            dataset = _create_file(path, temporary, (samples, lines, len(bands)), gdal.GDT_UInt16, messages)
             if rpc is not None:
                 dataset.SetMetadata(gdal_metadata(rpc), "RPC")
             if geotransform is not None:
-                _georeference(dataset, geotransform)
-            for line, parts in _rows_of_tiles(bands, threads):
+                _georeference_file(dataset, geotransform)
+            for line, parts in _iterate_tile_rows(bands, threads):
                 advance(progress, line / lines, f"rendering {os.path.basename(path)}")
                 _write_row(dataset, line, parts)
                 _require_quiet(path, messages)
@@ -67,11 +77,17 @@ def _write_row(dataset: gdal.Dataset, line: int, parts: list[PixelStrip]) -> Non
     dataset.FlushCache()  # GDAL would hold up to a twentieth of the machine's memory
 
 
-def _create(
+def _create_file(
     path: str, temporary: str, shape: tuple[int, int, int], data_type: int, messages: list[str]
 ) -> gdal.Dataset:
     samples, lines, bands = shape
-    options = ["TILED=YES", f"BLOCKXSIZE={FILE_TILE}", f"BLOCKYSIZE={FILE_TILE}", "BIGTIFF=IF_SAFER", "INTERLEAVE=BAND"]
+    options = [
+        "TILED=YES",
+        f"BLOCKXSIZE={IMAGE_FILES.tile_px}",
+        f"BLOCKYSIZE={IMAGE_FILES.tile_px}",
+        "BIGTIFF=IF_SAFER",
+        "INTERLEAVE=BAND",
+    ]
     dataset = gdal.GetDriverByName("GTiff").Create(temporary, samples, lines, bands, data_type, options)
     if dataset is None:
         raise OutputError(f"{path}: cannot be created ({messages[-1] if messages else 'unknown reason'})")
@@ -83,7 +99,7 @@ def _require_quiet(path: str, messages: list[str]) -> None:
         raise OutputError(f"{path}: cannot be written ({messages[-1]}): check free space and permissions")
 
 
-def _georeference(dataset: gdal.Dataset, geotransform: Geotransform) -> None:
+def _georeference_file(dataset: gdal.Dataset, geotransform: Geotransform) -> None:
     """Place a dataset in geographic WGS84 with ellipsoidal heights."""
     reference = osr.SpatialReference()
     reference.ImportFromEPSG(WGS84_3D)
@@ -91,31 +107,31 @@ def _georeference(dataset: gdal.Dataset, geotransform: Geotransform) -> None:
     dataset.SetGeoTransform(geotransform)
 
 
-def _rows_of_tiles(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int, list[PixelStrip]]]:
+def _iterate_tile_rows(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int, list[PixelStrip]]]:
     """Yield the first line and the parts of each row of tiles, while the next row is in work."""
     samples, lines = bands[0].size
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         waiting: deque[tuple[int, list[tuple[int, int, Future]]]] = deque()
         try:
-            for line in range(0, lines, FILE_TILE):
-                height = min(FILE_TILE, lines - line)
+            for line in range(0, lines, IMAGE_FILES.tile_px):
+                height = min(IMAGE_FILES.tile_px, lines - line)
                 jobs = []
                 for band, raster in enumerate(bands):
-                    for sample in range(0, samples, WINDOW_SAMPLES):
-                        width = min(WINDOW_SAMPLES, samples - sample)
+                    for sample in range(0, samples, IMAGE_FILES.window_samples):
+                        width = min(IMAGE_FILES.window_samples, samples - sample)
                         jobs.append((band, sample, pool.submit(raster.read, sample, line, width, height)))
                 waiting.append((line, jobs))
                 if len(waiting) > 1:
-                    yield _finish(*waiting.popleft())
+                    yield _finish_file(*waiting.popleft())
             while waiting:
-                yield _finish(*waiting.popleft())
+                yield _finish_file(*waiting.popleft())
         finally:
             for _, jobs in waiting:
                 for _, _, job in jobs:
                     job.cancel()
 
 
-def _finish(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[PixelStrip]]:
+def _finish_file(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[PixelStrip]]:
     return line, [(band, sample, job.result()[0]) for band, sample, job in jobs]
 
 
@@ -124,8 +140,8 @@ def write_dem(path: str, heights: np.ndarray, geotransform: Geotransform) -> Non
     rows, columns = heights.shape
     with replacing(path) as temporary:
         with gdal_messages() as messages:
-            dataset = _create(path, temporary, (columns, rows, 1), gdal.GDT_Float32, messages)
-            _georeference(dataset, geotransform)
+            dataset = _create_file(path, temporary, (columns, rows, 1), gdal.GDT_Float32, messages)
+            _georeference_file(dataset, geotransform)
             dataset.SetMetadata({"VERTICAL_DATUM": "ellipsoidal heights above WGS84", "AREA_OR_POINT": "Point"})
             band = dataset.GetRasterBand(1)
             band.SetUnitType("m")

@@ -19,7 +19,7 @@ from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.rasters.images import image_id, open_image
-from ...hrsi_engine.laboratory.registration import MethodComparison, compare_kinds, group_of
+from ...hrsi_engine.laboratory.registration import MethodComparison, choose_group, compare_kinds
 from ...hrsi_engine.surface.dem import ConstantHeight, intersect_surface
 from ..files.result_folder import check_folder, plan_page
 from ..files.terrain import open_terrain
@@ -154,7 +154,7 @@ def _drawings(
     points: Mapping[str, np.ndarray], result: MethodComparison, unit: float, report: Report
 ) -> dict[str, Any]:
     """Return the plots: distance errors by kind, and the residuals of each registration."""
-    groups = np.array([group_of(str(kind)) for kind in points["kind"]])
+    groups = np.array([choose_group(str(kind)) for kind in points["kind"]])
     bars = {
         title: {kind: row["distance"] for kind, row in report[table].items()}
         for title, table in (("alone", "alone"), ("all together", "together"))

@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 from hrsi.hrsi_engine.refinement import MODELS
@@ -238,7 +238,7 @@ def test_ties_that_only_the_drift_as_guessed_leaves_out_come_back():
 
     That most of them have sigmas eight times their errors keeps the drift there until it is estimated.
     """
-    views = along_track_views(SENSORS["worldview-2"], 3, (4000, 4000))
+    views = make_along_track_views(SENSORS["worldview-2"], 3, (4000, 4000))
     simulated = simulate_block(SceneSpec(seed=2, post_m=8.0), views, PointCounts(0, 0, 800), Noise(image_px=0.006))
     rows = simulated.block.measurements
     precise = rows.point % 5 < 2

@@ -9,7 +9,7 @@ import pyproj
 import pytest
 
 from hrsi.hrsi_engine.ground.geodesy import from_ecef, ground_difference_m
-from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera
 
 TARGET = np.array([147.3, -42.9, 100.0])
 TO_ECEF = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
@@ -28,7 +28,7 @@ CASES = {
 
 def full_camera(name: str, **view: float) -> PushbroomCamera:
     sensor = SENSORS[name]
-    return aim(sensor, (sensor.samples, sensor.samples), TARGET, **view)
+    return aim_camera(sensor, (sensor.samples, sensor.samples), TARGET, **view)
 
 
 def image_points(camera: PushbroomCamera, count: int = 2000) -> tuple[np.ndarray, np.ndarray]:

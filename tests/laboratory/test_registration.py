@@ -10,7 +10,13 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
-from hrsi.hrsi_engine.laboratory.registration import FORMS, apply_matrix, carry_by_rpcs, compare_kinds, register_points
+from hrsi.hrsi_engine.laboratory.registration import (
+    REGISTRATION_FORMS,
+    apply_matrix,
+    carry_by_rpcs,
+    compare_kinds,
+    register_points,
+)
 
 MATRICES = {
     "shift": [[1, 0, 31.5], [0, 1, -12.25], [0, 0, 1]],
@@ -24,7 +30,7 @@ def points(count: int, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).uniform(0, 5000, (count, 2))
 
 
-@pytest.mark.parametrize("model", FORMS)
+@pytest.mark.parametrize("model", REGISTRATION_FORMS)
 def test_exact_transformations_come_back(model: str):
     H, first = np.array(MATRICES[model], dtype=float), points(12)
     found = register_points(first, apply_matrix(H, first), model)

@@ -9,41 +9,41 @@ import pytest
 
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     Noise,
     OrientationError,
     PointCounts,
     Radiometry,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
-    block_with_pixels,
-    multispectral_renderers,
-    orthophoto,
+    add_pixels,
+    make_along_track_views,
+    make_multispectral_renderers,
+    make_orthophoto,
+    make_renderer,
     render_window,
-    renderer,
     simulate_block,
 )
-from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface, ray_paths
-from hrsi.hrsi_engine.laboratory.simulation.tiles import RENDER_TILE
+from hrsi.hrsi_engine.laboratory.simulation.surface import compute_ray_paths, locate_on_surface
+from hrsi.hrsi_engine.laboratory.simulation.tiles import TILES
 
 CLEAN = Radiometry(noise_dn=0.0, shot_dn=0.0)
 JITTER = OrientationError(jitter_rad=(1e-6, 1e-6, 0.0), jitter_period_lines=500.0)
 
 
-def simulated(spec: SceneSpec, size: int = 800, radiometry: Radiometry = CLEAN, **view: object) -> SimulatedBlock:
-    views = along_track_views(SENSORS["pleiades"], 2, (size, size))
+def simulated(spec: SceneSpec, size: int = 800, radiometry: Radiometry = CLEAN, **view: object) -> BlockSimulation:
+    views = make_along_track_views(SENSORS["pleiades"], 2, (size, size))
     views = tuple(replace(v, radiometry=radiometry, **view) for v in views)  # type: ignore[arg-type]
     return simulate_block(spec, views, PointCounts(4, 16, 0), Noise(vendor=0.0))
 
 
 @pytest.fixture(scope="module")
-def hilly() -> SimulatedBlock:
+def hilly() -> BlockSimulation:
     return simulated(SceneSpec(relief_m=80.0))
 
 
 def test_pixels_do_not_depend_on_the_window():
     block = simulated(SceneSpec(relief_m=80.0, cliff_m=30.0), size=400, radiometry=Radiometry())
-    image = renderer(block, "image_1")
+    image = make_renderer(block, "image_1")
     whole = image.window(0, 0, 400, 400)
     pieces = np.empty_like(whole)
     for line in range(0, 400, 170):
@@ -55,20 +55,20 @@ def test_pixels_do_not_depend_on_the_window():
     np.testing.assert_array_equal(render_window(again, "image_1", 100, 300, 200, 40), whole[300:340, 100:300])
 
 
-def test_window_outside_is_refused(hilly: SimulatedBlock):
+def test_window_outside_is_refused(hilly: BlockSimulation):
     with pytest.raises(ValueError, match="is not inside 800 x 800"):
-        renderer(hilly, "image_1").window(700, 0, 200, 10)
+        make_renderer(hilly, "image_1").window(700, 0, 200, 10)
 
 
 @pytest.mark.parametrize("jitter", [OrientationError(), JITTER], ids=["steady", "jitter"])
 def test_interpolated_rays_are_true_ones(jitter: OrientationError):
     block = simulated(SceneSpec(relief_m=80.0), jitter=jitter)
-    image = renderer(block, "image_2")
+    image = make_renderer(block, "image_2")
     column, row = np.meshgrid(
-        np.arange(RENDER_TILE, 2 * RENDER_TILE, 5), np.arange(2 * RENDER_TILE, 3 * RENDER_TILE, 5)
+        np.arange(TILES.tile_px, 2 * TILES.tile_px, 5), np.arange(2 * TILES.tile_px, 3 * TILES.tile_px, 5)
     )
     points = np.column_stack([column.ravel(), row.ravel()]).astype(float)
-    exact = ray_paths(image.camera, block.scene.terrain, points).coefficients.reshape(3, 2, *column.shape)
+    exact = compute_ray_paths(image.camera, block.scene.terrain, points).coefficients.reshape(3, 2, *column.shape)
     found = image.tile_paths(2, 1).coefficients[:, :, ::5, ::5]
     off = np.abs(found - exact[:, :, : found.shape[2], : found.shape[3]])[0].max() / image.camera.gsd_m()[0]
     print(f"rays between nodes are off by {off:.1e} px")
@@ -92,7 +92,7 @@ def test_targets_are_where_the_truth_says(relief_m: float):
     block = simulated(SceneSpec(relief_m=relief_m))
     points, offsets = block.truth.image_points, []
     for image_id in ("image_1", "image_2"):
-        image = renderer(block, image_id)
+        image = make_renderer(block, image_id)
         seen = points.image == block.index(image_id)
         for xy in points.xy[seen]:
             first = np.rint(xy).astype(int) - 8
@@ -118,7 +118,7 @@ def phase_shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def test_two_views_of_flat_ground_register_as_the_truth_says():
     block = simulated(SceneSpec(relief_m=0.0))
-    one, two = (renderer(block, image_id) for image_id in ("image_1", "image_2"))
+    one, two = (make_renderer(block, image_id) for image_id in ("image_1", "image_2"))
     offsets = []
     for sample in (100, 350, 600):
         for line in (100, 350, 600):
@@ -134,7 +134,7 @@ def test_two_views_of_flat_ground_register_as_the_truth_says():
 
 def test_noise_and_radiometry():
     radiometry = Radiometry(gain=0.8, offset=50.0, noise_dn=3.0, shot_dn=0.05)
-    noisy, clean = (renderer(simulated(SceneSpec(), radiometry=r), "image_1") for r in (radiometry, CLEAN))
+    noisy, clean = (make_renderer(simulated(SceneSpec(), radiometry=r), "image_1") for r in (radiometry, CLEAN))
     expected = 0.8 * clean.noise_free_tile(0, 0) + 50.0
     normalised = (noisy.tile(0, 0) - expected) / np.sqrt(9.0 + 0.05 * expected + 1.0 / 12.0)
     inside = (expected > 100.0) & (expected < 1900.0)
@@ -146,9 +146,9 @@ def test_noise_and_radiometry():
     assert abs(neighbours) < 0.02  # white: 1 / sqrt(65 000) is 0.004
 
 
-def test_multispectral_bands_are_the_same_ground(hilly: SimulatedBlock):
-    pan = renderer(hilly, "image_1").window(0, 0, 800, 800).astype(float)
-    bands = multispectral_renderers(hilly, "image_1")
+def test_multispectral_bands_are_the_same_ground(hilly: BlockSimulation):
+    pan = make_renderer(hilly, "image_1").window(0, 0, 800, 800).astype(float)
+    bands = make_multispectral_renderers(hilly, "image_1")
     assert [band.size for band in bands] == [(200, 200)] * 4
     mean = pan.reshape(200, 4, 200, 4).mean(axis=(1, 3))
     red = bands[2].window(0, 0, 200, 200).astype(float)
@@ -158,8 +158,8 @@ def test_multispectral_bands_are_the_same_ground(hilly: SimulatedBlock):
     assert np.abs(phase_shift(mean[36:164, 36:164], coarse[36:164, 36:164])).max() < 0.02
 
 
-def test_orthophoto_shows_what_the_image_shows(hilly: SimulatedBlock):
-    image, ortho = renderer(hilly, "image_1"), orthophoto(hilly.scene, 0.7)
+def test_orthophoto_shows_what_the_image_shows(hilly: BlockSimulation):
+    image, ortho = make_renderer(hilly, "image_1"), make_orthophoto(hilly.scene, 0.7)
     pixels = image.window(300, 300, 128, 128).astype(float)
     sample, line = np.meshgrid(np.arange(300.0, 428.0), np.arange(300.0, 428.0))
     ground = locate_on_surface(image.camera, hilly.scene.terrain, np.column_stack([sample.ravel(), line.ravel()]))
@@ -174,8 +174,8 @@ def test_orthophoto_shows_what_the_image_shows(hilly: SimulatedBlock):
     assert np.abs(phase_shift(pixels, nearest)).max() < 0.1
 
 
-def test_block_with_pixels_keeps_the_raster_contract(hilly: SimulatedBlock):
-    image = block_with_pixels(hilly).images[1]
+def test_block_with_pixels_keeps_the_raster_contract(hilly: BlockSimulation):
+    image = add_pixels(hilly).images[1]
     assert image.raster is not None
     grey, valid = image.raster.read(10, 20, 30, 40)
     assert grey.shape == valid.shape == (40, 30)

@@ -12,14 +12,14 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     Noise,
     OrientationError,
     PointCounts,
     SceneSpec,
-    SimulatedBlock,
-    along_track_views,
+    make_along_track_views,
+    make_strip_views,
     simulate_block,
-    strip_views,
 )
 
 SIZE = (1500, 1500)
@@ -27,15 +27,15 @@ NO_NOISE = Noise(image_px=0.0, gcp_xy_m=0.0, gcp_h_m=0.0, vendor=0.0)
 JITTER = OrientationError(jitter_rad=(1e-6, 1e-6, 0.0), jitter_period_lines=400.0)
 
 
-def block(sensor: str = "pleiades", images: int = 3, spec: SceneSpec | None = None, **noise: float) -> SimulatedBlock:
-    views = along_track_views(SENSORS[sensor], images, SIZE)
+def block(sensor: str = "pleiades", images: int = 3, spec: SceneSpec | None = None, **noise: float) -> BlockSimulation:
+    views = make_along_track_views(SENSORS[sensor], images, SIZE)
     return simulate_block(spec or SceneSpec(), views, PointCounts(40, 160, 400), Noise(**noise))
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_rpcs_fit_their_cameras_and_the_block_is_consistent(sensor: str):
     simulated = simulate_block(
-        SceneSpec(), along_track_views(SENSORS[sensor], 2, SIZE), PointCounts(5, 20, 100), NO_NOISE
+        SceneSpec(), make_along_track_views(SENSORS[sensor], 2, SIZE), PointCounts(5, 20, 100), NO_NOISE
     )
     truth, measured = simulated.truth, simulated.block.measurements
     stated = max(fit.max_px for fit in truth.vendor_rpcs)
@@ -50,7 +50,7 @@ def test_rpcs_fit_their_cameras_and_the_block_is_consistent(sensor: str):
 
 
 def test_full_scenes_are_fitted_too():
-    views = along_track_views(SENSORS["spot5"], 1, (24000, 24000), across_deg=10.0, heading_deg=12.0)
+    views = make_along_track_views(SENSORS["spot5"], 1, (24000, 24000), across_deg=10.0, heading_deg=12.0)
     simulated = simulate_block(SceneSpec(relief_m=1500.0, post_m=40.0), views, PointCounts(10, 10, 0), NO_NOISE)
     print(f"SPOT 5, 60 km, 1500 m: {simulated.truth.vendor_rpcs[0].max_px:.1e} px")
     assert simulated.truth.vendor_rpcs[0].max_px < 1e-4
@@ -95,7 +95,7 @@ def test_the_same_arguments_give_the_same_block():
 
 def test_vendor_error_moves_the_delivered_rpc_only():
     error = OrientationError(attitude_rad=(10e-6, 0.0, 0.0))
-    views = [replace(view, vendor_error=error) for view in along_track_views(SENSORS["ikonos"], 2, SIZE)]
+    views = [replace(view, vendor_error=error) for view in make_along_track_views(SENSORS["ikonos"], 2, SIZE)]
     simulated = simulate_block(SceneSpec(), views, PointCounts(5, 20, 50), NO_NOISE)
     truth, points = simulated.truth, simulated.truth.image_points
     first = points.image == 0
@@ -107,7 +107,7 @@ def test_vendor_error_moves_the_delivered_rpc_only():
 
 
 def test_jitter_is_in_the_truth_and_not_in_the_rpc():
-    views = [replace(view, jitter=JITTER) for view in along_track_views(SENSORS["pleiades"], 2, SIZE)]
+    views = [replace(view, jitter=JITTER) for view in make_along_track_views(SENSORS["pleiades"], 2, SIZE)]
     simulated = simulate_block(SceneSpec(), views, PointCounts(5, 20, 300), NO_NOISE)
     assert simulated.truth.vendor_rpcs[0].max_px < 1e-6
     points, truth = simulated.truth.image_points, simulated.truth
@@ -127,7 +127,7 @@ def test_points_are_on_the_surface_and_gcps_spread():
 
 
 def test_strips_make_a_connected_block():
-    views = strip_views(SENSORS["pleiades"], 2, 3, 2, SIZE)
+    views = make_strip_views(SENSORS["pleiades"], 2, 3, 2, SIZE)
     simulated = simulate_block(SceneSpec(), views, PointCounts(6, 10, 600))
     rays = simulated.block.rays_per_point()
     assert len(simulated.block.images) == 12
@@ -152,6 +152,6 @@ def test_bad_input_says_what_to_do(change, words: str):
 
 
 def test_views_that_share_nothing_are_refused():
-    one, two = along_track_views(SENSORS["ikonos"], 2, SIZE)
+    one, two = make_along_track_views(SENSORS["ikonos"], 2, SIZE)
     with pytest.raises(InputError, match="see in common"):
         simulate_block(SceneSpec(), [one, replace(two, offset_m=(9000.0, 0.0))])

@@ -7,15 +7,20 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
-from hrsi.hrsi_engine.laboratory.simulation import SENSORS, aim
-from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface, meet_surface, ray_paths
-from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, SimulatedTerrain, fractal_relief, fractal_terrain
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, aim_camera
+from hrsi.hrsi_engine.laboratory.simulation.surface import compute_ray_paths, locate_on_surface, meet_surface
+from hrsi.hrsi_engine.laboratory.simulation.terrain import (
+    Chart,
+    TerrainSurface,
+    make_fractal_relief,
+    make_fractal_terrain,
+)
 
 CHART = Chart(5.45, 43.53)
 
 
-def terrain(relief_m: float = 100.0, cliff_m: float = 0.0, seed: int = 1) -> SimulatedTerrain:
-    return fractal_terrain(CHART, 1500.0, 5.0, 250.0, relief_m, seed, cliff_m)
+def terrain(relief_m: float = 100.0, cliff_m: float = 0.0, seed: int = 1) -> TerrainSurface:
+    return make_fractal_terrain(CHART, 1500.0, 5.0, 250.0, relief_m, seed, cliff_m)
 
 
 def test_heights_are_bilinear_between_the_posts():
@@ -43,7 +48,7 @@ def test_flat_terrain_is_flat():
 
 def test_relief_has_the_fractal_spectrum():
     """Amplitudes fall as frequency ** -(1 + H); estimated on a periodic piece large against the window."""
-    relief = fractal_relief(1024, 0.95, np.random.default_rng(1))
+    relief = make_fractal_relief(1024, 0.95, np.random.default_rng(1))
     window = np.hanning(1024)[:, None] * np.hanning(1024)
     power = np.abs(np.fft.rfft2(relief * window)) ** 2
     frequency = np.hypot(np.fft.fftfreq(1024)[:, None], np.fft.rfftfreq(1024)[None, :])
@@ -58,7 +63,7 @@ def test_cliffs_are_as_high_as_asked():
     assert set(np.round(np.unique(np.abs(np.diff(ground.posts, axis=1))))) == {0.0, 40.0}
 
 
-def brute_force(camera, ground: SimulatedTerrain, image: np.ndarray) -> np.ndarray:
+def brute_force(camera, ground: TerrainSurface, image: np.ndarray) -> np.ndarray:
     """Return the first ground point of each ray by stepping down every 2 cm with exact positions."""
     low, high = ground.height_range
     found = []
@@ -72,7 +77,7 @@ def brute_force(camera, ground: SimulatedTerrain, image: np.ndarray) -> np.ndarr
 @pytest.mark.parametrize("cliff_m", [0.0, 60.0])
 def test_first_intersection_against_small_steps(cliff_m: float):
     ground = terrain(cliff_m=cliff_m)
-    camera = aim(SENSORS["pleiades"], (1200, 1200), np.array([5.45, 43.53, 250.0]), 28.0, -15.0)
+    camera = aim_camera(SENSORS["pleiades"], (1200, 1200), np.array([5.45, 43.53, 250.0]), 28.0, -15.0)
     image = np.random.default_rng(5).uniform(0.0, 1199.0, (100, 2))
     met, expected = locate_on_surface(camera, ground, image), brute_force(camera, ground, image)
     away = np.linalg.norm(ground_difference_m(met, expected), axis=1)
@@ -86,9 +91,9 @@ def test_first_intersection_against_small_steps(cliff_m: float):
 def test_paths_are_exact_over_the_relief():
     """The quadratic path against exact intersections at heights between its three nodes."""
     ground = terrain(relief_m=600.0)
-    camera = aim(SENSORS["worldview-2"], (2000, 2000), np.array([5.45, 43.53, 250.0]), 30.0, 20.0)
+    camera = aim_camera(SENSORS["worldview-2"], (2000, 2000), np.array([5.45, 43.53, 250.0]), 30.0, 20.0)
     image = np.random.default_rng(6).uniform(0.0, 1999.0, (500, 2))
-    paths = ray_paths(camera, ground, image)
+    paths = compute_ray_paths(camera, ground, image)
     heights = np.random.default_rng(7).uniform(*ground.height_range, 500)
     exact = CHART.from_ground(camera.image_to_ground(image, heights))
     off = np.abs(np.column_stack(paths.at(heights)) - exact).max()
@@ -99,9 +104,9 @@ def test_paths_are_exact_over_the_relief():
 def test_hidden_ground_is_never_met():
     """Behind a cliff that faces away from the sensor some ground is not seen: gaps in the ground positions."""
     ground = terrain(relief_m=0.0, cliff_m=60.0)
-    camera = aim(SENSORS["pleiades"], (1200, 1200), np.array([5.45, 43.53, 250.0]), 30.0, 0.0)
+    camera = aim_camera(SENSORS["pleiades"], (1200, 1200), np.array([5.45, 43.53, 250.0]), 30.0, 0.0)
     lines = np.column_stack([np.full(1200, 600.0), np.arange(1200.0)])
-    heights = meet_surface(ray_paths(camera, ground, lines), ground)
+    heights = meet_surface(compute_ray_paths(camera, ground, lines), ground)
     east, north = ground.chart.from_ground(camera.image_to_ground(lines, heights)).T
     steps = np.hypot(np.diff(east), np.diff(north))
     assert steps.max() > 20.0  # 60 m at 30 degrees hide 35 m

@@ -10,8 +10,8 @@ from hrsi.hrsi_engine.laboratory.simulation.landscape import COVERS, Landscape
 from hrsi.hrsi_engine.laboratory.simulation.texture import (
     PeriodicField,
     Texture,
-    disc_cover,
-    rectangle_cover,
+    compute_disc_cover,
+    compute_rectangle_cover,
     sample_periodic,
 )
 
@@ -28,7 +28,7 @@ def test_disc_cover_is_a_blurred_disc():
     right, ahead = grid()
     sharp = (np.hypot(right, ahead) < 4.5).astype(float)
     oracle = ndimage.gaussian_filter(sharp, SIGMA / SPACING)
-    cover = disc_cover(right, ahead, np.array([9.0, 9.0]), SIGMA)
+    cover = compute_disc_cover(right, ahead, np.array([9.0, 9.0]), SIGMA)
     print(f"disc: largest difference {np.abs(cover - oracle).max():.4f}")
     assert np.abs(cover - oracle).max() < 0.025  # the edge is taken as straight: 0.4 sigma / (2 r), the same all round
 
@@ -37,7 +37,7 @@ def test_rectangle_cover_is_a_blurred_rectangle():
     right, ahead = grid()
     sharp = ((np.abs(right) < 2.0) & (np.abs(ahead) < 5.0)).astype(float)
     oracle = ndimage.gaussian_filter(sharp, SIGMA / SPACING)
-    cover = rectangle_cover(right, ahead, np.array([10.0, 4.0]), SIGMA)
+    cover = compute_rectangle_cover(right, ahead, np.array([10.0, 4.0]), SIGMA)
     assert np.abs(cover - oracle).max() < 0.02  # half a grid cell of the oracle's edge
 
 

@@ -76,7 +76,9 @@ def test_tolerance():
     """A maximum within 5 x 5 px tolerates 2 px or less at its root, and what the slope makes of a distance."""
     allowed = make_tolerance(2.0, (10.0, 10.0), 5.0)
     assert allowed.base_px <= 2.0
-    assert allowed.at(100.0) - allowed.at(0.0) == pytest.approx(200.0 * np.sin(np.radians(10)) * np.sin(np.radians(5)))
+    assert allowed.limit_px(100.0) - allowed.limit_px(0.0) == pytest.approx(
+        200.0 * np.sin(np.radians(10)) * np.sin(np.radians(5))
+    )
     assert make_tolerance(2.0, (30.0, 5.0), 10.0) == make_tolerance(2.0, (5.0, 30.0), -10.0)
 
 
@@ -369,10 +371,10 @@ def test_hard_pairs_begin_where_features_say(real_data: Path, folder: str, names
 
 
 def test_what_scatters_about_its_own_geometry_is_no_match(monkeypatch):
-    pair, every = true_pair("grass", 200), matching.seeds
+    pair, every = true_pair("grass", 200), matching.find_seeds
     for largest_px, status in ((0.75, FOUND), (1e-6, NO_MATCH)):
         monkeypatch.setattr(
-            matching, "seeds",
+            matching, "find_seeds",
             lambda *given, largest=largest_px: (seed._replace(largest_spread_px=largest) for seed in every(*given)),
         )  # fmt: skip
         assert match_windows(pair.first, pair.second, ControlNetworkOptions(scales=(1.0, 1.0))).status == status

@@ -11,7 +11,7 @@ import pytest
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster
-from hrsi.hrsi_engine.laboratory.simulation import SimulatedBlock
+from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.measurement.interest_points import (
     DETECTORS,
     STRONG_QUALITY,
@@ -30,19 +30,19 @@ EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
 
 
 @pytest.fixture(scope="module")
-def small_objects() -> SimulatedBlock:
+def small_objects() -> BlockSimulation:
     """A pair with many tanks of about 15 px."""
     return scenes.scene(0.55, 700, seed=8)
 
 
 @pytest.fixture(scope="module")
-def large_objects() -> SimulatedBlock:
+def large_objects() -> BlockSimulation:
     """A pair with tanks and roundabouts of about 40 px."""
     return scenes.scene(1.4, 1000, seed=8)
 
 
 @pytest.fixture(scope="module")
-def pixels(small_objects: SimulatedBlock) -> np.ndarray:
+def pixels(small_objects: BlockSimulation) -> np.ndarray:
     return scenes.rendered(small_objects, "image_1").window(0, 0, 700, 700)
 
 
@@ -149,7 +149,7 @@ def test_centres_are_where_the_truth_says(request, size: str, most_px: float):
     assert scenes.rms(errors) <= most_px
 
 
-def test_both_views_have_the_same_centres(small_objects: SimulatedBlock):
+def test_both_views_have_the_same_centres(small_objects: BlockSimulation):
     """What is strong in one view is there in the other: the threshold of strong centres has a lower one beside it."""
     found = scenes.detected(small_objects, "centres")
     for view in (0, 1):
@@ -160,7 +160,7 @@ def test_both_views_have_the_same_centres(small_objects: SimulatedBlock):
         assert share >= 0.9
 
 
-def test_default_centres_repeat(small_objects: SimulatedBlock):
+def test_default_centres_repeat(small_objects: BlockSimulation):
     """Counted strictly, the points of the command's threshold in both views: nine in ten of the objects' shapes.
 
     Of all, blobs among them, at least as many as their quality says, which is their chance to be found again.
@@ -196,7 +196,7 @@ def test_blobs_are_where_spots_are():
     np.testing.assert_array_equal(np.sign(found.contrast[near]), np.array(sign)[spots])
 
 
-def test_roofs_near_a_rough_position(small_objects: SimulatedBlock):
+def test_roofs_near_a_rough_position(small_objects: BlockSimulation):
     """Of roofs of 10 px most are measured from 2 px off, and at most one is mistaken for something beside it."""
     raster = scenes.rendered(small_objects, "image_1")
     truth = scenes.true_objects(small_objects, raster)
@@ -210,7 +210,7 @@ def test_roofs_near_a_rough_position(small_objects: SimulatedBlock):
     assert np.sum(away > 1.0) <= 1
 
 
-def test_grey_roofs_between_bright_and_dark(small_objects: SimulatedBlock):
+def test_grey_roofs_between_bright_and_dark(small_objects: BlockSimulation):
     """Roofs have no closed grey level among crowns and shadows: the even inside finds them; limits as for tanks."""
     points = scenes.detected(small_objects, "centres")[0]
     truth = scenes.true_objects(small_objects, scenes.rendered(small_objects, "image_1"))
@@ -221,7 +221,7 @@ def test_grey_roofs_between_bright_and_dark(small_objects: SimulatedBlock):
     assert scenes.rms(errors) <= 0.10
 
 
-def test_pan_and_multispectral_centres_agree(large_objects: SimulatedBlock):
+def test_pan_and_multispectral_centres_agree(large_objects: BlockSimulation):
     """At 1:4 ellipses agree to half a PAN pixel, an eighth of an MS pixel; Harris's maxima are 2 PAN px apart."""
     pan, ms = (scenes.rendered(large_objects, "image_1", band) for band in ("pan", "green"))
     errors = {}

@@ -12,13 +12,13 @@ from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.block import ArrayRaster, Block, Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
+    BlockSimulation,
     Noise,
     PointCounts,
     SceneSpec,
-    SimulatedBlock,
-    dated_views,
     draw_acquisitions,
-    renderer,
+    make_renderer,
+    make_views_of_dates,
     simulate_block,
 )
 from hrsi.hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
@@ -28,19 +28,19 @@ HELD_PX = 0.5  # what a stack of images may be off by; 0.1 is usual
 
 
 @pytest.fixture(scope="module")
-def year() -> SimulatedBlock:
+def year() -> BlockSimulation:
     spec = SceneSpec(relief_m=30.0, seed=21)
     taken = draw_acquisitions(DATES, spec.lat_deg, spec.seed)
-    views = dated_views(SENSORS["pleiades"], taken, 1, (SIDE, SIDE), 190.0, 15.0, spec.seed)
+    views = make_views_of_dates(SENSORS["pleiades"], taken, 1, (SIDE, SIDE), 190.0, 15.0, spec.seed)
     return simulate_block(spec, views, PointCounts(0, 0, 150), Noise())
 
 
 @pytest.fixture(scope="module")
-def images(year: SimulatedBlock) -> list[Image]:
+def images(year: BlockSimulation) -> list[Image]:
     """The images; one shows clouds, the RPC of another one is 200 px off."""
     shown = []
     for number, image in enumerate(year.block.images):
-        grey = renderer(year, image.id).window(0, 0, SIDE, SIDE)
+        grey = make_renderer(year, image.id).window(0, 0, SIDE, SIDE)
         if number == CLOUD:
             grey = np.random.default_rng(1).normal(1500.0, 6.0, grey.shape).astype(np.uint16)
         rpc = image.rpc.shift(150.0, -130.0) if number == WRONG else image.rpc
@@ -79,7 +79,7 @@ def test_hopeless_images_are_named_and_the_others_are_one_block(found: TiePoints
     )
 
 
-def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: list[Image], year: SimulatedBlock):
+def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: list[Image], year: BlockSimulation):
     """Exact image points of the ground, under the refined RPCs: each predicted from the others."""
     tied = [image for image in images if image.id in held_images(found)]
     result = adjust(assemble(tied, [], [found.image_points]), AdjustOptions(model="affine"))

@@ -12,7 +12,7 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.laboratory.registration import FORMS
+from hrsi.hrsi_engine.laboratory.registration import REGISTRATION_FORMS
 from hrsi.hrsi_engine.laboratory.registration_options import REGISTRATION_MODELS
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
@@ -39,7 +39,7 @@ def features(path: Path, layer: str) -> list[dict]:
 
 def test_choices_are_the_engine_s():
     assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
-    assert {form for form, _ in REGISTRATION_MODELS.values()} == set(FORMS)
+    assert {form for form, _ in REGISTRATION_MODELS.values()} == set(REGISTRATION_FORMS)
     assert next(param.default for param in ALGORITHM.params if param.name == "quality") == STRONG_QUALITY
 
 

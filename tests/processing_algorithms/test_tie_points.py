@@ -28,7 +28,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     Noise,
     PointCounts,
     SceneSpec,
-    along_track_views,
+    make_along_track_views,
     simulate_block,
 )
 from hrsi.hrsi_engine.laboratory.simulation.render import render_window
@@ -236,7 +236,7 @@ def test_a_negative_and_cliffs_give_no_false_tie_points(tmp_path: Path, trap: st
     """Through the command line, against the cameras and the surface that made the images."""
     simulated = simulate_block(
         SceneSpec(seed=3, cliff_m=60.0 if trap == "cliffs" else 0.0),
-        along_track_views(SENSORS["pleiades"], 2, (500, 500)), PointCounts(0, 0, 10), Noise(),
+        make_along_track_views(SENSORS["pleiades"], 2, (500, 500)), PointCounts(0, 0, 10), Noise(),
     )  # fmt: skip
     files = []
     for index, image in enumerate(simulated.block.images):

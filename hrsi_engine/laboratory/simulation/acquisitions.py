@@ -9,17 +9,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.sun import SunAngles, sun_at_hour_angle
 from .sensors import Radiometry
 
 YEAR_DAYS = 365.0
-OVERPASS_HOUR, OVERPASS_SPREAD_H = 10.5, 0.3  # local solar time of sun-synchronous satellites
+
+
+@thresholds
+class DateParameters:
+    """Time of day, snow and air of the dates of a year."""
+
+    overpass_hour: float = threshold(10.5, "h", "mean local solar time of the overpass", "sun-synchronous orbits")
+    overpass_spread_h: float = threshold(0.3, "h", "standard deviation of that time")
+    winter_days: float = threshold(75.0, "d", "days before and after the turn of the year on which snow may lie")
+    snow_chance: float = threshold(0.4, "", "chance of snow on a winter date")
+    most_haze: float = threshold(0.35, "", "largest share of haze in the light")
+    haze_grey: float = threshold(420.0, "DN", "grey value of haze")
+    full_sun_deg: float = threshold(
+        60.0, "°", "elevation of the sun for which the grey values of the land covers stand"
+    )
+    ambient: float = threshold(0.3, "", "share of the light on flat ground that comes from the sky")
+
+
+DATES = DateParameters()
+
 AXIS_DEG = 23.44
-WINTER_DAYS = 75.0  # on either side of the turn of the year, when snow may lie
-SNOW_CHANCE = 0.4
-MOST_HAZE, HAZE_GREY = 0.35, 420.0
-FULL_SUN_DEG = 60.0  # for which the grey values of the land covers stand
-AMBIENT = 0.3  # of the light on flat ground comes from the sky
 
 
 @dataclass(frozen=True)
@@ -68,16 +83,18 @@ class Acquisition:
         Radiometry
             With the gain and the offset of the date.
         """
-        light = AMBIENT + (1.0 - AMBIENT) * np.sin(np.radians(self.sun_elevation_deg)) / np.sin(
-            np.radians(FULL_SUN_DEG)
+        light = DATES.ambient + (1.0 - DATES.ambient) * np.sin(np.radians(self.sun_elevation_deg)) / np.sin(
+            np.radians(DATES.full_sun_deg)
         )
         gain = usual.gain * self.gain
         return replace(
-            usual, gain=float(gain * (1.0 - self.haze) * light), offset=usual.offset + gain * self.haze * HAZE_GREY
+            usual,
+            gain=float(gain * (1.0 - self.haze) * light),
+            offset=usual.offset + gain * self.haze * DATES.haze_grey,
         )
 
 
-def sun_position(day: float, solar_hour: float, lat_deg: float) -> SunAngles:
+def compute_sun_position(day: float, solar_hour: float, lat_deg: float) -> SunAngles:
     """Return azimuth (clockwise from north) and elevation of the sun in degrees.
 
     Parameters
@@ -119,14 +136,19 @@ def draw_acquisitions(count: int, lat_deg: float, seed: int) -> tuple[Acquisitio
     found = []
     for number in range(count):
         day = float(YEAR_DAYS * (number + rng.random()) / count)
-        azimuth, elevation = sun_position(day, OVERPASS_HOUR + OVERPASS_SPREAD_H * rng.standard_normal(), lat_deg)
-        winter = min(day_of_season(day, lat_deg), YEAR_DAYS - day_of_season(day, lat_deg)) < WINTER_DAYS
-        snow = float(rng.uniform(0.4, 1.0)) if rng.random() < SNOW_CHANCE and winter else 0.0
-        haze, gain = float(MOST_HAZE * rng.random() ** 2), float(rng.uniform(0.8, 1.2))
+        azimuth, elevation = compute_sun_position(
+            day, DATES.overpass_hour + DATES.overpass_spread_h * rng.standard_normal(), lat_deg
+        )
+        winter = (
+            min(compute_day_of_season(day, lat_deg), YEAR_DAYS - compute_day_of_season(day, lat_deg))
+            < DATES.winter_days
+        )
+        snow = float(rng.uniform(0.4, 1.0)) if rng.random() < DATES.snow_chance and winter else 0.0
+        haze, gain = float(DATES.most_haze * rng.random() ** 2), float(rng.uniform(0.8, 1.2))
         found.append(Acquisition(number + 1, day, azimuth, max(elevation, 5.0), snow, haze, gain))
     return tuple(found)
 
 
-def day_of_season(day: float, lat_deg: float) -> float:
+def compute_day_of_season(day: float, lat_deg: float) -> float:
     """Return the day of the northern year with the same season."""
     return float((day + (YEAR_DAYS / 2.0 if lat_deg < 0.0 else 0.0)) % YEAR_DAYS)

@@ -15,13 +15,22 @@ import numpy as np
 
 from ...block.block import GroundPoints, ImagePoints, Role
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from .options import Noise
 from .pushbroom import PushbroomCamera
 from .surface import locate_on_surface
-from .terrain import SimulatedTerrain
+from .terrain import TerrainSurface
 
-EMPTY_BORDER = 0.03  # share of the image in which no point is placed
-STEEPEST_CONTROL = 0.35  # slope at surveyed points
+
+@thresholds
+class ControlParameters:
+    """Where surveyed points are placed."""
+
+    empty_border: float = threshold(0.03, "", "border of an image without points, by its size")
+    steepest: float = threshold(0.35, "", "largest slope at a surveyed point")
+
+
+CONTROL_PLACES = ControlParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +45,9 @@ class TrueImagePoints:
 # ---- positions -------------------------------------------------------------------------------------------------
 
 
-def observe(cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, ground: np.ndarray) -> TrueImagePoints:
+def project_true_points(
+    cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, ground: np.ndarray
+) -> TrueImagePoints:
     """Return the image points of ground points on the terrain's surface, where they are inside and not hidden."""
     point, image, xy = [], [], []
     chart_m = terrain.chart.from_ground(ground)
@@ -64,15 +75,18 @@ def observe(cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, groun
     return TrueImagePoints(np.concatenate(point), np.concatenate(image), np.concatenate(xy))
 
 
-def _candidates(
-    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
+def _draw_candidates(
+    cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ground points on the surface, about ``count`` an image, evenly spread over each image."""
     found = []
     side = int(np.ceil(np.sqrt(count)))
     cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
     for camera in cameras:
-        share = EMPTY_BORDER + (1.0 - 2.0 * EMPTY_BORDER) * (cells + rng.random(cells.shape)) / side
+        share = (
+            CONTROL_PLACES.empty_border
+            + (1.0 - 2.0 * CONTROL_PLACES.empty_border) * (cells + rng.random(cells.shape)) / side
+        )
         image = share * (np.array(camera.size) - 1.0)
         ground = locate_on_surface(camera, terrain, image)
         # To a millimetre: the last bits of a ray depend on where arrays lie in memory, and a seed is to give one block.
@@ -82,11 +96,11 @@ def _candidates(
     return np.concatenate(found)
 
 
-def _enough_views(
-    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, ground: np.ndarray, border: float
+def _has_enough_views(
+    cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, ground: np.ndarray, border: float
 ) -> np.ndarray:
     """Return the points that two cameras see (one, where there is only one camera)."""
-    seen = observe(cameras, terrain, ground)
+    seen = project_true_points(cameras, terrain, ground)
     sizes = np.array([camera.size for camera in cameras], dtype=np.float64)[seen.image]
     inner = ((seen.xy > border * sizes) & (seen.xy < (1.0 - border) * sizes)).all(axis=1)
     views = np.bincount(seen.point[inner], minlength=len(ground))
@@ -94,7 +108,7 @@ def _enough_views(
 
 
 def place_control(
-    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
+    cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ``count`` surveyed points ``(count, 3)``, far from each other and on gentle ground.
 
@@ -102,8 +116,11 @@ def place_control(
     """
     if count == 0:
         return np.empty((0, 3))
-    pool = _enough_views(
-        cameras, terrain, _candidates(cameras, terrain, 12 * count // len(cameras) + 40, rng), EMPTY_BORDER
+    pool = _has_enough_views(
+        cameras,
+        terrain,
+        _draw_candidates(cameras, terrain, 12 * count // len(cameras) + 40, rng),
+        CONTROL_PLACES.empty_border,
     )
     # The steepest slope within two posts of each point
     east, north = terrain.chart.from_ground(pool).T
@@ -113,8 +130,8 @@ def place_control(
         for a in np.arange(8) * np.pi / 4.0
     ]
     slopes = np.max(around, axis=0) if len(pool) else np.empty(0)
-    pool = pool[slopes < STEEPEST_CONTROL]
-    _require(len(pool), count, "surveyed points")
+    pool = pool[slopes < CONTROL_PLACES.steepest]
+    _require_points(len(pool), count, "surveyed points")
     # Indices of points each of which is the farthest from those before it
     positions = terrain.chart.from_ground(pool)
     chosen = [int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))]
@@ -126,22 +143,22 @@ def place_control(
 
 
 def place_ties(
-    cameras: Sequence[PushbroomCamera], terrain: SimulatedTerrain, count: int, rng: np.random.Generator
+    cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Return ``count`` tie points ``(count, 3)``; raises `InputError` where the images do not overlap."""
     if count == 0:
         return np.empty((0, 3))
     per_image = int(np.ceil(1.6 * count / len(cameras))) + 20
     for _ in range(4):
-        pool = _enough_views(cameras, terrain, _candidates(cameras, terrain, per_image, rng), 0.0)
+        pool = _has_enough_views(cameras, terrain, _draw_candidates(cameras, terrain, per_image, rng), 0.0)
         if len(pool) >= count:
             break
         per_image *= 4
-    _require(len(pool), count, "tie points")
+    _require_points(len(pool), count, "tie points")
     return rng.permutation(pool)[:count]
 
 
-def _require(found: int, wanted: int, what: str) -> None:
+def _require_points(found: int, wanted: int, what: str) -> None:
     if found < wanted:
         raise InputError(
             f"only {found} of {wanted} {what} find a place that the images see in common: "
@@ -152,7 +169,7 @@ def _require(found: int, wanted: int, what: str) -> None:
 # ---- measurements ----------------------------------------------------------------------------------------------
 
 
-def survey(
+def survey_points(
     ids: np.ndarray, ground: np.ndarray, role: np.ndarray, noise: Noise, per_metre: np.ndarray, rng: np.random.Generator
 ) -> tuple[GroundPoints, np.ndarray]:
     """Return surveyed positions of known points with errors, and the mask of GCPs with a wrong height.
@@ -169,7 +186,7 @@ def survey(
     return GroundPoints.create(ids.tolist(), ground + error * per_metre, role, sigma, "simulation"), wrong
 
 
-def measure(
+def measure_points(
     ids: np.ndarray, role: np.ndarray, image_ids: np.ndarray, truth: TrueImagePoints, noise: Noise,
     rng: np.random.Generator,
 ) -> tuple[ImagePoints, np.ndarray]:  # fmt: skip

@@ -11,11 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from ...foundation.thresholds import threshold, thresholds
 from .options import FreeDemSpec
-from .terrain import SimulatedTerrain, fractal_relief
+from .terrain import TerrainSurface, make_fractal_relief
 
-TREE_ROUGHNESS = 0.2  # Hurst's exponent of what decides where trees stand: patches of all sizes
-EDGE_CELLS = 0.7  # by which the edges of woods are smoothed
+
+@thresholds
+class CanopyParameters:
+    """Where trees stand on a free DEM."""
+
+    roughness: float = threshold(0.2, "", "Hurst exponent of what decides where trees stand")
+    edge_cells: float = threshold(0.7, "cells", "standard deviation by which the edges of woods are smoothed")
+
+
+CANOPY = CanopyParameters()
 
 
 class FreeDem(NamedTuple):
@@ -42,7 +51,7 @@ class FreeDem(NamedTuple):
         return lon - 0.5 * east, east, 0.0, lat - 0.5 * south, 0.0, south
 
 
-def simulate_free_dem(terrain: SimulatedTerrain, half_extent_m: float, spec: FreeDemSpec, seed: list[int]) -> FreeDem:
+def simulate_free_dem(terrain: TerrainSurface, half_extent_m: float, spec: FreeDemSpec, seed: list[int]) -> FreeDem:
     """Return a free DEM of a terrain.
 
     Parameters
@@ -67,9 +76,9 @@ def simulate_free_dem(terrain: SimulatedTerrain, half_extent_m: float, spec: Fre
     east, north = np.meshgrid(axis, axis[::-1])
     inner = (np.arange(5) - 2.0) * cell / 5.0
     heights = np.mean([terrain.height(east + x, north + y) for x in inner for y in inner], axis=0)
-    wood = fractal_relief(len(axis), TREE_ROUGHNESS, rng)
+    wood = make_fractal_relief(len(axis), CANOPY.roughness, rng)
     trees = (wood > np.quantile(wood, 1.0 - spec.trees)).astype(np.float64) if spec.trees else np.zeros_like(heights)
-    heights += spec.tree_m * ndimage.gaussian_filter(trees, EDGE_CELLS)
+    heights += spec.tree_m * ndimage.gaussian_filter(trees, CANOPY.edge_cells)
     heights += rng.normal(0.0, spec.noise_m, heights.shape) + rng.normal(0.0, spec.common_m)
     corners = terrain.chart.to_ground(np.array([[axis[0], axis[-1]], [axis[1], axis[-2]]]), np.zeros(2))
     step = corners[1, :2] - corners[0, :2]

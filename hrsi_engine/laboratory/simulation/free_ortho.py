@@ -13,16 +13,28 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from ...foundation.thresholds import threshold, thresholds
 from .landscape import SPECTRAL_BANDS
 from .options import FreeOrthoSpec
-from .render import ORTHO_BLUR_PX, OrthoRenderer, orthophoto
+from .render import RENDERING, OrthoRenderer, make_orthophoto
 from .scene import Scene
-from .terrain import fractal_relief
+from .terrain import make_fractal_relief
 
-OF_ALL, OF_PARTS = 0.8, 0.4  # of the error
-MOSAIC_PARTS, ERROR_NODES = 3, 32  # along each side of the scene
-ERROR_ROUGHNESS = 0.3  # Hurst's exponent of what changes from place to place
-CORNER_FROM = 0.5  # of half the scene, beyond which its north-eastern corner begins
+
+@thresholds
+class FreeOrthoParameters:
+    """How the errors of a free orthoimage are correlated."""
+
+    common_share: float = threshold(0.8, "", "share of the error that all of a scene has")
+    part_share: float = threshold(0.4, "", "share of the error that a part of the mosaic has")
+    parts: int = threshold(3, "parts", "parts of the mosaic along each side")
+    nodes: int = threshold(32, "nodes", "nodes of the local error along each side")
+    roughness: float = threshold(0.3, "", "Hurst exponent of the local error")
+    corner_from: float = threshold(0.5, "", "share of half the scene beyond which the north-eastern corner begins")
+
+
+ORTHO_ERROR = FreeOrthoParameters()
+
 OTHER_DATE = 1
 ORTHO_BANDS = tuple(range(1, len(SPECTRAL_BANDS)))  #: blue, green, red, near infrared
 
@@ -40,7 +52,7 @@ class OrthoErrors(NamedTuple):
         east, north = self.at_nodes_m.mean(axis=(1, 2))
         return float(east), float(north)
 
-    def at(self, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    def errors_at(self, east: np.ndarray, north: np.ndarray) -> np.ndarray:
         """Return stated - true place.
 
         Parameters
@@ -58,7 +70,7 @@ class OrthoErrors(NamedTuple):
         off = np.stack(
             [ndimage.map_coordinates(one, [row, column], order=1, mode="nearest") for one in self.at_nodes_m]
         )
-        corner = np.minimum(east, north) > CORNER_FROM * self.half_extent_m
+        corner = np.minimum(east, north) > ORTHO_ERROR.corner_from * self.half_extent_m
         return np.asarray(off + self.corner_m.reshape(2, *(1 for _ in corner.shape)) * corner)
 
 
@@ -81,12 +93,12 @@ def draw_ortho_errors(half_extent_m: float, spec: FreeOrthoSpec, seed: list[int]
     """
     rng = np.random.default_rng(seed)
     sigma = spec.error_m / np.sqrt(2.0)
-    part = np.minimum(np.arange(ERROR_NODES) * MOSAIC_PARTS // ERROR_NODES, MOSAIC_PARTS - 1)
-    of_parts = rng.normal(0.0, OF_PARTS, (2, MOSAIC_PARTS, MOSAIC_PARTS))[:, part][:, :, part]
-    of_places = np.sqrt(1.0 - OF_ALL**2 - OF_PARTS**2) * np.stack(
-        [fractal_relief(ERROR_NODES, ERROR_ROUGHNESS, rng) for _ in range(2)]
+    part = np.minimum(np.arange(ORTHO_ERROR.nodes) * ORTHO_ERROR.parts // ORTHO_ERROR.nodes, ORTHO_ERROR.parts - 1)
+    of_parts = rng.normal(0.0, ORTHO_ERROR.part_share, (2, ORTHO_ERROR.parts, ORTHO_ERROR.parts))[:, part][:, :, part]
+    of_places = np.sqrt(1.0 - ORTHO_ERROR.common_share**2 - ORTHO_ERROR.part_share**2) * np.stack(
+        [make_fractal_relief(ORTHO_ERROR.nodes, ORTHO_ERROR.roughness, rng) for _ in range(2)]
     )
-    of_all = rng.normal(0.0, OF_ALL, (2, 1, 1))
+    of_all = rng.normal(0.0, ORTHO_ERROR.common_share, (2, 1, 1))
     direction = rng.uniform(-np.pi, np.pi)
     corner = spec.corner_m * np.array([np.cos(direction), np.sin(direction)])
     return OrthoErrors(sigma * (of_all + of_parts + of_places), half_extent_m, corner)
@@ -111,11 +123,11 @@ class FreeOrthoRenderer(OrthoRenderer):
         tuple of ndarray
             East and north.
         """
-        off = self.errors.at(east, north)
+        off = self.errors.errors_at(east, north)
         return east - off[0], north - off[1]
 
 
-def free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErrors) -> tuple[FreeOrthoRenderer, ...]:
+def simulate_free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErrors) -> tuple[FreeOrthoRenderer, ...]:
     """Return the bands of a free orthoimage: blue, green, red, near infrared.
 
     Parameters
@@ -132,8 +144,8 @@ def free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErrors) -> t
     tuple of FreeOrthoRenderer
         They render windows.
     """
-    plain = orthophoto(scene, spec.pixel_m)
-    blur_m = ORTHO_BLUR_PX * spec.pixel_m
+    plain = make_orthophoto(scene, spec.pixel_m)
+    blur_m = RENDERING.ortho_blur_px * spec.pixel_m
     made = []
     for band in ORTHO_BANDS:
         texture = scene.texture.blur(blur_m, band, OTHER_DATE, spec.change)

@@ -15,15 +15,28 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.columns import Columns
+from ...foundation.thresholds import threshold, thresholds
 
 SPECTRAL_BANDS = ("pan", "blue", "green", "red", "nir")
-BLOCK_M = 160.0
-PARCEL_M = 40.0
-PARCELS = 512  # a side of the lattice; it repeats after 20 km
-PER_BLOCK = int(BLOCK_M / PARCEL_M)
-MAIN_ROAD_BLOCKS = 6
-MAIN_ROAD_HALF_M, ROAD_HALF_M = 7.0, 3.0
-ROUNDABOUT_M, ISLAND_M = 40.0, 22.0
+
+
+@thresholds
+class LatticeParameters:
+    """Roads and parcels of the landscape."""
+
+    block_m: float = threshold(160.0, "m", "side of a block between roads")
+    parcel_m: float = threshold(40.0, "m", "side of a parcel")
+    parcels: int = threshold(512, "parcels", "side of the lattice, which repeats after 20 km")
+    main_road_blocks: int = threshold(6, "blocks", "distance of main roads")
+    main_road_half_m: float = threshold(7.0, "m", "half width of a main road")
+    road_half_m: float = threshold(3.0, "m", "half width of a road")
+    roundabout_m: float = threshold(40.0, "m", "diameter of a roundabout")
+    island_m: float = threshold(22.0, "m", "diameter of its island")
+
+
+LATTICE = LatticeParameters()
+
+PER_BLOCK = int(LATTICE.block_m / LATTICE.parcel_m)
 #: Amplitude (m), wave length (m) and direction (radians from the axis) of the sines that bend the lattice.
 BENDS = ((30.0, 1900.0, 0.0), (12.0, 700.0, 0.5))
 
@@ -69,7 +82,7 @@ class Objects(Columns):
     def __len__(self) -> int:
         return len(self.kind)
 
-    def followed_by(self, others: Objects) -> Objects:
+    def append(self, others: Objects) -> Objects:
         """Return these objects with others painted after them."""
         names = ("kind", "position_m", "size_m", "azimuth_rad", "grey")
         return Objects(*(np.concatenate([getattr(self, n), getattr(others, n)]) for n in names))
@@ -82,7 +95,7 @@ class Objects(Columns):
         return np.stack([self.position_m + a * along + b * aside for a, b in signs], axis=1)
 
 
-def discs(kind: str, position_m: np.ndarray, diameter_m: np.ndarray, grey: np.ndarray) -> Objects:
+def make_discs(kind: str, position_m: np.ndarray, diameter_m: np.ndarray, grey: np.ndarray) -> Objects:
     """Return round objects; ``grey`` is ``(n, 5)`` or ``(5,)``."""
     count = len(position_m)
     return Objects(
@@ -134,27 +147,27 @@ class Landscape:
     @cached_property
     def block_cover(self) -> np.ndarray:
         """Index into `COVERS` of each block, (rows of v, columns of u)."""
-        blocks = PARCELS // PER_BLOCK
+        blocks = LATTICE.parcels // PER_BLOCK
         shares = np.array([cover.share for cover in COVERS])
         rng = np.random.default_rng([self.seed, 11])
         return rng.choice(len(COVERS), size=(blocks, blocks), p=shares / shares.sum())
 
     @cached_property
     def parcel_cover(self) -> np.ndarray:
-        """Index into `COVERS` of each parcel, ``(PARCELS, PARCELS)``."""
+        """Index into `COVERS` of each parcel, ``(parcels, parcels)``."""
         return np.kron(self.block_cover, np.ones((PER_BLOCK, PER_BLOCK), dtype=int))
 
     @cached_property
     def parcel_grey(self) -> np.ndarray:
-        """Grey value of each parcel in each band, ``(5, PARCELS, PARCELS)`` float32; fields are strips of parcels."""
+        """Grey value of each parcel in each band, ``(5, parcels, parcels)`` float32; fields are strips of parcels."""
         rng = np.random.default_rng([self.seed, 12])
         cover, by_row = (
             self.parcel_cover,
             np.kron(rng.random(self.block_cover.shape) < 0.5, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool)),
         )
-        variation = rng.standard_normal((PARCELS, PARCELS))
+        variation = rng.standard_normal((LATTICE.parcels, LATTICE.parcels))
         if self.date and self.change:
-            own = np.random.default_rng([self.seed, 13, self.date]).standard_normal((PARCELS, PARCELS))
+            own = np.random.default_rng([self.seed, 13, self.date]).standard_normal((LATTICE.parcels, LATTICE.parcels))
             variation = np.sqrt(1.0 - self.change**2) * variation + self.change * own
         rows = np.repeat(variation[:, ::PER_BLOCK], PER_BLOCK, axis=1)
         columns = np.repeat(variation[::PER_BLOCK], PER_BLOCK, axis=0)
@@ -164,7 +177,7 @@ class Landscape:
 
     @cached_property
     def parcel_contrast(self) -> np.ndarray:
-        """Contrast of the fine texture and of tree crowns in each parcel, ``(2, PARCELS, PARCELS)`` float32."""
+        """Contrast of the fine texture and of tree crowns in each parcel, ``(2, parcels, parcels)`` float32."""
         return np.array([[c.contrast, c.canopy] for c in COVERS], dtype=np.float32).T[:, self.parcel_cover]
 
     # ---- objects -----------------------------------------------------------------------------------------------
@@ -172,13 +185,13 @@ class Landscape:
     def objects(self, half_extent_m: float) -> Objects:
         """Return roofs, tanks and roundabouts within a square around the chart's origin (metres, scaled)."""
         reach = half_extent_m / self.scale
-        spacing = MAIN_ROAD_BLOCKS * BLOCK_M
+        spacing = LATTICE.main_road_blocks * LATTICE.block_m
         count = int(np.ceil((reach + 100.0) / spacing))
         steps = spacing * np.arange(-count, count + 1)
         crossings = self.from_lattice(np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2))
         island = np.array([680.0, 500.0, 680.0, 560.0, 900.0])
-        outer = discs("roundabout", crossings, np.full(len(crossings), ROUNDABOUT_M), ROAD_GREY)
-        roundabouts = outer.followed_by(discs("island", crossings, np.full(len(crossings), ISLAND_M), island))
+        outer = make_discs("roundabout", crossings, np.full(len(crossings), LATTICE.roundabout_m), ROAD_GREY)
+        roundabouts = outer.append(make_discs("island", crossings, np.full(len(crossings), LATTICE.island_m), island))
         cells = self._parcels_of("town", reach)
         draw = self._draws(cells, 20, 7)
         cells, draw = cells[draw[:, 0] < 0.8], draw[draw[:, 0] < 0.8]
@@ -192,7 +205,7 @@ class Landscape:
             np.pi * np.floor(4.0 * draw[:, 2]) / 4.0 + 0.3 * (draw[:, 1] - 0.5),
             (tone[:, None] * colour).astype(np.float32),
         )
-        found = roundabouts.followed_by(roofs).followed_by(self._tanks(reach))
+        found = roundabouts.append(roofs).append(self._tanks(reach))
         inside = np.abs(found.position_m).max(axis=1) < reach
         found = found.select(inside)
         return Objects(
@@ -201,7 +214,7 @@ class Landscape:
 
     def parcels_within(self, half_extent_m: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels within a square around the chart's origin, ``(n, 2)``."""
-        count = int(np.ceil((half_extent_m / self.scale + 100.0) / PARCEL_M))
+        count = int(np.ceil((half_extent_m / self.scale + 100.0) / LATTICE.parcel_m))
         return np.mgrid[-count:count, -count:count].reshape(2, -1).T
 
     def parcel_centres(self, parcels: np.ndarray) -> np.ndarray:
@@ -211,20 +224,24 @@ class Landscape:
     def _parcels_of(self, cover: str, reach: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels of a land cover within reach, ``(n, 2)``."""
         parcels = self.parcels_within(reach * self.scale)
-        return parcels[self.parcel_cover[tuple(parcels.T % PARCELS)] == COVER_INDEX[cover]]
+        return parcels[self.parcel_cover[tuple(parcels.T % LATTICE.parcels)] == COVER_INDEX[cover]]
 
     def _draws(self, cells: np.ndarray, stream: int, count: int) -> np.ndarray:
         """Return ``(n, count)`` uniform draws in [0, 1) that belong to each parcel, whatever the scene's extent."""
-        table = np.random.default_rng([self.seed, stream]).random((PARCELS, PARCELS, count), dtype=np.float32)
-        return table[cells[:, 0] % PARCELS, cells[:, 1] % PARCELS].astype(np.float64)
+        table = np.random.default_rng([self.seed, stream]).random(
+            (LATTICE.parcels, LATTICE.parcels, count), dtype=np.float32
+        )
+        return table[cells[:, 0] % LATTICE.parcels, cells[:, 1] % LATTICE.parcels].astype(np.float64)
 
     def _centres(self, cells: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Return chart metres of parcel centres moved by ``shift`` (u, v metres)."""
-        return self.from_lattice((cells[:, ::-1] + 0.5) * PARCEL_M + shift)
+        return self.from_lattice((cells[:, ::-1] + 0.5) * LATTICE.parcel_m + shift)
 
     def _tanks(self, reach: float) -> Objects:
         cells = self._parcels_of("works", reach)
         draw = self._draws(cells, 21, 5)
         cells, draw = cells[draw[:, 0] < 0.6], draw[draw[:, 0] < 0.6]
         tone = np.where(draw[:, 1] < 0.5, 1150.0 + 300.0 * draw[:, 2], 230.0 + 100.0 * draw[:, 2])
-        return discs("tank", self._centres(cells, 6.0 * draw[:, 3:5] - 3.0), 12.0 + 14.0 * draw[:, 2], tone[:, None])
+        return make_discs(
+            "tank", self._centres(cells, 6.0 * draw[:, 3:5] - 3.0), 12.0 + 14.0 * draw[:, 2], tone[:, None]
+        )

@@ -17,24 +17,58 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.laser import LaserPoints
+from ...foundation.thresholds import threshold, thresholds
 from .options import LaserSpec
-from .terrain import SimulatedTerrain
+from .terrain import TerrainSurface
 
-PAIRS_APART_M, BEAMS_APART_M = 3300.0, 90.0
-AZIMUTH_DEG = 7.0  # of a pass to or from north, at middle latitudes
-BEAM_WIDTH_M = 11.0
-SPACINGS_M = (20.0, 40.0)
-PLACE_M, PASS_M, ALL_M, SEGMENT_ERROR_M = 2.5, 0.1, 0.05, 0.1
-SPREAD = ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254))  # share, mean and sigma of the logarithm
-PHOTONS = (np.log(24.0), 0.95)
-STATED_SHARE = (1.0, 1.8)  # of spread over root of photons
-CANOPY_PATCH_M, CANOPY_HEIGHT_M, CANOPY_SPREAD = 200.0, (2.0, 3.0), (np.log(0.7), 0.6)  # gamma shape and scale
-CLOUD_M, CLOUD_SPREAD = (20.0, 600.0), (np.log(2.0), 0.8)
+ICESAT_2 = "ICESat-2: 10 527 segments of ATL06-SR over Utqiagvik, 2018 to 2024"
+
+
+@thresholds
+class LaserParameters:
+    """Geometry, errors and photons of a laser altimeter like ICESat-2."""
+
+    pair_distance_m: float = threshold(3300.0, "m", "distance of the pairs of beams", ICESAT_2)
+    beam_distance_m: float = threshold(90.0, "m", "distance of the beams of a pair", ICESAT_2)
+    azimuth_deg: float = threshold(7.0, "°", "direction of a pass at middle latitudes", ICESAT_2)
+    footprint_m: float = threshold(11.0, "m", "diameter of a footprint", ICESAT_2)
+    spacings_m: tuple[float, float] = threshold((20.0, 40.0), "m", "distances of points along a beam", ICESAT_2)
+    place_m: float = threshold(2.5, "m", "standard deviation of the position in plan", ICESAT_2)
+    pass_m: float = threshold(0.1, "m", "standard deviation of the height of a pass")
+    common_m: float = threshold(0.05, "m", "standard deviation of the height of all passes together")
+    segment_m: float = threshold(0.1, "m", "standard deviation of the height of a segment")
+    spread: tuple[tuple[float, float, float], ...] = threshold(
+        ((0.82, np.log(0.232), 0.487), (0.18, np.log(0.263), 1.254)),
+        "",
+        "spread of photons, two groups: share, mean and sigma of the logarithm",
+        ICESAT_2,
+    )
+    photons: tuple[float, float] = threshold(
+        (np.log(24.0), 0.95), "", "photons of a segment: mean and sigma of the logarithm", ICESAT_2
+    )
+    stated_share: tuple[float, float] = threshold(
+        (1.0, 1.8), "", "stated standard deviation, by spread over root of photons", ICESAT_2
+    )
+    canopy_patch_m: float = threshold(200.0, "m", "side of a patch of one height of trees")
+    canopy_height_m: tuple[float, float] = threshold(
+        (2.0, 3.0), "", "shape and scale of the gamma distribution of heights in trees"
+    )
+    canopy_spread: tuple[float, float] = threshold(
+        (np.log(0.7), 0.6), "", "spread there: mean and sigma of the logarithm"
+    )
+    cloud_m: tuple[float, float] = threshold((20.0, 600.0), "m", "heights of clouds above the ground")
+    cloud_spread: tuple[float, float] = threshold(
+        (np.log(2.0), 0.8), "", "spread there: mean and sigma of the logarithm"
+    )
+
+
+LASER = LaserParameters()
+
 GROUND_HIT, CANOPY_HIT, CLOUD_HIT = 0, 1, 2  #: what a laser point met
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedLaser:
+class LaserSimulation:
     """Laser points as a user has them, and what is true of them.
 
     Parameters
@@ -53,8 +87,8 @@ class SimulatedLaser:
 
 
 def simulate_laser(
-    terrain: SimulatedTerrain, half_extent_m: float, spec: LaserSpec, seed: int | Sequence[int]
-) -> SimulatedLaser:
+    terrain: TerrainSurface, half_extent_m: float, spec: LaserSpec, seed: int | Sequence[int]
+) -> LaserSimulation:
     """Return the laser points of some passes over a terrain.
 
     Parameters
@@ -74,64 +108,64 @@ def simulate_laser(
         Every pass has a pair of beams at least within the area.
     """
     rng = np.random.default_rng(seed)
-    of_all = rng.normal(0.0, ALL_M)
+    of_all = rng.normal(0.0, LASER.common_m)
     tracks = [
         track
         for number in range(spec.passes)
-        for track in _pass_over(terrain, half_extent_m, spec, f"pass {number + 1}", of_all, rng)
+        for track in _draw_pass(terrain, half_extent_m, spec, f"pass {number + 1}", of_all, rng)
     ]
     if not tracks:
-        return SimulatedLaser(LaserPoints.create(np.zeros((0, 3))), np.zeros(0, dtype=np.int64), np.zeros(0))
+        return LaserSimulation(LaserPoints.create(np.zeros((0, 3))), np.zeros(0, dtype=np.int64), np.zeros(0))
     names = ("ground", "sigma_m", "slope", "misfit_m", "photons", "track", "met", "error_m")
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in names}
     met, error = columns.pop("met"), columns.pop("error_m")
-    return SimulatedLaser(LaserPoints.create(columns.pop("ground"), **columns, source="simulation"), met, error)
+    return LaserSimulation(LaserPoints.create(columns.pop("ground"), **columns, source="simulation"), met, error)
 
 
-def _pass_over(
-    terrain: SimulatedTerrain, half_m: float, spec: LaserSpec, name: str, of_all: float, rng: np.random.Generator
+def _draw_pass(
+    terrain: TerrainSurface, half_m: float, spec: LaserSpec, name: str, of_all: float, rng: np.random.Generator
 ) -> list[dict[str, np.ndarray]]:
     """Return the beams of a pass that cross the area, as columns."""
-    azimuth = np.radians(rng.choice([AZIMUTH_DEG, 180.0 - AZIMUTH_DEG]))
+    azimuth = np.radians(rng.choice([LASER.azimuth_deg, 180.0 - LASER.azimuth_deg]))
     along, across = np.array([np.sin(azimuth), np.cos(azimuth)]), np.array([np.cos(azimuth), -np.sin(azimuth)])
-    middle = PAIRS_APART_M * rng.integers(-1, 2) + rng.uniform(-0.8, 0.8) * half_m
-    spacing = rng.choice(SPACINGS_M)
-    place, bias = rng.normal(0.0, PLACE_M, 2), rng.normal(0.0, PASS_M) + of_all
+    middle = LASER.pair_distance_m * rng.integers(-1, 2) + rng.uniform(-0.8, 0.8) * half_m
+    spacing = rng.choice(LASER.spacings_m)
+    place, bias = rng.normal(0.0, LASER.place_m, 2), rng.normal(0.0, LASER.pass_m) + of_all
     found = []
     for beam in range(6):
-        aside = middle + PAIRS_APART_M * (beam // 2 - 1) + BEAMS_APART_M * (beam % 2 - 0.5)
+        aside = middle + LASER.pair_distance_m * (beam // 2 - 1) + LASER.beam_distance_m * (beam % 2 - 0.5)
         way = np.arange(-1.5 * half_m, 1.5 * half_m, spacing) + rng.uniform(0.0, spacing)
         stated = aside * across + way[:, None] * along
         stated = stated[(np.abs(stated) < half_m).all(axis=1)]
         if len(stated):
-            track = _measured(terrain, stated, stated + place, along, across, spec, bias, rng)
+            track = _measure_heights(terrain, stated, stated + place, along, across, spec, bias, rng)
             found.append(track | {"track": np.full(len(stated), name)})
     return found
 
 
-def _measured(
-    terrain: SimulatedTerrain, stated: np.ndarray, true: np.ndarray, along: np.ndarray, across: np.ndarray,
+def _measure_heights(
+    terrain: TerrainSurface, stated: np.ndarray, true: np.ndarray, along: np.ndarray, across: np.ndarray,
     spec: LaserSpec, bias: float, rng: np.random.Generator,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Return the segments of a beam at ``stated (n, 2)`` chart positions, which were measured at the ``true`` ones."""
     count = len(stated)
-    ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * spec.segment_m, np.linspace(-0.5, 0.5, 3) * BEAM_WIDTH_M)
+    ahead, side = np.meshgrid(np.linspace(-0.5, 0.5, 9) * spec.segment_m, np.linspace(-0.5, 0.5, 3) * LASER.footprint_m)
     offsets = ahead.ravel()[:, None] * along + side.ravel()[:, None] * across
     below = terrain.height(*np.moveaxis(true[:, None] + offsets, 2, 0))
     height = below.mean(axis=1)
     slope = ((below - height[:, None]) * ahead.ravel()).mean(axis=1) / float(np.mean(ahead**2))
-    part = np.where(rng.random(count) < SPREAD[0][0], 0, 1)
-    middle, width = np.array(SPREAD)[part, 1], np.array(SPREAD)[part, 2]
+    part = np.where(rng.random(count) < LASER.spread[0][0], 0, 1)
+    middle, width = np.array(LASER.spread)[part, 1], np.array(LASER.spread)[part, 2]
     rough = (below - height[:, None] - slope[:, None] * ahead.ravel()).std(axis=1)  # buildings, a step, a terrace
     spread = np.hypot(np.exp(rng.normal(middle, width)), rough)
-    photons = np.maximum(np.round(np.exp(rng.normal(*PHOTONS, count))), 5.0)
-    sigma = rng.uniform(*STATED_SHARE, count) * spread / np.sqrt(photons)
-    met = _met(count, np.hypot(*(stated[-1] - stated[0])) / max(count - 1, 1), spec, rng)
+    photons = np.maximum(np.round(np.exp(rng.normal(*LASER.photons, count))), 5.0)
+    sigma = rng.uniform(*LASER.stated_share, count) * spread / np.sqrt(photons)
+    met = _classify_points(count, np.hypot(*(stated[-1] - stated[0])) / max(count - 1, 1), spec, rng)
     leaves, cloud = met == CANOPY_HIT, met == CLOUD_HIT
-    height += bias + rng.normal(0.0, np.hypot(sigma, SEGMENT_ERROR_M))
-    height[leaves] += rng.gamma(*CANOPY_HEIGHT_M, int(leaves.sum()))
-    height[cloud] += rng.uniform(*CLOUD_M, int(cloud.sum()))
-    for hit, (log_middle, log_width) in ((leaves, CANOPY_SPREAD), (cloud, CLOUD_SPREAD)):
+    height += bias + rng.normal(0.0, np.hypot(sigma, LASER.segment_m))
+    height[leaves] += rng.gamma(*LASER.canopy_height_m, int(leaves.sum()))
+    height[cloud] += rng.uniform(*LASER.cloud_m, int(cloud.sum()))
+    for hit, (log_middle, log_width) in ((leaves, LASER.canopy_spread), (cloud, LASER.cloud_spread)):
         wider = np.exp(rng.normal(log_middle, log_width, count)) / spread
         spread, sigma = np.where(hit, spread * np.maximum(wider, 1.0), spread), np.where(hit, sigma * wider, sigma)
     return {
@@ -140,8 +174,8 @@ def _measured(
     }  # fmt: skip
 
 
-def _met(count: int, spacing_m: float, spec: LaserSpec, rng: np.random.Generator) -> np.ndarray:
+def _classify_points(count: int, spacing_m: float, spec: LaserSpec, rng: np.random.Generator) -> np.ndarray:
     """Return what the points of a beam met; canopy in patches."""
-    patch = max(round(CANOPY_PATCH_M / max(spacing_m, 1.0)), 1)
+    patch = max(round(LASER.canopy_patch_m / max(spacing_m, 1.0)), 1)
     leaves = np.repeat(rng.random(count // patch + 2) < spec.canopy, patch)[rng.integers(0, patch) :][:count]
     return np.where(rng.random(count) < spec.clouds, CLOUD_HIT, np.where(leaves, CANOPY_HIT, GROUND_HIT))

@@ -16,15 +16,24 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.special import ndtr
 
-from .acquisitions import AMBIENT, Acquisition
+from ...foundation.thresholds import threshold, thresholds
+from .acquisitions import DATES, Acquisition
 from .landscape import Objects
-from .terrain import SimulatedTerrain
-from .texture import COVERAGE, SNOW_GREY, cover_of, disc_cover, paint
+from .terrain import TerrainSurface
+from .texture import COVERAGE, SNOW, compute_cover, compute_disc_cover, paint_objects
 from .tiles import TilePainter
 
-WALL_GREY = 0.6  # of the roof's
-SNOW_ON_ROOFS = 0.7
-STEEPEST_LIGHT = 1.8  # of flat ground's: slopes that face the sun
+
+@thresholds
+class LightParameters:
+    """How buildings and slopes are lit."""
+
+    wall_grey: float = threshold(0.6, "", "grey value of a wall, by that of its roof")
+    snow_on_roofs: float = threshold(0.7, "", "share of snow on a roof, by that on open land")
+    steepest_light: float = threshold(1.8, "", "largest light on a slope that faces the sun, by that on flat ground")
+
+
+LIGHT = LightParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +47,13 @@ class LitPainter(TilePainter):
     height_m : (n,) of the objects above the ground
     """
 
-    terrain: SimulatedTerrain
+    terrain: TerrainSurface
     taken: Acquisition
     height_m: np.ndarray
 
     @classmethod
-    def lit(
-        cls, painter: TilePainter, terrain: SimulatedTerrain, taken: Acquisition, height_m: np.ndarray, gsd_m: float
+    def from_painter(
+        cls, painter: TilePainter, terrain: TerrainSurface, taken: Acquisition, height_m: np.ndarray, gsd_m: float
     ) -> LitPainter:
         """Return the painter of the same picture with light and heights; views lean by 45 degrees at most."""
         longest = height_m * (1.0 + 1.0 / np.tan(np.radians(taken.sun_elevation_deg)))
@@ -63,12 +72,12 @@ class LitPainter(TilePainter):
         flat = [item for item in touching if not self.height_m[item[0]]]
         raised = [item for item in touching if self.height_m[item[0]]]
         for index, part in flat:
-            paint(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
+            paint_objects(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
         # Shadows fall on all that lies flat; where several fall, it is as dark as under one
         lit = np.ones_like(light)
         for index, part in raised:
             np.minimum(lit[part], 1.0 - self._shadow(index, east[part], north[part]), out=lit[part])
-        grey *= (AMBIENT + (1.0 - AMBIENT) * light * lit).astype(np.float32)
+        grey *= (DATES.ambient + (1.0 - DATES.ambient) * light * lit).astype(np.float32)
         for index, part in raised:
             self._raise(index, grey[part], east[part], north[part], lean[:, part[0], part[1]])
         return grey
@@ -81,7 +90,7 @@ class LitPainter(TilePainter):
         by_east = (terrain.height(east + post, north) - terrain.height(east - post, north)) / (2.0 * post)
         by_north = (terrain.height(east, north + post) - terrain.height(east, north - post)) / (2.0 * post)
         facing = (sun_up - by_east * sun_east - by_north * sun_north) / np.sqrt(1.0 + by_east**2 + by_north**2)
-        light = np.clip(facing / sun_up, 0.0, STEEPEST_LIGHT)
+        light = np.clip(facing / sun_up, 0.0, LIGHT.steepest_light)
         # A shadow needs ground that rises more steeply than the sun's rays, within reach of the highest post
         plan = float(np.hypot(sun_east, sun_north))
         reach = (terrain.height_range[1] - float(ground.min())) * plan / sun_up
@@ -97,7 +106,7 @@ class LitPainter(TilePainter):
         """Return the share of each pixel in the shadow of an object: its outline on the way to the shadow's end."""
         sun_east, sun_north, sun_up = self.taken.sun
         away = -self.height_m[index] / sun_up * np.array([sun_east, sun_north])
-        return swept_cover(self.objects, index, away, east, north, self.blur_m)
+        return compute_swept_cover(self.objects, index, away, east, north, self.blur_m)
 
     def _raise(self, index: int, grey: np.ndarray, east: np.ndarray, north: np.ndarray, lean: np.ndarray) -> None:
         """Paint the walls and the roof of an object, in place."""
@@ -105,22 +114,22 @@ class LitPainter(TilePainter):
             return
         height, roof = float(self.height_m[index]), float(self.objects.grey[index, self.texture.band])
         away = -height * lean.mean(axis=(1, 2))
-        wall = swept_cover(self.objects, index, away, east, north, self.blur_m)
-        grey += wall * (np.float32(WALL_GREY * roof) - grey)
-        snow = SNOW_ON_ROOFS * (self.taken.snow > 0.0)
-        top = np.float32(roof + snow * (SNOW_GREY - roof))
+        wall = compute_swept_cover(self.objects, index, away, east, north, self.blur_m)
+        grey += wall * (np.float32(LIGHT.wall_grey * roof) - grey)
+        snow = LIGHT.snow_on_roofs * (self.taken.snow > 0.0)
+        top = np.float32(roof + snow * (SNOW.grey - roof))
         at = east + height * lean[0], north + height * lean[1]
-        grey += cover_of(self.objects, index, *at, self.blur_m) * (top - grey)
+        grey += compute_cover(self.objects, index, *at, self.blur_m) * (top - grey)
 
 
-def swept_cover(
+def compute_swept_cover(
     objects: Objects, index: int, sweep_m: np.ndarray, east: np.ndarray, north: np.ndarray, blur_m: float
 ) -> np.ndarray:
     """Return the share of each pixel that an object's outline passes when it is moved by ``sweep_m (2,)``.
 
     A disc passes what lies within its radius of a segment, a rectangle the convex hull of both its places.
     """
-    if COVERAGE[str(objects.kind[index])] is disc_cover:
+    if COVERAGE[str(objects.kind[index])] is compute_disc_cover:
         offset = np.stack([east, north]) - objects.position_m[index][:, None, None]
         length2 = max(float(sweep_m @ sweep_m), 1e-12)
         along = np.clip(np.einsum("kij,k->ij", offset, sweep_m) / length2, 0.0, 1.0)

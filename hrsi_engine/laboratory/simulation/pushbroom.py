@@ -22,18 +22,28 @@ from functools import cached_property
 
 import numpy as np
 
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, curvature_radii
 from ...ground.geodesy import LocalFrame, from_ecef, to_ecef
 from .sensors import OrientationError, Sensor
 
 GRAVITATION = 3.986004418e14  # m3 / s2, WGS84
-LINE_CLOSURE_PX = 1e-9
-ORBIT_MAX_ITERATIONS = 40
+
+
+@thresholds
+class OrbitParameters:
+    """When the iterations of the camera end."""
+
+    line_closure_px: float = threshold(1e-9, "px", "change of the line at which the projection ends")
+    most_iterations: int = threshold(40, "steps", "most iterations")
+
+
+ORBIT = OrbitParameters()
 
 
 @dataclass(frozen=True, eq=False)
 class PushbroomCamera:
-    """An image's exact geometry; make one with `aim`. Vectors are geocentric unit vectors.
+    """An image's exact geometry; make one with `aim_camera`. Vectors are geocentric unit vectors.
 
     Parameters
     ----------
@@ -126,7 +136,7 @@ class PushbroomCamera:
     @cached_property
     def _enu(self) -> np.ndarray:
         """Rows: east, north and up of the scene centre in geocentric axes."""
-        return _axes_of(self.frame)
+        return _compute_axes(self.frame)
 
     # ---- exterior orientation ----------------------------------------------------------------------------------
 
@@ -148,7 +158,7 @@ class PushbroomCamera:
         share = step / self.drift_lines
         position = position + self.error.position(share) @ self._enu
         axes = np.stack([forward, right, down], axis=2)
-        return position, axes @ rotation_matrices(self.error.attitude(share, step))
+        return position, axes @ make_rotation_matrices(self.error.attitude(share, step))
 
     def _nominal(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         orbit, scan = (self.orbit_rad * step)[:, None], (self.scan_rad * step)[:, None]
@@ -157,8 +167,8 @@ class PushbroomCamera:
             np.sin(scan) * self.scan_direction - 2.0 * np.sin(scan / 2.0) ** 2 * self.normal
         )
         tangent = np.cos(scan) * self.scan_direction - np.sin(scan) * self.normal
-        down = _unit(target - position)
-        left = _unit(np.cross(tangent, down))
+        down = _normalise(target - position)
+        left = _normalise(np.cross(tangent, down))
         return position, np.cross(down, left), -left, down
 
     # ---- image to ground ---------------------------------------------------------------------------------------
@@ -179,7 +189,7 @@ class PushbroomCamera:
         position, axes = self.exterior(image[:, 1])
         across = -(image[:, 0] - self.middle[0]) * self.pixel_rad
         look = axes[:, :, 2] + across[:, None] * axes[:, :, 1]
-        return position, _unit(look)
+        return position, _normalise(look)
 
     def image_to_ground(self, image: np.ndarray, height_m: np.ndarray | float) -> np.ndarray:
         """Return the ground points where the rays of image points reach given heights.
@@ -223,8 +233,8 @@ class PushbroomCamera:
         line = np.full(len(target), self.middle[1])
         slope = np.full(len(target), -1.0)
         miss, sample = self._detector_position(target, line)
-        for _ in range(ORBIT_MAX_ITERATIONS):
-            active = np.flatnonzero(np.abs(miss) > LINE_CLOSURE_PX)
+        for _ in range(ORBIT.most_iterations):
+            active = np.flatnonzero(np.abs(miss) > ORBIT.line_closure_px)
             if not active.size:
                 break
             step = -miss[active] / slope[active]
@@ -235,7 +245,7 @@ class PushbroomCamera:
             trusted = (np.abs(step) > 1e-3) & (change < -0.1) & (change > -10.0)
             slope[active] = np.where(trusted, change, slope[active])
         image = np.column_stack([sample, line])
-        image[~(np.abs(miss) < 1e3 * LINE_CLOSURE_PX)] = np.nan
+        image[~(np.abs(miss) < 1e3 * ORBIT.line_closure_px)] = np.nan
         return image
 
     def _detector_position(self, target: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -261,7 +271,7 @@ class PushbroomCamera:
         return float(np.linalg.norm(xyz[1] - xyz[0])), float(np.linalg.norm(xyz[2] - xyz[0]))
 
 
-def aim(
+def aim_camera(
     sensor: Sensor,
     size: tuple[int, int],
     target: np.ndarray,
@@ -293,12 +303,12 @@ def aim(
         The camera.
     """
     frame = LocalFrame(*(float(value) for value in target))
-    east, north, up = _axes_of(frame)
+    east, north, up = _compute_axes(frame)
     centre = to_ecef(np.asarray(target, dtype=np.float64).reshape(1, 3))[0]
-    position = _position(sensor, frame, along_deg, across_deg, heading_deg)
+    position = _compute_position(sensor, frame, along_deg, across_deg, heading_deg)
     zenith = position / np.linalg.norm(position)
     heading = np.radians(heading_deg)
-    flight = _unit(_across(np.sin(heading) * east + np.cos(heading) * north, zenith))
+    flight = _normalise(_compute_across(np.sin(heading) * east + np.cos(heading) * north, zenith))
     scan = np.radians(heading_deg if scan_deg is None else scan_deg)
     # Euler's radius of curvature (m) of the ellipsoid in an azimuth, at the frame's height
     meridian, prime_vertical = curvature_radii(np.array([frame.lat_deg]))
@@ -324,7 +334,9 @@ def aim(
     )
 
 
-def _position(sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: float, heading_deg: float) -> np.ndarray:
+def _compute_position(
+    sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: float, heading_deg: float
+) -> np.ndarray:
     """Return the satellite's ECEF position at the sensor's altitude that sees the frame's origin at the two angles."""
     target = to_ecef(np.array([[frame.lon_deg, frame.lat_deg, frame.height_m]]))
     wanted = np.tan(np.radians([along_deg, across_deg]))
@@ -334,25 +346,25 @@ def _position(sensor: Sensor, frame: LocalFrame, along_deg: float, across_deg: f
     right = np.array([np.cos(heading), -np.sin(heading), 0.0])
     for _ in range(30):
         upward = np.array([0.0, 0.0, 1.0]) - tangents[0] * forward - tangents[1] * right
-        direction = _unit(upward @ _axes_of(frame))
+        direction = _normalise(upward @ _compute_axes(frame))
         position = intersect_height(target, direction[None], np.array([sensor.altitude_m]), outward=True)
-        seen = _look_tangents(position, target, forward @ _axes_of(frame))
+        seen = _compute_look_tangents(position, target, forward @ _compute_axes(frame))
         tangents = tangents + (wanted - seen)
     return to_ecef(position)[0]
 
 
-def _look_tangents(position: np.ndarray, target: np.ndarray, heading: np.ndarray) -> np.ndarray:
+def _compute_look_tangents(position: np.ndarray, target: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Return the tangents of the off-nadir angles ahead and to the right at a satellite (lon, lat, height).
 
     The flight's direction at the ground, carried up there: azimuths of two places differ, and near a pole by anything.
     """
     look = target[0] - to_ecef(position)[0]
-    up = _axes_of(LocalFrame(*position[0]))[2]
-    forward = _unit(_across(heading, up))
+    up = _compute_axes(LocalFrame(*position[0]))[2]
+    forward = _normalise(_compute_across(heading, up))
     return np.array([look @ forward, look @ np.cross(forward, up)]) / -(look @ up)
 
 
-def _across(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _compute_across(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return the part of a vector at right angles to a unit vector."""
     return np.asarray(vector - (vector @ normal) * normal)
 
@@ -381,7 +393,7 @@ def intersect_height(
     return from_ecef(origin + distance[:, None] * direction)
 
 
-def rotation_matrices(angles_rad: np.ndarray) -> np.ndarray:
+def make_rotation_matrices(angles_rad: np.ndarray) -> np.ndarray:
     """Return ``Rx(roll) Ry(pitch) Rz(yaw)``, ``(n, 3, 3)``, of ``(n, 3)`` angles."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(angles_rad).T, np.cos(angles_rad).T
     return np.stack(
@@ -394,11 +406,11 @@ def rotation_matrices(angles_rad: np.ndarray) -> np.ndarray:
     )
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _normalise(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def _axes_of(frame: LocalFrame) -> np.ndarray:
+def _compute_axes(frame: LocalFrame) -> np.ndarray:
     """Return east, north and up of a place as rows, in ECEF."""
     lon, lat = np.radians(frame.lon_deg), np.radians(frame.lat_deg)
     sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)

@@ -1,8 +1,8 @@
 """Pixels of a simulated image or orthophoto, for any window, without the rest of it.
 
 Every pixel is the blurred grey value of the ground where its true ray first meets the terrain. Rays are exact at the
-nodes of a grid over the image and bilinear between them (`NODE_SAMPLES` x `NODE_LINES` pixels; closer in lines where
-the attitude jitters quickly: below 1e-3 px for any of the sensors), the intersection with the terrain and the grey
+nodes of a grid over the image and bilinear between them (closer in lines where the attitude jitters quickly:
+the error is below 1e-3 px for any of the sensors); the intersection with the terrain and the grey
 value are computed for every pixel. The noise of each tile has its own seed.
 """
 
@@ -15,24 +15,36 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ...block.block import Block
+from ...foundation.thresholds import threshold, thresholds
 from .landscape import SPECTRAL_BANDS
 from .lighting import LitPainter
 from .pushbroom import PushbroomCamera
-from .scene import Scene, objects_on
-from .seasons import season_texture
+from .scene import Scene, select_objects
+from .seasons import make_season_texture
 from .sensors import Radiometry
-from .surface import RayPaths, meet_surface, ray_paths
-from .synthesis import SimulatedBlock
-from .tiles import RENDER_TILE, TilePainter, cut_window, tile_shape
+from .surface import RayPaths, compute_ray_paths, meet_surface
+from .synthesis import BlockSimulation
+from .tiles import TILES, TilePainter, compute_tile_shape, cut_window
 
-NODE_SAMPLES, NODE_LINES = 32, 16
-NODES_PER_JITTER = 100  # bilinear interpolation of a sine of one pixel is then good to 5e-4 px
-ORTHO_BLUR_PX = 0.5
+
+@thresholds
+class RenderParameters:
+    """Where rays are exact, and the blur of orthophotos."""
+
+    node_samples: int = threshold(32, "px", "distance of exact rays along a line")
+    node_lines: int = threshold(16, "px", "distance of exact rays across lines")
+    nodes_per_jitter: int = threshold(
+        100, "nodes", "nodes in a period of jitter: a sine of 1 px is linear to 5e-4 px", "bound of interpolation"
+    )
+    ortho_blur_px: float = threshold(0.5, "px", "standard deviation of the blur of an orthophoto")
+
+
+RENDERING = RenderParameters()
 
 
 @dataclass(frozen=True, eq=False)
 class ImageRenderer:
-    """Renders windows of one band of one image; thread-safe. Make one with `renderer`.
+    """Renders windows of one band of one image; thread-safe. Make one with `make_renderer`.
 
     Parameters
     ----------
@@ -125,8 +137,8 @@ class ImageRenderer:
         """
         paths = self.tile_paths(row, column)
         height = meet_surface(paths, self.scene.terrain)
-        east, north = paths.at(height)
-        lean = np.stack(paths.at(height + 1.0)) - (east, north)
+        east, north = paths.position_at(height)
+        lean = np.stack(paths.position_at(height + 1.0)) - (east, north)
         return self.painter.grey(row, column, east, north, lean)
 
     def tile_paths(self, row: int, column: int) -> RayPaths:
@@ -142,26 +154,26 @@ class ImageRenderer:
         RayPaths
             Where they go through the terrain's heights.
         """
-        lines, samples = tile_shape(self.size, row, column)
-        across, down = samples // NODE_SAMPLES + 2, lines // self._node_lines + 2
-        sample = column * RENDER_TILE + NODE_SAMPLES * np.arange(across)
-        line = row * RENDER_TILE + self._node_lines * np.arange(down)
+        lines, samples = compute_tile_shape(self.size, row, column)
+        across, down = samples // RENDERING.node_samples + 2, lines // self._node_lines + 2
+        sample = column * TILES.tile_px + RENDERING.node_samples * np.arange(across)
+        line = row * TILES.tile_px + self._node_lines * np.arange(down)
         nodes = np.stack(np.meshgrid(sample, line), axis=-1).reshape(-1, 2)
-        exact = ray_paths(self.camera, self.scene.terrain, nodes.astype(np.float64))
+        exact = compute_ray_paths(self.camera, self.scene.terrain, nodes.astype(np.float64))
         grid = exact.coefficients.reshape(3, 2, down, across)
-        by_line = _linear_weights(lines, self._node_lines, down)
-        by_sample = _linear_weights(samples, NODE_SAMPLES, across)
+        by_line = _compute_linear_weights(lines, self._node_lines, down)
+        by_sample = _compute_linear_weights(samples, RENDERING.node_samples, across)
         return exact._replace(coefficients=by_line @ grid @ by_sample.T)
 
     @cached_property
     def _node_lines(self) -> int:
         error = self.camera.error
         if not any(error.jitter_rad):
-            return NODE_LINES
-        return int(np.clip(error.jitter_period_lines / NODES_PER_JITTER, 1, NODE_LINES))
+            return RENDERING.node_lines
+        return int(np.clip(error.jitter_period_lines / RENDERING.nodes_per_jitter, 1, RENDERING.node_lines))
 
 
-def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> ImageRenderer:
+def make_renderer(simulated: BlockSimulation, image_id: str, band: str = "pan") -> ImageRenderer:
     """Return the renderer of one band of an image.
 
     A multispectral pixel covers `Sensor.ms_ratio` squared panchromatic ones; both images have the same upper left outer
@@ -197,18 +209,18 @@ def renderer(simulated: SimulatedBlock, image_id: str, band: str = "pan") -> Ima
     if view.acquisition is None:
         texture = scene.texture.blur(blur_m, band_index, view.date, scene.spec.change)
         centres = camera.ground_to_image(scene.object_ground())
-        painter = TilePainter.around(camera.size, texture, scene.objects, centres, gsd_m, blur_m)
+        painter = TilePainter.from_objects(camera.size, texture, scene.objects, centres, gsd_m, blur_m)
     else:
-        objects, height_m = objects_on(scene, view.acquisition)
+        objects, height_m = select_objects(scene, view.acquisition)
         position = objects.position_m
         centres = camera.ground_to_image(scene.chart.to_ground(position, scene.terrain.height(*position.T)))
-        texture = season_texture(scene.texture, view.acquisition, scene.spec.lat_deg, blur_m, band_index)
-        around = TilePainter.around(camera.size, texture, objects, centres, gsd_m, blur_m)
-        painter = LitPainter.lit(around, scene.terrain, view.acquisition, height_m, gsd_m)
+        texture = make_season_texture(scene.texture, view.acquisition, scene.spec.lat_deg, blur_m, band_index)
+        around = TilePainter.from_objects(camera.size, texture, objects, centres, gsd_m, blur_m)
+        painter = LitPainter.from_painter(around, scene.terrain, view.acquisition, height_m, gsd_m)
     return ImageRenderer(scene, camera, view.radiometry, painter, len(SPECTRAL_BANDS) * index + band_index)
 
 
-def multispectral_renderers(simulated: SimulatedBlock, image_id: str) -> tuple[ImageRenderer, ...]:
+def make_multispectral_renderers(simulated: BlockSimulation, image_id: str) -> tuple[ImageRenderer, ...]:
     """Return the renderers of blue, green, red and near infrared, which share what does not depend on the band.
 
     Parameters
@@ -228,7 +240,7 @@ def multispectral_renderers(simulated: SimulatedBlock, image_id: str) -> tuple[I
     InputError
         The image is not known.
     """
-    first = renderer(simulated, image_id, SPECTRAL_BANDS[1])
+    first = make_renderer(simulated, image_id, SPECTRAL_BANDS[1])
     return tuple(
         replace(
             first,
@@ -240,9 +252,9 @@ def multispectral_renderers(simulated: SimulatedBlock, image_id: str) -> tuple[I
 
 
 def render_window(
-    simulated: SimulatedBlock, image_id: str, sample: int, line: int, samples: int, lines: int, band: str = "pan"
+    simulated: BlockSimulation, image_id: str, sample: int, line: int, samples: int, lines: int, band: str = "pan"
 ) -> np.ndarray:
-    """Return a window of a simulated image. For many windows keep a `renderer`.
+    """Return a window of a simulated image. For many windows keep a `make_renderer`.
 
     Parameters
     ----------
@@ -262,10 +274,10 @@ def render_window(
     (lines, samples) ndarray
         Type uint16.
     """
-    return renderer(simulated, image_id, band).window(sample, line, samples, lines)
+    return make_renderer(simulated, image_id, band).window(sample, line, samples, lines)
 
 
-def block_with_pixels(simulated: SimulatedBlock) -> Block:
+def add_pixels(simulated: BlockSimulation) -> Block:
     """Return the simulated block whose images render their pixels when they are read.
 
     Parameters
@@ -278,7 +290,7 @@ def block_with_pixels(simulated: SimulatedBlock) -> Block:
     Block
         The same block; its images have a raster.
     """
-    images = tuple(replace(image, raster=renderer(simulated, image.id)) for image in simulated.block.images)
+    images = tuple(replace(image, raster=make_renderer(simulated, image.id)) for image in simulated.block.images)
     return replace(simulated.block, images=images)
 
 
@@ -312,9 +324,9 @@ class OrthoRenderer:
         return pixels, np.ones((lines, samples), dtype=bool)
 
     def _tile(self, row: int, column: int) -> np.ndarray:
-        lines, samples = tile_shape(self.size, row, column)
-        east = self.west_m + self.gsd_m * (column * RENDER_TILE + np.arange(samples))
-        north = self.north_m - self.gsd_m * (row * RENDER_TILE + np.arange(lines))
+        lines, samples = compute_tile_shape(self.size, row, column)
+        east = self.west_m + self.gsd_m * (column * TILES.tile_px + np.arange(samples))
+        north = self.north_m - self.gsd_m * (row * TILES.tile_px + np.arange(lines))
         shown = self.ground_of(*np.meshgrid(east, north))
         return _quantise(self.painter.grey(row, column, *shown), Radiometry())
 
@@ -334,7 +346,7 @@ class OrthoRenderer:
         return east, north
 
 
-def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, band: str = "pan") -> OrthoRenderer:
+def make_orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, band: str = "pan") -> OrthoRenderer:
     """Return the orthophoto of a square around the scene's centre.
 
     Parameters
@@ -357,8 +369,8 @@ def orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = None, b
     corner = -half * gsd_m, half * gsd_m
     size = 2 * half + 1, 2 * half + 1
     centres = (scene.objects.position_m - corner) * [1.0, -1.0] / gsd_m
-    texture = scene.texture.blur(ORTHO_BLUR_PX * gsd_m, SPECTRAL_BANDS.index(band))
-    painter = TilePainter.around(size, texture, scene.objects, centres, gsd_m, ORTHO_BLUR_PX * gsd_m)
+    texture = scene.texture.blur(RENDERING.ortho_blur_px * gsd_m, SPECTRAL_BANDS.index(band))
+    painter = TilePainter.from_objects(size, texture, scene.objects, centres, gsd_m, RENDERING.ortho_blur_px * gsd_m)
     return OrthoRenderer(scene, painter, *corner, gsd_m)
 
 
@@ -367,7 +379,7 @@ def _quantise(grey: np.ndarray, radiometry: Radiometry) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _linear_weights(count: int, spacing: int, nodes: int) -> np.ndarray:
+def _compute_linear_weights(count: int, spacing: int, nodes: int) -> np.ndarray:
     """Return ``(count, nodes)``: weights that interpolate linearly between nodes ``spacing`` pixels apart."""
     position = np.arange(count) / spacing
     return np.clip(1.0 - np.abs(position[:, None] - np.arange(nodes)), 0.0, 1.0)

@@ -9,21 +9,32 @@ from functools import cached_property
 import numpy as np
 
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from .acquisitions import Acquisition
-from .landscape import Landscape, Objects, discs
+from .landscape import Landscape, Objects, make_discs
 from .options import SceneSpec
 from .seasons import Chronicle, park_cars
-from .terrain import Chart, SimulatedTerrain, fractal_terrain
+from .terrain import Chart, TerrainSurface, make_fractal_terrain
 from .texture import Texture
 from .views import SceneView
 
-MOST_POSTS = 4000  # a side of the terrain
-POLAR_SHARE = 0.2  # of its distance from the pole that half a scene may reach
-GSD_OF_SCALE_ONE_M = 0.7
+
+@thresholds
+class SceneParameters:
+    """Size of a scene, and where objects stand."""
+
+    most_posts: int = threshold(4000, "posts", "most posts along a side of the terrain")
+    polar_share: float = threshold(0.2, "", "half a scene, by its distance from the pole, at most")
+    unit_gsd_m: float = threshold(0.7, "m", "ground sampling distance for which the landscape is true to scale")
+    steepest_built: float = threshold(0.5, "", "largest slope along an object's diagonal")
+    target_px: float = threshold(9.0, "px", "diameter of a target in the finest view")
+    apron_px: float = threshold(20.0, "px", "diameter of the apron around it")
+
+
+SCENE = SceneParameters()
+
 TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])
 APRON_GREY = np.array([330.0, 330.0, 340.0, 340.0, 330.0])
-STEEPEST_BUILT = 0.5  # slope along an object's diagonal
-TARGET_GSD, APRON_GSD = 9.0, 20.0  # diameters in pixels of the finest view
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +61,7 @@ class Scene:
 
     spec: SceneSpec
     chart: Chart
-    terrain: SimulatedTerrain
+    terrain: TerrainSurface
     landscape: Landscape
     half_extent_m: float
     finest_gsd_m: float
@@ -59,23 +70,23 @@ class Scene:
     @property
     def target_radius_m(self) -> float:
         """Radius of a target itself, without its apron."""
-        return TARGET_GSD * self.finest_gsd_m / 2.0
+        return SCENE.target_px * self.finest_gsd_m / 2.0
 
     @cached_property
     def objects(self) -> Objects:
         """Everything with a known shape, in painting order; targets last, each on a dark apron."""
-        apron = discs("apron", self.targets_m, np.array(APRON_GSD * self.finest_gsd_m), APRON_GREY)
-        target = discs("target", self.targets_m, np.array(TARGET_GSD * self.finest_gsd_m), TARGET_GREY)
+        apron = make_discs("apron", self.targets_m, np.array(SCENE.apron_px * self.finest_gsd_m), APRON_GREY)
+        target = make_discs("target", self.targets_m, np.array(SCENE.target_px * self.finest_gsd_m), TARGET_GREY)
         # The objects that do not stand across a cliff or on a very steep slope
         objects = self.landscape.objects(self.half_extent_m)
         corners = self.terrain.height(*np.moveaxis(objects.corners_m(), 2, 0))
-        buildable = objects.select(np.ptp(corners, axis=1) < STEEPEST_BUILT * np.hypot(*objects.size_m.T))
-        return buildable.followed_by(apron).followed_by(target)
+        buildable = objects.select(np.ptp(corners, axis=1) < SCENE.steepest_built * np.hypot(*objects.size_m.T))
+        return buildable.append(apron).append(target)
 
     @cached_property
     def chronicle(self) -> Chronicle:
         """What stands when, and how high, where the scene has dates."""
-        return Chronicle.of(self.objects, self.spec.seed, self.landscape.scale)
+        return Chronicle.draw(self.objects, self.spec.seed, self.landscape.scale)
 
     @cached_property
     def texture(self) -> Texture:
@@ -101,31 +112,31 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
     finest = min(view.sensor.gsd_m for view in views)
     reach = max(float(np.hypot(*view.offset_m)) + view.half_diagonal_m for view in views)
     half_extent = spec.half_extent_m or 1.05 * reach + 2.0 * (spec.relief_m + spec.cliff_m) + 50.0 * finest
-    post = spec.post_m or max(8.0 * finest, 2.0 * half_extent / MOST_POSTS)
-    if half_extent / post > MOST_POSTS:
+    post = spec.post_m or max(8.0 * finest, 2.0 * half_extent / SCENE.most_posts)
+    if half_extent / post > SCENE.most_posts:
         raise InputError(
-            f"a scene of {2e-3 * half_extent:.1f} km with posts of {post} m has more than {2 * MOST_POSTS} posts "
+            f"a scene of {2e-3 * half_extent:.1f} km with posts of {post} m has more than {2 * SCENE.most_posts} posts "
             "a side: make the posts wider"
         )
     chart = Chart(spec.lon_deg, spec.lat_deg)
     to_pole = (90.0 - abs(spec.lat_deg)) * chart.scale[1]
-    if half_extent > POLAR_SHARE * to_pole:
+    if half_extent > SCENE.polar_share * to_pole:
         raise InputError(
             f"a scene of {2e-3 * half_extent:.1f} km so near the pole ({1e-3 * to_pole:.1f} km): an RPC in longitude "
             "and latitude does not follow it: make the scene smaller, or move it away"
         )
-    terrain = fractal_terrain(chart, half_extent, post, spec.mean_height_m, spec.relief_m, spec.seed, spec.cliff_m)
-    scale = spec.scale or max(1.0, finest / GSD_OF_SCALE_ONE_M)
+    terrain = make_fractal_terrain(chart, half_extent, post, spec.mean_height_m, spec.relief_m, spec.seed, spec.cliff_m)
+    scale = spec.scale or max(1.0, finest / SCENE.unit_gsd_m)
     landscape = Landscape(spec.seed, scale)
     return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)))
 
 
-def objects_on(scene: Scene, taken: Acquisition) -> tuple[Objects, np.ndarray]:
+def select_objects(scene: Scene, taken: Acquisition) -> tuple[Objects, np.ndarray]:
     """Return what stands or lies on a scene on a date, cars included, and the heights of these objects ``(n,)``."""
     standing = scene.chronicle.standing(taken.day)
     kept, height_m = scene.objects.select(standing), scene.chronicle.height_m[standing]
     cars = park_cars(scene.landscape, scene.half_extent_m, taken)
     # Cars below the targets, which are surveyed and stay free
     target = np.isin(kept.kind, ("apron", "target"))
-    found = kept.select(~target).followed_by(cars).followed_by(kept.select(target))
+    found = kept.select(~target).append(cars).append(kept.select(target))
     return found, np.concatenate([height_m[~target], np.zeros(len(cars)), height_m[target]])

@@ -14,19 +14,33 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtri
 
-from .acquisitions import YEAR_DAYS, Acquisition, day_of_season
-from .landscape import BLOCK_M, PARCELS, PER_BLOCK, Landscape, Objects
-from .texture import BlurredTexture, PeriodicField, Texture
+from ...foundation.thresholds import threshold, thresholds
+from .acquisitions import YEAR_DAYS, Acquisition, compute_day_of_season
+from .landscape import LATTICE, PER_BLOCK, Landscape, Objects
+from .texture import PeriodicField, SensorTexture, Texture
 
-TEXTURE_DAYS = 60.0  # after which soil and plants look altogether different close by
-BUILT_SHARE, TORN_SHARE = 0.12, 0.08
-CAR_SPACING_M, CAR_SIZE_M = 45.0, (4.6, 1.9)
+
+@thresholds
+class YearParameters:
+    """What changes on the ground within a year."""
+
+    texture_days: float = threshold(60.0, "d", "time after which the texture of soil and plants is another one")
+    built_share: float = threshold(0.12, "", "share of the buildings that are built")
+    torn_share: float = threshold(0.08, "", "share that is torn down")
+    car_spacing_m: float = threshold(45.0, "m", "length of road and lane for each car")
+    car_size_m: tuple[float, float] = threshold((4.6, 1.9), "m", "length and width of a car")
+    ploughed_days: float = threshold(40.0, "d", "time that a field lies bare")
+    winter_crop_day: float = threshold(285.0, "d", "day of the year on which winter crops are sown")
+    summer_crop_day: float = threshold(95.0, "d", "day on which summer crops are sown")
+    ploughing_spread_d: float = threshold(18.0, "d", "standard deviation of these days")
+
+
+YEAR = YearParameters()
+
 #: Visible and near infrared brightness of a field by the days since it was ploughed, relative to its usual one.
 CROP_DAYS = (0.0, 40.0, 110.0, 190.0, 225.0, 260.0, 330.0, 365.0)
 CROP_VISIBLE = (0.70, 0.78, 0.62, 0.80, 1.25, 1.10, 0.95, 0.90)
 CROP_NEAR_INFRARED = (0.45, 0.50, 1.15, 1.05, 0.70, 0.60, 0.55, 0.50)
-PLOUGHED_DAYS = 40.0
-WINTER_CROP_DAY, SUMMER_CROP_DAY, PLOUGHING_SPREAD_D = 285.0, 95.0, 18.0
 #: By land cover (the order of `COVERS`): share of the fine texture that belongs to the season; how far snow covers it.
 OWN_TEXTURE = (0.95, 0.9, 0.75, 0.45, 0.3, 0.0)
 SNOW_HOLD = (1.0, 1.0, 0.45, 0.7, 0.8, 0.0)
@@ -43,27 +57,27 @@ class SeasonLandscape(Landscape):
     snow: float = 0.0
 
     @classmethod
-    def on(cls, landscape: Landscape, taken: Acquisition, lat_deg: float) -> SeasonLandscape:
+    def from_acquisition(cls, landscape: Landscape, taken: Acquisition, lat_deg: float) -> SeasonLandscape:
         """Return a landscape on the date of an acquisition."""
-        return cls(landscape.seed, landscape.scale, day=day_of_season(taken.day, lat_deg), snow=taken.snow)
+        return cls(landscape.seed, landscape.scale, day=compute_day_of_season(taken.day, lat_deg), snow=taken.snow)
 
     @cached_property
     def ploughing_day(self) -> np.ndarray:
-        """Day on which each parcel is ploughed, ``(PARCELS, PARCELS)``; that of fields counts, alike along strips."""
+        """Day on which each parcel is ploughed, ``(parcels, parcels)``; that of fields counts, alike along strips."""
         rng = np.random.default_rng([self.seed, 62])
         by_row = np.kron(
             np.random.default_rng([self.seed, 12]).random(self.block_cover.shape) < 0.5,
             np.ones((PER_BLOCK, PER_BLOCK), dtype=bool),
         )  # the strips of `Landscape.parcel_grey`
-        day = np.where(rng.random((PARCELS, PARCELS)) < 0.6, WINTER_CROP_DAY, SUMMER_CROP_DAY)
-        day += PLOUGHING_SPREAD_D * rng.standard_normal((PARCELS, PARCELS))
+        day = np.where(rng.random((LATTICE.parcels, LATTICE.parcels)) < 0.6, YEAR.winter_crop_day, YEAR.summer_crop_day)
+        day += YEAR.ploughing_spread_d * rng.standard_normal((LATTICE.parcels, LATTICE.parcels))
         rows = np.repeat(day[:, ::PER_BLOCK], PER_BLOCK, axis=1)
         return np.where(by_row, rows, np.repeat(day[::PER_BLOCK], PER_BLOCK, axis=0)) % YEAR_DAYS
 
     @property
     def ploughed(self) -> np.ndarray:
-        """Mask of the parcels that lie ploughed and bare, ``(PARCELS, PARCELS)``."""
-        return (self.parcel_cover == 0) & ((self.day - self.ploughing_day) % YEAR_DAYS < PLOUGHED_DAYS)
+        """Mask of the parcels that lie ploughed and bare, ``(parcels, parcels)``."""
+        return (self.parcel_cover == 0) & ((self.day - self.ploughing_day) % YEAR_DAYS < YEAR.ploughed_days)
 
     @cached_property
     def parcel_grey(self) -> np.ndarray:
@@ -91,7 +105,7 @@ class SeasonLandscape(Landscape):
 
     @cached_property
     def parcel_season(self) -> np.ndarray:
-        """Share of the season's own texture, and how far snow covers a parcel, ``(2, PARCELS, PARCELS)`` float32."""
+        """Share of the season's own texture, and how far snow covers a parcel, ``(2, parcels, parcels)`` float32."""
         return np.array([OWN_TEXTURE, SNOW_HOLD], dtype=np.float32)[:, self.parcel_cover]
 
     @property
@@ -100,22 +114,24 @@ class SeasonLandscape(Landscape):
         return float(ndtri(np.clip(self.snow, 1e-9, 1.0 - 1e-9)))
 
 
-def season_texture(texture: Texture, taken: Acquisition, lat_deg: float, sigma_m: float, band: int) -> BlurredTexture:
+def make_season_texture(
+    texture: Texture, taken: Acquisition, lat_deg: float, sigma_m: float, band: int
+) -> SensorTexture:
     """Return the ground on a date as a sensor sees it whose blur has ``sigma_m``, in one of `SPECTRAL_BANDS`.
 
-    Soil and plants go from one texture of their own to the next within `TEXTURE_DAYS`; crowns are lit from the sun.
+    Soil and plants go from one texture of their own to the next within two months (`YEAR`); the sun lights crowns.
     """
-    landscape, seed = SeasonLandscape.on(texture.landscape, taken, lat_deg), texture.landscape.seed
-    epoch, share = divmod(taken.day / TEXTURE_DAYS, 1.0)
+    landscape, seed = SeasonLandscape.from_acquisition(texture.landscape, taken, lat_deg), texture.landscape.seed
+    epoch, share = divmod(taken.day / YEAR.texture_days, 1.0)
     first, second = (
         PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 63, int(epoch) + k])) for k in (0, 1)
     )
-    own = first.mixed_with(second, float(np.sin(0.5 * np.pi * share)))
+    own = first.mix(second, float(np.sin(0.5 * np.pi * share)))
     turned = np.radians(270.0 - taken.sun_azimuth_deg)  # from the west
     canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), turned)
     sigma = sigma_m / landscape.scale
     fields = tuple(field.blur(sigma) for field in (texture.fine, texture.broad, canopy, own))
-    return BlurredTexture(landscape, fields, sigma, band)
+    return SensorTexture(landscape, fields, sigma, band)
 
 
 # ---- what stands on it -----------------------------------------------------------------------------------------------
@@ -133,14 +149,14 @@ class Chronicle:
     torn_day: np.ndarray
 
     @classmethod
-    def of(cls, objects: Objects, seed: int, scale: float) -> Chronicle:
+    def draw(cls, objects: Objects, seed: int, scale: float) -> Chronicle:
         """Return the year of the objects of a scene."""
         draw = np.random.default_rng([seed, 64]).random((len(objects), 4))
         high = {"roof": (3.5, 9.0), "tank": (6.0, 6.0)}
         low_m, range_m = np.array([high.get(str(kind), (0.0, 0.0)) for kind in objects.kind]).reshape(-1, 2).T
         building = low_m > 0.0
-        built = np.where(building & (draw[:, 1] < BUILT_SHARE), YEAR_DAYS * draw[:, 2], -1.0)
-        torn = (draw[:, 1] > 1.0 - TORN_SHARE) & building
+        built = np.where(building & (draw[:, 1] < YEAR.built_share), YEAR_DAYS * draw[:, 2], -1.0)
+        torn = (draw[:, 1] > 1.0 - YEAR.torn_share) & building
         return cls(
             scale * (low_m + range_m * draw[:, 0]), built, np.where(torn, YEAR_DAYS * draw[:, 3], 2.0 * YEAR_DAYS)
         )
@@ -154,13 +170,13 @@ def park_cars(landscape: Landscape, half_extent_m: float, taken: Acquisition) ->
     """Return the cars on the roads of a date, on either lane, as painted objects."""
     rng = np.random.default_rng([landscape.seed, 65, taken.number])
     reach = half_extent_m / landscape.scale
-    lines = int(np.ceil((reach + 100.0) / BLOCK_M))
-    count = int((2 * lines + 1) * 2 * reach / CAR_SPACING_M)
+    lines = int(np.ceil((reach + 100.0) / LATTICE.block_m))
+    count = int((2 * lines + 1) * 2 * reach / YEAR.car_spacing_m)
     lattice, ahead = [], []
     for axis in (0, 1):
         place = np.empty((count, 2))
         lane = rng.choice([-1.5, 1.5], count)
-        place[:, axis] = BLOCK_M * rng.integers(-lines, lines + 1, count) + lane
+        place[:, axis] = LATTICE.block_m * rng.integers(-lines, lines + 1, count) + lane
         place[:, 1 - axis] = rng.uniform(-reach, reach, count)
         step = np.zeros(2)
         step[1 - axis] = 1.0
@@ -174,6 +190,6 @@ def park_cars(landscape: Landscape, half_extent_m: float, taken: Acquisition) ->
     )
     return Objects(
         np.full(len(position), "car", dtype="U12"), position * landscape.scale,
-        np.tile(np.array(CAR_SIZE_M) * landscape.scale, (len(position), 1)), np.arctan2(*direction.T),
+        np.tile(np.array(YEAR.car_size_m) * landscape.scale, (len(position), 1)), np.arctan2(*direction.T),
         np.repeat(grey[:, None], 5, axis=1).astype(np.float32),
     )  # fmt: skip

@@ -106,7 +106,7 @@ class Radiometry:
         return 2047
 
 
-class StatedAccuracy(NamedTuple):
+class AccuracyStatement(NamedTuple):
     """Standard deviations with which a vendor knows a satellite's orbit and attitude.
 
     Parameters
@@ -175,7 +175,7 @@ class Sensor:
     gsd_m: float
     samples: int
     line_rate_hz: float
-    accuracy: StatedAccuracy
+    accuracy: AccuracyStatement
     ms_ratio: int = 4
 
     @property
@@ -185,10 +185,10 @@ class Sensor:
 
 
 SENSORS: dict[str, Sensor] = {
-    "ikonos": Sensor("IKONOS", 681e3, 0.82, 13816, 6500.0, StatedAccuracy(2.0, 0.2, 10e-6, 0.3e-6)),
-    "quickbird": Sensor("QuickBird", 450e3, 0.61, 27552, 6900.0, StatedAccuracy(2.0, 0.5, 30e-6, 4e-6)),
-    "worldview-2": Sensor("WorldView-2", 770e3, 0.46, 35420, 20000.0, StatedAccuracy(1.0, 0.1, 4e-6, 0.2e-6)),
-    "pleiades": Sensor("Pleiades", 694e3, 0.70, 30000, 13600.0, StatedAccuracy(1.0, 0.1, 6e-6, 0.3e-6)),
-    "spot5": Sensor("SPOT 5", 832e3, 2.50, 24000, 2660.0, StatedAccuracy(2.0, 0.3, 40e-6, 2e-6)),
-    "wide-field": Sensor("wide field", 645e3, 16.0, 12000, 425.0, StatedAccuracy(20.0, 3.0, 100e-6, 20e-6)),
+    "ikonos": Sensor("IKONOS", 681e3, 0.82, 13816, 6500.0, AccuracyStatement(2.0, 0.2, 10e-6, 0.3e-6)),
+    "quickbird": Sensor("QuickBird", 450e3, 0.61, 27552, 6900.0, AccuracyStatement(2.0, 0.5, 30e-6, 4e-6)),
+    "worldview-2": Sensor("WorldView-2", 770e3, 0.46, 35420, 20000.0, AccuracyStatement(1.0, 0.1, 4e-6, 0.2e-6)),
+    "pleiades": Sensor("Pleiades", 694e3, 0.70, 30000, 13600.0, AccuracyStatement(1.0, 0.1, 6e-6, 0.3e-6)),
+    "spot5": Sensor("SPOT 5", 832e3, 2.50, 24000, 2660.0, AccuracyStatement(2.0, 0.3, 40e-6, 2e-6)),
+    "wide-field": Sensor("wide field", 645e3, 16.0, 12000, 425.0, AccuracyStatement(20.0, 3.0, 100e-6, 20e-6)),
 }

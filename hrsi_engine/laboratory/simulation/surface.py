@@ -4,8 +4,8 @@ Over the few hundred metres of a scene's relief a ray is a curve over the chart,
 ``h = middle + half u`` to less than a tenth of a millimetre; three exact intersections with heights give it. On it the
 surface is met
 
-* where the ground is too flat to hide anything (slope times tangent of the view angle below `OCCLUSION_FREE`) by the
-  iteration ``h <- surface(E(h), N(h))``, a contraction there;
+* where the ground is too flat to hide anything (slope times tangent of the view angle below
+  `INTERSECTION.occlusion_free`) by the iteration ``h <- surface(E(h), N(h))``, a contraction there;
 * elsewhere by walking down from the highest post in steps of half a post on the ground, and halving the step in
   which the ray goes under.
 """
@@ -16,12 +16,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...foundation.thresholds import threshold, thresholds
 from .pushbroom import PushbroomCamera
-from .terrain import SimulatedTerrain
+from .terrain import TerrainSurface
 
-OCCLUSION_FREE = 0.7
-HEIGHT_TOLERANCE_M = 5e-4
-BISECTIONS = 14
+
+@thresholds
+class IntersectionParameters:
+    """How rays are met with the terrain."""
+
+    occlusion_free: float = threshold(
+        0.7, "", "slope times tangent of the view angle below which nothing is hidden", "contraction < 1"
+    )
+    height_tolerance_m: float = threshold(5e-4, "m", "largest error of a height")
+    bisections: int = threshold(14, "steps", "bisections of the last step")
+
+
+INTERSECTION = IntersectionParameters()
 
 
 class RayPaths(NamedTuple):
@@ -34,7 +45,7 @@ class RayPaths(NamedTuple):
     middle_m: float
     half_m: float
 
-    def at(self, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def position_at(self, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return east and north where the rays have given heights."""
         u = (height_m - self.middle_m) / self.half_m
         (e0, n0), (e1, n1), (e2, n2) = self.coefficients
@@ -49,7 +60,7 @@ class RayPaths(NamedTuple):
         return self._replace(coefficients=self.coefficients[:, :, chosen])
 
 
-def ray_paths(camera: PushbroomCamera, terrain: SimulatedTerrain, image: np.ndarray) -> RayPaths:
+def compute_ray_paths(camera: PushbroomCamera, terrain: TerrainSurface, image: np.ndarray) -> RayPaths:
     """Return the paths of image points ``(n, 2)`` over the terrain's range of heights; coefficients ``(3, 2, n)``."""
     low, high = terrain.height_range
     middle, half = (low + high) / 2.0, (high - low) / 2.0 + 1.0
@@ -62,44 +73,44 @@ def ray_paths(camera: PushbroomCamera, terrain: SimulatedTerrain, image: np.ndar
     )
 
 
-def meet_surface(paths: RayPaths, terrain: SimulatedTerrain) -> np.ndarray:
+def meet_surface(paths: RayPaths, terrain: TerrainSurface) -> np.ndarray:
     """Return the heights at which rays first meet the terrain from above, in the shape of the rays."""
     reach = paths.tangent() * paths.half_m
     east, north = paths.coefficients[0]
     low, high, slope = terrain.window_statistics(east, north, reach)
-    if slope * paths.tangent() < OCCLUSION_FREE:
+    if slope * paths.tangent() < INTERSECTION.occlusion_free:
         height = np.full(paths.coefficients.shape[2:], ((low + high) / 2.0))
         for _ in range(60):
             previous = height
-            height = terrain.height(*paths.at(previous))
-            if np.abs(height - previous).max() < HEIGHT_TOLERANCE_M:
+            height = terrain.height(*paths.position_at(previous))
+            if np.abs(height - previous).max() < INTERSECTION.height_tolerance_m:
                 break
         return height
     return _walk_down(paths, terrain, low, high)
 
 
-def _walk_down(paths: RayPaths, terrain: SimulatedTerrain, low: float, high: float) -> np.ndarray:
+def _walk_down(paths: RayPaths, terrain: TerrainSurface, low: float, high: float) -> np.ndarray:
     shape = paths.coefficients.shape[2:]
     flat = paths._replace(coefficients=paths.coefficients.reshape(3, 2, -1))
     step = 0.5 * terrain.post_m / max(paths.tangent(), 1e-9)
-    under = np.full(int(np.prod(shape)), low - HEIGHT_TOLERANCE_M)
-    above = np.full(under.size, high + HEIGHT_TOLERANCE_M)
-    active, level = np.arange(under.size), high + HEIGHT_TOLERANCE_M
+    under = np.full(int(np.prod(shape)), low - INTERSECTION.height_tolerance_m)
+    above = np.full(under.size, high + INTERSECTION.height_tolerance_m)
+    active, level = np.arange(under.size), high + INTERSECTION.height_tolerance_m
     while level > low and active.size:
-        level = max(level - step, low - HEIGHT_TOLERANCE_M)
+        level = max(level - step, low - INTERSECTION.height_tolerance_m)
         some = flat.select(active)
-        met = level <= terrain.height(*some.at(np.full(active.size, level)))
+        met = level <= terrain.height(*some.position_at(np.full(active.size, level)))
         under[active[met]] = level
         active = active[~met]
         above[active] = level
-    for _ in range(BISECTIONS):
+    for _ in range(INTERSECTION.bisections):
         middle = (under + above) / 2.0
-        met = middle <= terrain.height(*flat.at(middle))
+        met = middle <= terrain.height(*flat.position_at(middle))
         under, above = np.where(met, middle, under), np.where(met, above, middle)
     return ((under + above) / 2.0).reshape(shape)
 
 
-def locate_on_surface(camera: PushbroomCamera, terrain: SimulatedTerrain, image: np.ndarray) -> np.ndarray:
+def locate_on_surface(camera: PushbroomCamera, terrain: TerrainSurface, image: np.ndarray) -> np.ndarray:
     """Return the ground points that a camera sees at image points.
 
     Parameters
@@ -116,4 +127,4 @@ def locate_on_surface(camera: PushbroomCamera, terrain: SimulatedTerrain, image:
     (n, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     """
-    return camera.image_to_ground(image, meet_surface(ray_paths(camera, terrain, image), terrain))
+    return camera.image_to_ground(image, meet_surface(compute_ray_paths(camera, terrain, image), terrain))

@@ -15,22 +15,22 @@ from ...ground.geodesy import metres_per_degree
 from .acquisitions import Acquisition
 from .control import (  # fmt: skip
     TrueImagePoints,
-    measure,
-    observe,
+    measure_points,
     place_control,
     place_ties,
-    survey,
+    project_true_points,
+    survey_points,
 )
 from .options import Noise, PointCounts, SceneSpec
 from .pushbroom import PushbroomCamera
 from .scene import Scene, make_scene
 from .sensors import OrientationError
-from .vendor import VendorRPC, fit_camera, stated_accuracy
+from .vendor import VendorRPC, fit_camera, make_accuracy_statement
 from .views import SceneView
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class BlockTruth:
     """Everything that is exactly so.
 
     Parameters
@@ -75,7 +75,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedBlock:
+class BlockSimulation:
     """A block as a user would have it, the scene it shows and the truth; rows of the two point tables agree.
 
     Parameters
@@ -99,7 +99,7 @@ class SimulatedBlock:
     noise: Noise
     scene: Scene
     block: Block
-    truth: Truth
+    truth: BlockTruth
 
     def __repr__(self) -> str:
         return f"<SimulatedBlock: {self.block!r}>"
@@ -140,7 +140,7 @@ def simulate_block(
     points: PointCounts | None = None,
     noise: Noise | None = None,
     progress: Progress = silent,
-) -> SimulatedBlock:
+) -> BlockSimulation:
     """Return a synthetic block; the same arguments give the same block to the last bit.
 
     Parameters
@@ -172,39 +172,41 @@ def simulate_block(
     scene = make_scene(spec, views)
     cameras = tuple(view.camera(scene.chart, spec.mean_height_m) for view in views)
     vendor_cameras = tuple(
-        camera.disturb(_vendor_error(view, spec, noise, index))
+        camera.disturb(_draw_vendor_error(view, spec, noise, index))
         for index, (view, camera) in enumerate(zip(views, cameras, strict=True))
     )
     advance(progress, 0.2, "terrain simulated")
-    scene = _with_targets(scene, cameras, points)
+    scene = _place_targets(scene, cameras, points)
     ids, ground, role = _place_points(cameras, scene, points)
     known = role != Role.TIE
-    image_points = _sort_ties(observe(cameras, scene.terrain, ground))
+    image_points = _sort_ties(project_true_points(cameras, scene.terrain, ground))
     advance(progress, 0.6, "points placed")
     vendor_rpcs = tuple(
-        replace(fit, rpc=stated_accuracy(fit.rpc, camera, view.sensor.accuracy, noise.vendor))
+        replace(fit, rpc=make_accuracy_statement(fit.rpc, camera, view.sensor.accuracy, noise.vendor))
         for fit, camera, view in zip(
-            _fit_all(vendor_cameras, scene, stage(progress, 0.6, 1.0)), vendor_cameras, views, strict=True
+            _fit_cameras(vendor_cameras, scene, stage(progress, 0.6, 1.0)), vendor_cameras, views, strict=True
         )
     )
 
-    surveyed, wrong = survey(
+    surveyed, wrong = survey_points(
         ids[known], ground[known], role[known], noise, 1.0 / metres_per_degree(ground[known]),
         np.random.default_rng([spec.seed, 40]),
     )  # fmt: skip
     image_ids = np.array([view.id for view in views])
-    measured, blunder = measure(ids, role, image_ids, image_points, noise, np.random.default_rng([spec.seed, 41]))
+    measured, blunder = measure_points(
+        ids, role, image_ids, image_points, noise, np.random.default_rng([spec.seed, 41])
+    )
     images = [Image(view.id, fit.rpc, view.size) for view, fit in zip(views, vendor_rpcs, strict=True)]
     wrong_height = np.zeros(len(ids), dtype=bool)
     wrong_height[known] = wrong
-    truth = Truth(
+    truth = BlockTruth(
         cameras, vendor_cameras, vendor_rpcs, scene.terrain.height_range, ids, ground, role, image_points, blunder,
         wrong_height,
     )  # fmt: skip
-    return SimulatedBlock(spec, tuple(views), noise, scene, assemble(images, [surveyed], [measured]), truth)
+    return BlockSimulation(spec, tuple(views), noise, scene, assemble(images, [surveyed], [measured]), truth)
 
 
-def _fit_all(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progress) -> tuple[VendorRPC, ...]:
+def _fit_cameras(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progress) -> tuple[VendorRPC, ...]:
     fitted = []
     for index, camera in enumerate(cameras):
         fitted.append(fit_camera(camera, scene.terrain.height_range))
@@ -212,13 +214,13 @@ def _fit_all(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progres
     return tuple(fitted)
 
 
-def _vendor_error(view: SceneView, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
+def _draw_vendor_error(view: SceneView, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
     if view.vendor_error is not None:
         return view.vendor_error
     return view.sensor.accuracy.draw(np.random.default_rng([spec.seed, 42, index]), noise.vendor)
 
 
-def _with_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: PointCounts) -> Scene:
+def _place_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: PointCounts) -> Scene:
     """Return the scene with a target on plane ground for every surveyed point, GCPs first."""
     rng = np.random.default_rng([scene.spec.seed, 43])
     known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)

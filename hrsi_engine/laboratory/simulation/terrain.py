@@ -16,10 +16,19 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 
-ROUGHNESS = 0.95  # Hurst exponent H of the relief: rolling hills
-CLIFF_ROUGHNESS = 1.6  # of the relief whose zero line the cliffs follow: smooth, so that cliffs are few and long
+
+@thresholds
+class TerrainParameters:
+    """Shape of the fractal relief."""
+
+    roughness: float = threshold(0.95, "", "Hurst exponent H of the hills")
+    cliff_roughness: float = threshold(1.6, "", "H of the relief whose zero line cliffs follow: few and long ones")
+
+
+TERRAIN = TerrainParameters()
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,7 @@ class Chart:
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedTerrain:
+class TerrainSurface:
     """Height posts over the chart: row 0 is the northern one, ``west_m`` and ``north_m`` its first post."""
 
     chart: Chart
@@ -92,7 +101,7 @@ class SimulatedTerrain:
         """Return the surface height ``(n,)`` at lon, lat(, height) points."""
         return self.height(*self.chart.from_ground(ground).T)
 
-    def plane_around(self, positions_m: np.ndarray, radius_m: float) -> SimulatedTerrain:
+    def plane_around(self, positions_m: np.ndarray, radius_m: float) -> TerrainSurface:
         """Return the terrain made plane within a radius of chart positions ``(n, 2)``, as steep as it is there.
 
         A disc on the ground then has its centre's image in the middle of its own.
@@ -126,7 +135,7 @@ class SimulatedTerrain:
         return slice(first, int(np.clip(last_m / self.post_m + 1, first + 2, count)))
 
 
-def fractal_terrain(
+def make_fractal_terrain(
     chart: Chart,
     half_extent_m: float,
     post_m: float,
@@ -134,7 +143,7 @@ def fractal_terrain(
     relief_m: float,
     seed: int,
     cliff_m: float = 0.0,
-) -> SimulatedTerrain:
+) -> TerrainSurface:
     """Return a terrain reaching ``half_extent_m`` from the chart's origin in the four directions.
 
     ``relief_m`` is the range of the hills; ``cliff_m`` the height of cliffs on top of it, none where 0.
@@ -143,15 +152,17 @@ def fractal_terrain(
     count = 2 * half + 1
     heights = np.zeros((count, count), dtype=np.float32)
     if relief_m > 0.0:
-        hills = fractal_relief(count, ROUGHNESS, np.random.default_rng([seed, 1]))
+        hills = make_fractal_relief(count, TERRAIN.roughness, np.random.default_rng([seed, 1]))
         heights += relief_m * (hills - hills.min()) / np.ptp(hills)
     if cliff_m > 0.0:
-        heights += cliff_m * (fractal_relief(count, CLIFF_ROUGHNESS, np.random.default_rng([seed, 2])) > 0.0)
+        heights += cliff_m * (
+            make_fractal_relief(count, TERRAIN.cliff_roughness, np.random.default_rng([seed, 2])) > 0.0
+        )
     heights += mean_height_m - heights.mean()
-    return SimulatedTerrain(chart, heights.astype(np.float32), -half * post_m, half * post_m, post_m)
+    return TerrainSurface(chart, heights.astype(np.float32), -half * post_m, half * post_m, post_m)
 
 
-def fractal_relief(count: int, roughness: float, rng: np.random.Generator) -> np.ndarray:
+def make_fractal_relief(count: int, roughness: float, rng: np.random.Generator) -> np.ndarray:
     """Return ``(count, count)`` relief of zero mean and unit standard deviation; ``roughness`` is Hurst's exponent."""
     period = fft.next_fast_len(int(1.3 * count) + 1, real=True)  # larger than the scene: opposite edges do not match
     spectrum = fft.rfft2(rng.standard_normal((period, period), dtype=np.float32), workers=1, overwrite_x=True)

@@ -17,30 +17,31 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
-from .landscape import (  # fmt: skip
-    BLOCK_M,
-    MAIN_ROAD_BLOCKS,
-    MAIN_ROAD_HALF_M,
-    PARCEL_M,
-    PARCELS,
-    ROAD_GREY,
-    ROAD_HALF_M,
-    Landscape,
-    Objects,
-)
+from ...foundation.thresholds import threshold, thresholds
+from .landscape import LATTICE, ROAD_GREY, Landscape, Objects
 
 #: Width of the ramp with the same slope at the middle as a Gaussian edge of unit standard deviation.
 RAMP = np.float32(np.sqrt(2.0 * np.pi))
-SNOW_GREY, SNOW_ON_ROADS = 1450.0, 0.35
+
+
+@thresholds
+class SnowParameters:
+    """How snow looks."""
+
+    grey: float = threshold(1450.0, "DN", "grey value of snow")
+    on_roads: float = threshold(0.35, "", "share of snow on roads, by that on open land")
+
+
+SNOW = SnowParameters()
 
 
 @runtime_checkable
-class DatedLandscape(Protocol):
+class LandscapeOfDate(Protocol):
     """What the landscape of a date has besides (`seasons.SeasonLandscape`)."""
 
     @property
     def parcel_season(self) -> np.ndarray:
-        """Share of the season's own texture, and how far snow covers a parcel, ``(2, PARCELS, PARCELS)``."""
+        """Share of the season's own texture, and how far snow covers a parcel, ``(2, parcels, parcels)``."""
 
     @property
     def snow(self) -> float:
@@ -91,7 +92,7 @@ class PeriodicField:
         lit = crown + 0.8 * (np.cos(sun_rad) * slopes[0] + np.sin(sun_rad) * slopes[1])
         return cls(fft.rfft2((lit - lit.mean()) / lit.std()), cell_m)
 
-    def mixed_with(self, other: PeriodicField, share: float) -> PeriodicField:
+    def mix(self, other: PeriodicField, share: float) -> PeriodicField:
         """Return a field of the same strength that has a correlation of sqrt(1 - share²) with this one."""
         return PeriodicField(np.sqrt(1.0 - share**2) * self.spectrum + share * other.spectrum, self.cell_m)
 
@@ -114,10 +115,10 @@ def sample_periodic(field: np.ndarray, cell_m: float, east: np.ndarray, north: n
     x, y = east / np.float32(cell_m), north / np.float32(cell_m)
     column, row = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
     x, y = x - column, y - row
-    return _blend(field, row, column, x.astype(np.float32), y.astype(np.float32), count - 1)
+    return _blend_fields(field, row, column, x.astype(np.float32), y.astype(np.float32), count - 1)
 
 
-def _blend(
+def _blend_fields(
     table: np.ndarray, row: np.ndarray, column: np.ndarray, x: np.ndarray, y: np.ndarray, mask: int
 ) -> np.ndarray:
     """Return the bilinear mixture of four neighbours in a periodic table, weights ``x`` and ``y`` of the next ones."""
@@ -153,7 +154,7 @@ class Texture:
         """Tree crowns of about 6 m."""
         return PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([self.landscape.seed, 32]))
 
-    def blur(self, sigma_m: float, band: int, date: int = 0, change: float = 0.0) -> BlurredTexture:
+    def blur(self, sigma_m: float, band: int, date: int = 0, change: float = 0.0) -> SensorTexture:
         """Return the ground as a sensor sees it whose blur on the ground has ``sigma_m``, in one of `BANDS`.
 
         At dates other than 0 the ``change``, 0 … 1, is how much of soil and plants looks different: their fine texture
@@ -164,16 +165,16 @@ class Texture:
         if date and change:
             seed = self.landscape.seed
             other = PeriodicField.power_law(1024, 0.5, 0.9, np.random.default_rng([seed, 33, date]))
-            fine = fine.mixed_with(other, change)
+            fine = fine.mix(other, change)
             sun = change * np.random.default_rng([seed, 34, date]).uniform(-np.pi, np.pi)
             canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), sun)
             landscape = self.landscape.at_date(date, change)
         fields = tuple(field.blur(sigma) for field in (fine, self.broad, canopy))
-        return BlurredTexture(landscape, fields, sigma, band)
+        return SensorTexture(landscape, fields, sigma, band)
 
 
 @dataclass(frozen=True, eq=False)
-class BlurredTexture:
+class SensorTexture:
     """Grey values of one band at one resolution; ``sigma_m`` is in unscaled metres of the landscape."""
 
     landscape: Landscape
@@ -191,11 +192,13 @@ class BlurredTexture:
         row, y = self._border_mixture(v)
         landscape = self.landscape
         tables = (landscape.parcel_grey[self.band], *landscape.parcel_contrast)
-        grey, contrast, canopy = (_blend(table, row, column, x, y, PARCELS - 1) for table in tables)
+        grey, contrast, canopy = (_blend_fields(table, row, column, x, y, LATTICE.parcels - 1) for table in tables)
         fine, broad, crowns, *season = (sample_periodic(*field, e, n) for field in self.fields)
         own, snow = fine, None
-        if season and isinstance(landscape, DatedLandscape):
-            share, hold = (_blend(table, row, column, x, y, PARCELS - 1) for table in landscape.parcel_season)
+        if season and isinstance(landscape, LandscapeOfDate):
+            share, hold = (
+                _blend_fields(table, row, column, x, y, LATTICE.parcels - 1) for table in landscape.parcel_season
+            )
             own = np.sqrt(1.0 - share**2) * fine + share * season[0]
             if landscape.snow:
                 snow = hold * np.clip(4.0 * (landscape.snow_line - broad - 0.2 * season[0]) + 0.5, 0.0, 1.0)
@@ -207,25 +210,25 @@ class BlurredTexture:
         if snow is not None:
             grey += (
                 snow
-                * (1.0 - np.float32(1.0 - SNOW_ON_ROADS) * road)
-                * (np.float32(SNOW_GREY) * (1.0 + np.float32(0.03) * own) - grey)
+                * (1.0 - np.float32(1.0 - SNOW.on_roads) * road)
+                * (np.float32(SNOW.grey) * (1.0 + np.float32(0.03) * own) - grey)
             )
         return grey
 
     def _border_mixture(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the parcel before the nearest border and the share of the one behind it."""
-        position = u / np.float32(PARCEL_M)
+        position = u / np.float32(LATTICE.parcel_m)
         border = np.rint(position)
-        width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3)) / np.float32(PARCEL_M)
+        width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3)) / np.float32(LATTICE.parcel_m)
         share = np.clip((position - border) / width + np.float32(0.5), 0.0, 1.0)
         return border.astype(np.int32) - 1, share
 
     def _roads_along(self, u: np.ndarray) -> np.ndarray:
-        position = u / np.float32(BLOCK_M)
+        position = u / np.float32(LATTICE.block_m)
         border = np.rint(position)
-        main = np.rint(border / MAIN_ROAD_BLOCKS) * MAIN_ROAD_BLOCKS == border
-        half = np.where(main, np.float32(MAIN_ROAD_HALF_M), np.float32(ROAD_HALF_M))
-        inside = half - np.abs(position - border) * np.float32(BLOCK_M)
+        main = np.rint(border / LATTICE.main_road_blocks) * LATTICE.main_road_blocks == border
+        half = np.where(main, np.float32(LATTICE.main_road_half_m), np.float32(LATTICE.road_half_m))
+        inside = half - np.abs(position - border) * np.float32(LATTICE.block_m)
         width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3))
         return np.clip(inside / width + np.float32(0.5), 0.0, 1.0)
 
@@ -233,12 +236,12 @@ class BlurredTexture:
 # ---- objects ---------------------------------------------------------------------------------------------------
 
 
-def disc_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, sigma_m: float) -> np.ndarray:
+def compute_disc_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, sigma_m: float) -> np.ndarray:
     """Return the share of a disc in each pixel; ``right`` and ``ahead`` are metres from its centre."""
     return ndtr((np.float32(size_m[0] / 2.0) - np.hypot(right, ahead)) / np.float32(sigma_m))
 
 
-def rectangle_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, sigma_m: float) -> np.ndarray:
+def compute_rectangle_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, sigma_m: float) -> np.ndarray:
     """Return the share of a rectangle, ``size_m`` long ahead and wide to the right, in each pixel; exact."""
     cover = np.ones_like(right)
     for distance, size in ((ahead, size_m[0]), (right, size_m[1])):
@@ -249,17 +252,17 @@ def rectangle_cover(right: np.ndarray, ahead: np.ndarray, size_m: np.ndarray, si
 
 CoverFunction = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
 COVERAGE: dict[str, CoverFunction] = {
-    "roof": rectangle_cover,
-    "tank": disc_cover,
-    "car": rectangle_cover,
-    "roundabout": disc_cover,
-    "island": disc_cover,
-    "apron": disc_cover,
-    "target": disc_cover,
+    "roof": compute_rectangle_cover,
+    "tank": compute_disc_cover,
+    "car": compute_rectangle_cover,
+    "roundabout": compute_disc_cover,
+    "island": compute_disc_cover,
+    "apron": compute_disc_cover,
+    "target": compute_disc_cover,
 }
 
 
-def cover_of(objects: Objects, index: int, east: np.ndarray, north: np.ndarray, blur_m: float) -> np.ndarray:
+def compute_cover(objects: Objects, index: int, east: np.ndarray, north: np.ndarray, blur_m: float) -> np.ndarray:
     """Return the share of each pixel that an object covers at chart positions."""
     east_off = (east - objects.position_m[index, 0]).astype(np.float32)
     north_off = (north - objects.position_m[index, 1]).astype(np.float32)
@@ -268,8 +271,8 @@ def cover_of(objects: Objects, index: int, east: np.ndarray, north: np.ndarray, 
     return COVERAGE[str(objects.kind[index])](right, ahead, objects.size_m[index], blur_m)
 
 
-def paint(
+def paint_objects(
     grey: np.ndarray, east: np.ndarray, north: np.ndarray, objects: Objects, index: int, sigma_m: float, band: int
 ) -> None:
     """Paint one object over the pixels of a window, in place; ``east`` and ``north`` are their chart metres."""
-    grey += cover_of(objects, index, east, north, sigma_m) * (objects.grey[index, band] - grey)
+    grey += compute_cover(objects, index, east, north, sigma_m) * (objects.grey[index, band] - grey)

@@ -12,17 +12,26 @@ from functools import cached_property
 
 import numpy as np
 
+from ...foundation.thresholds import threshold, thresholds
 from .landscape import Objects
-from .texture import BlurredTexture, paint
-
-RENDER_TILE = 256
-REACH_SIGMAS = 4.0  # an object's blur is painted so far
+from .texture import SensorTexture, paint_objects
 
 
-def tiles_of(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:
+@thresholds
+class TileParameters:
+    """How images are painted tile by tile."""
+
+    tile_px: int = threshold(256, "px", "side of a tile")
+    reach_sigmas: float = threshold(4.0, "sigma", "reach of an object's blur")
+
+
+TILES = TileParameters()
+
+
+def list_tiles(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:
     """Yield row and column of the tiles that a window touches, in reading order."""
-    for row in range(line // RENDER_TILE, -(-(line + lines) // RENDER_TILE)):
-        for column in range(sample // RENDER_TILE, -(-(sample + samples) // RENDER_TILE)):
+    for row in range(line // TILES.tile_px, -(-(line + lines) // TILES.tile_px)):
+        for column in range(sample // TILES.tile_px, -(-(sample + samples) // TILES.tile_px)):
             yield row, column
 
 
@@ -36,17 +45,17 @@ def cut_window(
     if sample < 0 or line < 0 or sample + samples > size[0] or line + lines > size[1]:
         raise ValueError(f"window {sample}, {line}, {samples} x {lines} is not inside {size[0]} x {size[1]}")
     out = np.empty((lines, samples), dtype=np.uint16)
-    for row, column in tiles_of(sample, line, samples, lines):
+    for row, column in list_tiles(sample, line, samples, lines):
         pixels = tile(row, column)
-        top, left = row * RENDER_TILE - line, column * RENDER_TILE - sample  # of the tile, in the window
+        top, left = row * TILES.tile_px - line, column * TILES.tile_px - sample  # of the tile, in the window
         part = pixels[max(-top, 0) : lines - top, max(-left, 0) : samples - left]
         out[max(top, 0) :, max(left, 0) :][: part.shape[0], : part.shape[1]] = part
     return out
 
 
-def tile_shape(size: tuple[int, int], row: int, column: int) -> tuple[int, int]:
+def compute_tile_shape(size: tuple[int, int], row: int, column: int) -> tuple[int, int]:
     """Return lines and samples of a tile; those at the right and lower border are smaller."""
-    return min(RENDER_TILE, size[1] - row * RENDER_TILE), min(RENDER_TILE, size[0] - column * RENDER_TILE)
+    return min(TILES.tile_px, size[1] - row * TILES.tile_px), min(TILES.tile_px, size[0] - column * TILES.tile_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +66,16 @@ class TilePainter:
     """
 
     size: tuple[int, int]
-    texture: BlurredTexture
+    texture: SensorTexture
     objects: Objects
     boxes: np.ndarray
     blur_m: float
 
     @classmethod
-    def around(
+    def from_objects(
         cls,
         size: tuple[int, int],
-        texture: BlurredTexture,
+        texture: SensorTexture,
         objects: Objects,
         centres_px: np.ndarray,
         gsd_m: float,
@@ -76,7 +85,7 @@ class TilePainter:
 
         The boxes are twice as large as the objects, room for what relief inside an object does to its outline.
         """
-        reach_px = ((np.hypot(*objects.size_m.T) + REACH_SIGMAS * blur_m) / gsd_m)[:, None]
+        reach_px = ((np.hypot(*objects.size_m.T) + TILES.reach_sigmas * blur_m) / gsd_m)[:, None]
         low, high = np.floor(centres_px - reach_px), np.ceil(centres_px + reach_px)
         boxes = np.column_stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]])
         return cls(size, texture, objects, np.nan_to_num(boxes, nan=-1e9).astype(np.int64), blur_m)
@@ -90,14 +99,14 @@ class TilePainter:
         """
         grey = self.texture.grey(east, north)
         for index, part in self.touching(row, column):
-            paint(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
+            paint_objects(grey[part], east[part], north[part], self.objects, index, self.blur_m, self.texture.band)
         return grey
 
     def touching(self, row: int, column: int) -> list[tuple[int, tuple[slice, slice]]]:
         """Return the objects that touch a tile, in painting order, and the part of it that each one's box covers."""
         found = []
         for index in self._touching.get((row, column), ()):
-            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * RENDER_TILE, row * RENDER_TILE], 2)
+            s0, s1, l0, l1 = self.boxes[index] - np.repeat([column * TILES.tile_px, row * TILES.tile_px], 2)
             found.append((index, (slice(max(l0, 0), l1 + 1), slice(max(s0, 0), s1 + 1))))
         return found
 
@@ -108,7 +117,7 @@ class TilePainter:
         visible = (self.boxes[:, 1::2] >= 0).all(axis=1) & (self.boxes[:, ::2] <= limits[::2]).all(axis=1)
         touching: dict[tuple[int, int], list[int]] = {}
         for index in np.flatnonzero(visible):
-            first_column, last_column, first_row, last_row = np.clip(self.boxes[index], 0, limits) // RENDER_TILE
+            first_column, last_column, first_row, last_row = np.clip(self.boxes[index], 0, limits) // TILES.tile_px
             for row in range(first_row, last_row + 1):
                 for column in range(first_column, last_column + 1):
                     touching.setdefault((row, column), []).append(int(index))

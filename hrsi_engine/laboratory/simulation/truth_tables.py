@@ -9,11 +9,11 @@ import numpy as np
 
 from ...block.points import ROLE_LABELS, Role
 from .acquisitions import Acquisition
-from .landscape import PARCELS, SPECTRAL_BANDS
+from .landscape import LATTICE, SPECTRAL_BANDS
 from .pushbroom import PushbroomCamera
 from .seasons import SeasonLandscape, park_cars
 from .sensors import OrientationError
-from .synthesis import SimulatedBlock
+from .synthesis import BlockSimulation
 from .vendor import VendorRPC
 
 
@@ -24,7 +24,7 @@ class TruthTable(NamedTuple):
     columns: dict[str, np.ndarray]
 
 
-def truth_document(simulated: SimulatedBlock) -> dict[str, Any]:
+def make_truth_document(simulated: BlockSimulation) -> dict[str, Any]:
     """Return everything that is exactly so, ready for JSON; the tables have the points as well.
 
     Image points are ``[id, image, sample, line]``; blunders are named ``[id, image]``.
@@ -42,7 +42,7 @@ def truth_document(simulated: SimulatedBlock) -> dict[str, Any]:
     truth, views = simulated.truth, simulated.views
     points = truth.image_points
     image_ids = np.array([view.id for view in views])
-    gross = [[str(truth.ids[p]), str(image_ids[i])] for p, i in _rows(points.point, points.image, truth.blunder)]
+    gross = [[str(truth.ids[p]), str(image_ids[i])] for p, i in _list_rows(points.point, points.image, truth.blunder)]
     return {
         "schema": 1,
         "conventions": {
@@ -52,7 +52,7 @@ def truth_document(simulated: SimulatedBlock) -> dict[str, Any]:
         },
         "scene": asdict(simulated.spec) | {"height_range_m": list(truth.height_range_m)},
         "noise": asdict(simulated.noise),
-        "images": {view.id: _image(simulated, index) for index, view in enumerate(views)},
+        "images": {view.id: _describe_image(simulated, index) for index, view in enumerate(views)},
         "ground_points": {
             str(name): {"role": Role(role).label, "ground": position.tolist()}
             for name, role, position in zip(truth.ids, truth.role, truth.ground, strict=True)
@@ -66,25 +66,25 @@ def truth_document(simulated: SimulatedBlock) -> dict[str, Any]:
     }
 
 
-def _rows(point: np.ndarray, image: np.ndarray, chosen: np.ndarray) -> list[tuple[int, int]]:
+def _list_rows(point: np.ndarray, image: np.ndarray, chosen: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(point[chosen].tolist(), image[chosen].tolist(), strict=True))
 
 
-def _image(simulated: SimulatedBlock, index: int) -> dict[str, Any]:
+def _describe_image(simulated: BlockSimulation, index: int) -> dict[str, Any]:
     view, truth = simulated.views[index], simulated.truth
     document = asdict(view)
     document |= {
         "gsd_m": list(truth.cameras[index].gsd_m()),
         "vendor_error": asdict(truth.vendor_cameras[index].error),
-        "camera": _camera(truth.cameras[index]),
-        "vendor_rpc": _fit(truth.vendor_rpcs[index]),
-        "true_rpc": _fit(truth.rpcs[index]),
+        "camera": _describe_camera(truth.cameras[index]),
+        "vendor_rpc": _describe_fit(truth.vendor_rpcs[index]),
+        "true_rpc": _describe_fit(truth.rpcs[index]),
         "bands": list(SPECTRAL_BANDS),
     }
     return document
 
 
-def _camera(camera: PushbroomCamera) -> dict[str, Any]:
+def _describe_camera(camera: PushbroomCamera) -> dict[str, Any]:
     """Return the numbers that the physical model is made of."""
     document: dict[str, Any] = {}
     for field in fields(camera):
@@ -97,14 +97,14 @@ def _camera(camera: PushbroomCamera) -> dict[str, Any]:
     return document
 
 
-def _fit(fitted: VendorRPC) -> dict[str, Any]:
+def _describe_fit(fitted: VendorRPC) -> dict[str, Any]:
     """Return an RPC and how far it is from its physical camera, on the independent grid."""
     values = {field.name: getattr(fitted.rpc, field.name) for field in fields(fitted.rpc)}
     coefficients = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
     return {"fit_max_px": fitted.max_px, "fit_rms_px": fitted.rms_px, "rpc": coefficients}
 
 
-def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
+def make_truth_tables(simulated: BlockSimulation) -> dict[str, TruthTable]:
     """Return the tables ``true_ground_points``, ``true_image_points`` (at their ground positions) and ``objects``.
 
     Parameters
@@ -127,13 +127,13 @@ def truth_tables(simulated: SimulatedBlock) -> dict[str, TruthTable]:
     }  # fmt: skip
     return {
         "true_ground_points": TruthTable(truth.ground, columns),
-        "true_image_points": _image_points(simulated),
-        "objects": _objects(simulated),
-        **({"changes": _changes(simulated)} if simulated.acquisitions else {}),
+        "true_image_points": _tabulate_image_points(simulated),
+        "objects": _tabulate_objects(simulated),
+        **({"changes": _tabulate_changes(simulated)} if simulated.acquisitions else {}),
     }
 
 
-def _image_points(simulated: SimulatedBlock) -> TruthTable:
+def _tabulate_image_points(simulated: BlockSimulation) -> TruthTable:
     truth, points = simulated.truth, simulated.truth.image_points
     measured = simulated.block.measurements.xy
     columns = {
@@ -147,7 +147,7 @@ def _image_points(simulated: SimulatedBlock) -> TruthTable:
     return TruthTable(truth.ground[points.point], columns)
 
 
-def _objects(simulated: SimulatedBlock) -> TruthTable:
+def _tabulate_objects(simulated: BlockSimulation) -> TruthTable:
     """Return the painted objects: centre, length, width and azimuth of the length."""
     objects, ground = simulated.scene.objects, simulated.scene.object_ground()
     columns = {
@@ -163,7 +163,7 @@ def _objects(simulated: SimulatedBlock) -> TruthTable:
     return TruthTable(ground, columns)
 
 
-def _changes(simulated: SimulatedBlock) -> TruthTable:
+def _tabulate_changes(simulated: BlockSimulation) -> TruthTable:
     """Return what is different on each date: at a place of the ground, what it is and since when or on which date.
 
     ``built`` and ``torn`` are buildings that are there or gone for the first time, ``ploughed`` and ``grown`` parcels
@@ -175,8 +175,8 @@ def _changes(simulated: SimulatedBlock) -> TruthTable:
     centres = scene.landscape.parcel_centres(parcels)
     standing, bare = year.standing(-1.0), None
     for taken in simulated.acquisitions:
-        season = SeasonLandscape.on(scene.landscape, taken, scene.spec.lat_deg)
-        now, ploughed = year.standing(taken.day), season.ploughed[tuple(parcels.T % PARCELS)]
+        season = SeasonLandscape.from_acquisition(scene.landscape, taken, scene.spec.lat_deg)
+        now, ploughed = year.standing(taken.day), season.ploughed[tuple(parcels.T % LATTICE.parcels)]
         rows.append(("built", taken, objects.position_m[now & ~standing]))
         rows.append(("torn", taken, objects.position_m[standing & ~now]))
         before = ploughed if bare is None else bare

@@ -8,14 +8,25 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...camera.rpc_fit import fit_rpc
+from ...foundation.thresholds import threshold, thresholds
 from .pushbroom import PushbroomCamera
-from .sensors import StatedAccuracy
+from .sensors import AccuracyStatement
 
-CONTROL_GRID = (15, 15, 7)  # samples, lines, heights
-VENDOR_CHECK_GRID = (22, 23, 10)  # shares no node with the control grid
-HEIGHT_MARGIN_M = 50.0
-RESOLVED_PX = 2e-8
-CONTROL_GRID_BORDER = 0.02  # by which the control grid is larger than the image, as a share of it
+
+@thresholds
+class VendorParameters:
+    """Grids that a vendor's RPC is fitted to and checked on."""
+
+    control_grid: tuple[int, int, int] = threshold((15, 15, 7), "nodes", "samples, lines and heights of the grid")
+    check_grid: tuple[int, int, int] = threshold(
+        (22, 23, 10), "nodes", "of the check grid, which shares no node with it"
+    )
+    height_margin_m: float = threshold(50.0, "m", "margin of the heights")
+    resolved_px: float = threshold(2e-8, "px", "smallest residual that the fit resolves")
+    border: float = threshold(0.02, "", "margin of the grid around the image, by its size")
+
+
+VENDOR = VendorParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +38,8 @@ class VendorRPC:
     rpc : RPC
         The camera as it is delivered.
     max_px, rms_px : float
-        Largest and RMS difference; the largest is never below `RESOLVED_PX`: the camera's own two directions agree no
-        better.
+        Largest and RMS difference; the largest is never below `VENDOR.resolved_px`: the camera's own two
+        directions agree no better.
     """
 
     rpc: RPC
@@ -51,15 +62,15 @@ def fit_camera(camera: PushbroomCamera, height_range_m: tuple[float, float]) -> 
     VendorRPC
         The RPC, and how well it fits.
     """
-    low, high = height_range_m[0] - HEIGHT_MARGIN_M, height_range_m[1] + HEIGHT_MARGIN_M
-    image, ground = control_grid(camera, CONTROL_GRID, (low, high), CONTROL_GRID_BORDER)
+    low, high = height_range_m[0] - VENDOR.height_margin_m, height_range_m[1] + VENDOR.height_margin_m
+    image, ground = make_control_grid(camera, VENDOR.control_grid, (low, high), VENDOR.border)
     rpc = fit_rpc(ground, image).rpc
-    image, ground = control_grid(camera, VENDOR_CHECK_GRID, (low, high), 0.0)
+    image, ground = make_control_grid(camera, VENDOR.check_grid, (low, high), 0.0)
     distance = np.hypot(*(rpc.project(ground) - image).T)
-    return VendorRPC(rpc, max(float(distance.max()), RESOLVED_PX), float(np.sqrt(np.mean(distance**2))))
+    return VendorRPC(rpc, max(float(distance.max()), VENDOR.resolved_px), float(np.sqrt(np.mean(distance**2))))
 
 
-def stated_accuracy(rpc: RPC, camera: PushbroomCamera, accuracy: StatedAccuracy, scale: float) -> RPC:
+def make_accuracy_statement(rpc: RPC, camera: PushbroomCamera, accuracy: AccuracyStatement, scale: float) -> RPC:
     """Return the RPC with ERR_BIAS, the standard deviation of each horizontal coordinate that the vendor states.
 
     It follows from the sensor's accuracy, ``scale`` times: an attitude error moves the ground by the distance across
@@ -75,7 +86,7 @@ def stated_accuracy(rpc: RPC, camera: PushbroomCamera, accuracy: StatedAccuracy,
     return replace(rpc, err_bias=scale * float(np.hypot(accuracy.position_m, by_attitude)))
 
 
-def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
+def fit_multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
     """Return the exact RPC of larger pixels with the same upper left corner.
 
     Parameters
@@ -100,7 +111,7 @@ def multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
     )
 
 
-def control_grid(
+def make_control_grid(
     camera: PushbroomCamera, counts: tuple[int, int, int], heights_m: tuple[float, float], border: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return image ``(n, 2)`` and ground points ``(n, 3)`` of a grid over the image and its range of heights."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from .acquisitions import Acquisition
 from .options import HEADING_DEG, STRIP_OVERLAP
-from .pushbroom import PushbroomCamera, aim
+from .pushbroom import PushbroomCamera, aim_camera
 from .sensors import OrientationError, Radiometry, Sensor
 from .terrain import Chart
 
@@ -30,9 +30,9 @@ class SceneView:
     size : tuple of int
         Samples and lines.
     along_deg, across_deg, heading_deg : float
-        As of `aim`.
+        As of `aim_camera`.
     scan_deg : float, optional
-        As of `aim`.
+        As of `aim_camera`.
     offset_m : tuple of float
         Where the middle of the image lies, east and north of the scene centre.
     jitter : OrientationError
@@ -77,7 +77,9 @@ class SceneView:
             The camera.
         """
         target = chart.to_ground(np.array([self.offset_m]), np.array([height_m]))[0]
-        camera = aim(self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg)
+        camera = aim_camera(
+            self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg
+        )
         return camera.disturb(self.jitter)
 
     @property
@@ -87,7 +89,7 @@ class SceneView:
         return float(0.5 * np.hypot(*self.size) * self.sensor.gsd_m / np.cos(1.2 * tilt) ** 3)
 
 
-def along_track_views(
+def make_along_track_views(
     sensor: Sensor,
     images: int,
     size: tuple[int, int],
@@ -107,7 +109,7 @@ def along_track_views(
     size : tuple of int
         Samples and lines.
     across_deg, heading_deg : float
-        As of `aim`.
+        As of `aim_camera`.
     offset_m : tuple of float
         Of the place, east and north of the scene centre.
     prefix : str
@@ -125,7 +127,7 @@ def along_track_views(
     )
 
 
-def strip_views(
+def make_strip_views(
     sensor: Sensor,
     strips: int,
     per_strip: int,
@@ -168,11 +170,11 @@ def strip_views(
             shift = (strip - (strips - 1) / 2) * across * left + (place - (per_strip - 1) / 2) * along * forward
             offset = float(shift[0]), float(shift[1])
             prefix = f"strip{strip + 1}_{place + 1}"
-            views += along_track_views(sensor, images_per_place, size, 0.0, heading_deg, offset, prefix)
+            views += make_along_track_views(sensor, images_per_place, size, 0.0, heading_deg, offset, prefix)
     return tuple(views)
 
 
-def dated_views(
+def make_views_of_dates(
     sensor: Sensor,
     acquisitions: Sequence[Acquisition],
     images: int,
@@ -211,7 +213,7 @@ def dated_views(
     for taken in acquisitions:
         tilt, side = off_nadir_deg * np.sqrt(rng.random()), rng.uniform(0.0, 2.0 * np.pi)
         missed = 0.04 * sensor.gsd_m * min(size) * rng.standard_normal(2)
-        for view in along_track_views(sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()):
+        for view in make_along_track_views(sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()):
             views.append(
                 replace(
                     view, id=f"d{taken.number:0{width}d}_{view.id.rpartition('_')[2]}",

@@ -24,7 +24,7 @@ from ..interest_points.windows import Area
 from .growth import GrowthOptions, GrowthStage, grow_network
 from .network import Network
 from .options import ControlNetworkOptions
-from .refinement import MatchedPositions, refine_matches
+from .refinement import NodePositions, refine_matches
 from .seeding import Seed, SeedOptions, find_seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperPointMatch
 from .tolerances import Tolerance, make_tolerance
@@ -104,7 +104,7 @@ class ControlNetworkMatch:
 
     status: str
     message: str
-    positions: MatchedPositions
+    positions: NodePositions
     kind: np.ndarray
     generation: np.ndarray
     father: np.ndarray
@@ -276,7 +276,7 @@ def match_views(
 
 
 def _make_match(
-    seed: Seed, network: Network, positions: MatchedPositions, first: NetworkWindow, second: NetworkWindow
+    seed: Seed, network: Network, positions: NodePositions, first: NetworkWindow, second: NetworkWindow
 ) -> ControlNetworkMatch:
     there, here = first.to_image(positions.first), second.to_image(positions.second)
     scaled = {
@@ -298,7 +298,7 @@ def _make_failure(
     """Return the result without correspondences, and why."""
     ambiguous = [(match.best.count, match.runner_up) for match in seen if match.status == AMBIGUOUS and match.best]
     nothing = np.empty((0, 2))
-    empty = MatchedPositions(nothing, nothing, *(np.empty(0) for _ in range(4)))
+    empty = NodePositions(nothing, nothing, *(np.empty(0) for _ in range(4)))
     status, message, network, runner_up = NO_MATCH, _explain_failure(first, second, most), 0, 0
     if ambiguous and not most:
         status, (network, runner_up) = AMBIGUOUS, max(ambiguous, key=itemgetter(0))

@@ -33,7 +33,7 @@ class RefinementThresholds:
 REFINEMENT = RefinementThresholds()
 
 
-class MatchedPositions(NamedTuple):
+class NodePositions(NamedTuple):
     """Matched positions: ``first`` and ``second`` (k, 2), sigma (k,) px, correlation (k,), residual (k,) px.
 
     residual_px : distance from the local affine map of the neighbours; epipolar_px : signed distance (k,) from the
@@ -50,7 +50,7 @@ class MatchedPositions(NamedTuple):
 
 def refine_matches(
     network: Network, first: NetworkWindow, second: NetworkWindow, consistency_px: float
-) -> tuple[Network, MatchedPositions]:
+) -> tuple[Network, NodePositions]:
     """Return the nodes that least-squares matching confirms, and their positions."""
     around = fit_local_affine(network.first, network.first, network.second, network.matrix)
     centre = np.floor(network.first + 0.5)
@@ -65,8 +65,8 @@ def refine_matches(
     )
     good &= np.nan_to_num(sigma, nan=np.inf) <= REFINEMENT.largest_sigma_px
     good, residual, across = select_consistent(centre, found.xy, good, network.matrix, consistency_px)
-    positions = MatchedPositions(centre, found.xy, sigma, found.correlation, residual, across)
-    return network.select(good), MatchedPositions(*(column[good] for column in positions))
+    positions = NodePositions(centre, found.xy, sigma, found.correlation, residual, across)
+    return network.select(good), NodePositions(*(column[good] for column in positions))
 
 
 def select_consistent(

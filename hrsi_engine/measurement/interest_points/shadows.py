@@ -112,15 +112,15 @@ def _is_on_shadow_side(
     turn = direction - azimuth_rad[:, None]
     radius = half.prod(axis=1)[:, None] / np.hypot(half[:, 1:] * np.cos(turn), half[:, :1] * np.sin(turn))
 
-    def around(share: float, beyond_px: float) -> np.ndarray:
+    def sample_ring(share: float, beyond_px: float) -> np.ndarray:
         away = share * radius + beyond_px
         return np.asarray(
             interpolate_bilinear(grey, xy[:, :1] + away * np.cos(direction), xy[:, 1:] + away * np.sin(direction))
         )
 
-    inside, beyond = around(SHADOW.inside, 0.0), around(1.0, SHADOW.beyond_px)
+    inside, beyond = sample_ring(SHADOW.inside, 0.0), sample_ring(1.0, SHADOW.beyond_px)
     ground = np.median(beyond[:, others], axis=1)
-    contrast = ground - np.median(around(0.5, 0.0), axis=1)
+    contrast = ground - np.median(sample_ring(0.5, 0.0), axis=1)
     thing = ground - beyond[:, sunny].mean(axis=1)
     halves = inside[:, sunny].mean(axis=1) - inside[:, shady].mean(axis=1)
     return np.asarray(

@@ -26,7 +26,7 @@ import numpy as np
 
 from ...foundation import compiled_code
 from .lsm_arrays import match_batches
-from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchedPatches, MatchImage, Results
+from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, PatchMatches, MatchImage, Results
 
 
 def match_patches(
@@ -36,7 +36,7 @@ def match_patches(
     start: np.ndarray,
     affine: np.ndarray,
     options: LsmOptions | None = None,
-) -> MatchedPatches:
+) -> PatchMatches:
     """Match windows of the first image around whole pixels in the second image.
 
     centre : (n, 2) column, row; start : (n, 2) approximate positions in the second image, to about 2 px
@@ -60,7 +60,7 @@ def match_patches(
     # Compiled loops add in an order that depends on where arrays lie in memory: what is below a millionth of a pixel
     # means nothing and is dropped, so that threads, processes and runs that were stopped give the same points.
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
-    return MatchedPatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
+    return PatchMatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
 
 
 def _has_usable_template(first: MatchImage, centre: np.ndarray, half: int) -> np.ndarray:
@@ -90,11 +90,11 @@ Implementation = Callable[[MatchImage, MatchImage, np.ndarray, "Results", LsmOpt
 
 def _implementation() -> Implementation:
     if compiled_code.is_wanted():
-        return _match_compiled
+        return _match_by_numba
     return match_batches
 
 
-def _match_compiled(
+def _match_by_numba(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     from .lsm_kernels import match_range

@@ -50,7 +50,7 @@ def search_windows(
     if len(rows):
         part = best[rows], figures[rows]
         inputs = centre[rows], best[rows].copy(), direction[rows], np.ascontiguousarray(reach[rows])
-        search = _search_compiled if compiled_code.is_wanted() else _search_arrays
+        search = _search_by_numba if compiled_code.is_wanted() else _search_by_numpy
         search(first, second, inputs, half, part)
         best[rows], figures[rows] = part
     return SearchPeaks(best, figures[:, 0], figures[:, 1], figures[:, 2] > 0.0)
@@ -59,7 +59,7 @@ def search_windows(
 Inputs = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def _search_compiled(
+def _search_by_numba(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
 ) -> None:
     from .lsm_kernels import SIDE_BY_SIDE, compute_window_spreads, search_range
@@ -69,7 +69,7 @@ def _search_compiled(
     search_range(0, len(inputs[0]), first.grey, grey, second.mask_clear(half), spreads, *inputs, half, *results)
 
 
-def _search_arrays(
+def _search_by_numpy(
     first: MatchImage, second: MatchImage, inputs: Inputs, half: int, results: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """NumPy's way: windows of like boxes together."""

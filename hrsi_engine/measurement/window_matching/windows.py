@@ -62,7 +62,7 @@ class LsmOptions:
         return line[:, None] * line
 
 
-class MatchedPatches(NamedTuple):
+class PatchMatches(NamedTuple):
     """Matched windows: positions ``xy (n, 2)`` and ``affine (n, 2, 2)`` in the second image, covariance (n, 2, 2) px²,
     correlation, gain and RMS of the residual grey values (n,), status (n,)."""
 

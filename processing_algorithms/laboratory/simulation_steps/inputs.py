@@ -10,7 +10,12 @@ from ....hrsi_engine.foundation.errors import InputError
 from ....hrsi_engine.laboratory.simulation.acquisitions import draw_acquisitions
 from ....hrsi_engine.laboratory.simulation.options import SceneSpec
 from ....hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError, Sensor
-from ....hrsi_engine.laboratory.simulation.views import SceneView, along_track_views, dated_views, strip_views
+from ....hrsi_engine.laboratory.simulation.views import (
+    SceneView,
+    make_along_track_views,
+    make_strip_views,
+    make_views_of_dates,
+)
 from ..declarations.simulate import VendorErrorOptions, ViewOptions
 
 #: Options that give the vendor's error, and the field of `OrientationError` that each one sets.
@@ -33,12 +38,12 @@ def make_views(options: ViewOptions, vendor: VendorErrorOptions, scene: SceneSpe
         if options.strips * options.places > 1:
             raise InputError("`dates` are taken of one place: leave `strips` and `places` at 1")
         taken_on = draw_acquisitions(options.dates, scene.lat_deg, scene.seed)
-        taken = dated_views(sensor, taken_on, images, size, heading, options.off_nadir, scene.seed)
+        taken = make_views_of_dates(sensor, taken_on, images, size, heading, options.off_nadir, scene.seed)
         across = options.across or None
     elif options.strips * options.places > 1:
-        taken = strip_views(sensor, options.strips, options.places, images, size, options.overlap, heading)
+        taken = make_strip_views(sensor, options.strips, options.places, images, size, options.overlap, heading)
     else:
-        taken = along_track_views(sensor, images, size, heading_deg=heading)
+        taken = make_along_track_views(sensor, images, size, heading_deg=heading)
     angles = _numbers("along", options.along, images) if options.along else None
     error, jitter = _vendor_error(vendor), _jitter(vendor, sensor)
     return tuple(

@@ -22,12 +22,12 @@ from ....hrsi_engine.laboratory.simulated_files import (
     write_laser_points,
 )
 from ....hrsi_engine.laboratory.simulation.free_dem import simulate_free_dem
-from ....hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, free_orthoimage
+from ....hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, simulate_free_orthoimage
 from ....hrsi_engine.laboratory.simulation.laser import simulate_laser
-from ....hrsi_engine.laboratory.simulation.render import multispectral_renderers, orthophoto, renderer
-from ....hrsi_engine.laboratory.simulation.synthesis import SimulatedBlock
-from ....hrsi_engine.laboratory.simulation.truth_tables import truth_document, truth_tables
-from ....hrsi_engine.laboratory.simulation.vendor import multispectral_rpc
+from ....hrsi_engine.laboratory.simulation.render import make_multispectral_renderers, make_orthophoto, make_renderer
+from ....hrsi_engine.laboratory.simulation.synthesis import BlockSimulation
+from ....hrsi_engine.laboratory.simulation.truth_tables import make_truth_document, make_truth_tables
+from ....hrsi_engine.laboratory.simulation.vendor import fit_multispectral_rpc
 from ....hrsi_engine.laboratory.simulation.views import SceneView
 from ...interface.declare import Report
 from ..declarations.simulate import SimulateOptions
@@ -39,7 +39,7 @@ FREE_DEM, FREE_ORTHO = "free_dem.tif", "free_ortho.tif"
 FREE_DEM_SEED, FREE_ORTHO_SEED = 60, 61
 
 
-def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
+def report_simulated_block(simulated: BlockSimulation, record: Report) -> Report:
     """Return what the report says of the block: images with their RPC fits, and how many points there are."""
     truth, roles = simulated.truth, simulated.truth.role
     return {
@@ -60,16 +60,16 @@ def report_simulated_block(simulated: SimulatedBlock, record: Report) -> Report:
     }
 
 
-def write_points_and_truth(folder: Path, simulated: SimulatedBlock) -> list[str]:
+def write_points_and_truth(folder: Path, simulated: BlockSimulation) -> list[str]:
     """Write terrain, points and truth; return the names of the files."""
     terrain = simulated.scene.terrain
     write_dem(str(folder / "dem.tif"), terrain.posts, terrain.geotransform)
     write_ground_points(str(folder / "ground_points.csv"), simulated.block.points)
     write_image_points(str(folder / "image_points.csv"), simulated.block)
-    write_report_json(str(folder / "truth.json"), truth_document(simulated))
+    write_report_json(str(folder / "truth.json"), make_truth_document(simulated))
     layers = [
         Layer(name, "PointZ", WGS84_3D, table.positions, table.columns)
-        for name, table in truth_tables(simulated).items()
+        for name, table in make_truth_tables(simulated).items()
     ]
     write_geopackage(str(folder / "truth.gpkg"), layers)
     return list(TRUTH_FILES)
@@ -88,7 +88,7 @@ def files_of_simulation(views: Sequence[SceneView], options: SimulateOptions) ->
     return [*TRUTH_FILES, *laser, *cameras, *(name for name, made in wanted if made)]
 
 
-def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOptions) -> list[str]:
+def write_laser(folder: Path, simulated: BlockSimulation, options: SimulateOptions) -> list[str]:
     """Write laser points and what is true of them; return the names of the files."""
     if not options.laser.passes:
         return []
@@ -103,7 +103,7 @@ def write_laser(folder: Path, simulated: SimulatedBlock, options: SimulateOption
     return list(LASER_FILES)
 
 
-def write_free_dem(folder: Path, simulated: SimulatedBlock, options: SimulateOptions) -> list[str]:
+def write_free_dem(folder: Path, simulated: BlockSimulation, options: SimulateOptions) -> list[str]:
     """Write a DEM as free ones are; return the names of the files."""
     if not options.free_dem.cell_m:
         return []
@@ -113,19 +113,19 @@ def write_free_dem(folder: Path, simulated: SimulatedBlock, options: SimulateOpt
     return [FREE_DEM]
 
 
-def write_free_ortho(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> Report:
+def write_free_ortho(folder: Path, simulated: BlockSimulation, options: SimulateOptions, progress: Progress) -> Report:
     """Write an orthoimage as free ones are; return by how much it lies beside the truth in its middle."""
     scene, spec = simulated.scene, options.free_ortho
     seen_m = max(0.5 * max(view.size) * view.sensor.gsd_m for view in simulated.views)  # the scene is larger
     errors = draw_ortho_errors(seen_m, spec, [options.scene.seed, FREE_ORTHO_SEED])
-    bands = free_orthoimage(scene, spec, errors)
+    bands = simulate_free_orthoimage(scene, spec, errors)
     threads = thread_count(options.common.threads)
     write_image(str(folder / FREE_ORTHO), bands, None, bands[0].geotransform, threads, stage(progress, 0.99, 1.0))
     east, north = errors.mean_m
     return {"mean_east_m": east, "mean_north_m": north, "error_m": spec.error_m, "corner_m": spec.corner_m}
 
 
-def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOptions, progress: Progress) -> list[str]:
+def write_cameras(folder: Path, simulated: BlockSimulation, options: SimulateOptions, progress: Progress) -> list[str]:
     """Write images, or RPC files in their place, and the orthophoto; return the names of the files."""
     threads = thread_count(options.common.threads)
     count = len(simulated.views) + options.ortho
@@ -138,7 +138,7 @@ def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOpti
             names.append(f"{image.id}_RPC.TXT")
             write_rpc_text(str(folder / names[-1]), image.rpc)
     if options.ortho:
-        ortho = orthophoto(simulated.scene, simulated.scene.finest_gsd_m)
+        ortho = make_orthophoto(simulated.scene, simulated.scene.finest_gsd_m)
         names.append("orthophoto.tif")
         write_image(
             str(folder / names[-1]), [ortho], None, ortho.geotransform, threads, stage(progress, 1 - 1 / count, 1.0)
@@ -147,17 +147,22 @@ def write_cameras(folder: Path, simulated: SimulatedBlock, options: SimulateOpti
 
 
 def _write_images(
-    folder: Path, simulated: SimulatedBlock, index: int, ms: bool, threads: int, progress: Progress
+    folder: Path, simulated: BlockSimulation, index: int, ms: bool, threads: int, progress: Progress
 ) -> list[str]:
     """Write the panchromatic and, where wanted, the multispectral image of a view."""
     image, ratio = simulated.block.images[index], simulated.views[index].sensor.ms_ratio
     names = [f"{image.id}.tif"]
     write_image(
-        str(folder / names[0]), [renderer(simulated, image.id)], image.rpc, None, threads, stage(progress, 0.0, 0.8)
+        str(folder / names[0]),
+        [make_renderer(simulated, image.id)],
+        image.rpc,
+        None,
+        threads,
+        stage(progress, 0.0, 0.8),
     )
     if ms:
         names.append(f"{image.id}_ms.tif")
-        rpc = multispectral_rpc(image.rpc, ratio)
-        bands = multispectral_renderers(simulated, image.id)
+        rpc = fit_multispectral_rpc(image.rpc, ratio)
+        bands = make_multispectral_renderers(simulated, image.id)
         write_image(str(folder / names[1]), bands, rpc, None, threads, stage(progress, 0.8, 1.0))
     return names
