@@ -92,6 +92,17 @@ def test_direction(part: str):
     assert wrong == []
 
 
+def test_the_laboratory_is_apart():
+    """Only the list of algorithms knows it."""
+    rooms = ("hrsi_engine.laboratory", "processing_algorithms.laboratory")
+
+    def is_inside(module: str) -> bool:
+        return any(is_below(module, room) for room in rooms)
+
+    doors = {found.module for found in ALL_IMPORTS if is_inside(found.target) and not is_inside(found.module)}
+    assert doors == {"processing_algorithms"}
+
+
 def test_imports_inside_the_package_are_relative():
     assert [found for found in ALL_IMPORTS if not found.inside and is_below(found.target, "hrsi")] == []
 

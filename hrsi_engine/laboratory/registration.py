@@ -141,7 +141,7 @@ def register_points(
     reject_sigma: float = RegistrationOptions.reject_sigma,
     taking_part: np.ndarray | None = None,
 ) -> Registration:
-    """Return the transformation of a `REGISTRATION_FORMS` model from points ``(n, 2)`` of the first image to the second.
+    """Return the transformation of a `REGISTRATION_FORMS` model of points ``(n, 2)`` of the first image in the second.
 
     ``reject_sigma`` leaves out points whose residual is that many robust standard deviations, 0 keeps all;
     ``taking_part`` masks the points that determine it, the others only get residuals. Raises `InputError` for an

@@ -34,9 +34,9 @@ class LatticeParameters:
     island_m: float = threshold(22.0, "m", "diameter of its island")
 
 
-LATTICE = LatticeParameters()
+LAND_LATTICE = LatticeParameters()
 
-PER_BLOCK = int(LATTICE.block_m / LATTICE.parcel_m)
+PER_BLOCK = int(LAND_LATTICE.block_m / LAND_LATTICE.parcel_m)
 #: Amplitude (m), wave length (m) and direction (radians from the axis) of the sines that bend the lattice.
 BENDS = ((30.0, 1900.0, 0.0), (12.0, 700.0, 0.5))
 
@@ -147,7 +147,7 @@ class Landscape:
     @cached_property
     def block_cover(self) -> np.ndarray:
         """Index into `COVERS` of each block, (rows of v, columns of u)."""
-        blocks = LATTICE.parcels // PER_BLOCK
+        blocks = LAND_LATTICE.parcels // PER_BLOCK
         shares = np.array([cover.share for cover in COVERS])
         rng = np.random.default_rng([self.seed, 11])
         return rng.choice(len(COVERS), size=(blocks, blocks), p=shares / shares.sum())
@@ -165,9 +165,11 @@ class Landscape:
             self.parcel_cover,
             np.kron(rng.random(self.block_cover.shape) < 0.5, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool)),
         )
-        variation = rng.standard_normal((LATTICE.parcels, LATTICE.parcels))
+        variation = rng.standard_normal((LAND_LATTICE.parcels, LAND_LATTICE.parcels))
         if self.date and self.change:
-            own = np.random.default_rng([self.seed, 13, self.date]).standard_normal((LATTICE.parcels, LATTICE.parcels))
+            own = np.random.default_rng([self.seed, 13, self.date]).standard_normal(
+                (LAND_LATTICE.parcels, LAND_LATTICE.parcels)
+            )
             variation = np.sqrt(1.0 - self.change**2) * variation + self.change * own
         rows = np.repeat(variation[:, ::PER_BLOCK], PER_BLOCK, axis=1)
         columns = np.repeat(variation[::PER_BLOCK], PER_BLOCK, axis=0)
@@ -185,13 +187,15 @@ class Landscape:
     def objects(self, half_extent_m: float) -> Objects:
         """Return roofs, tanks and roundabouts within a square around the chart's origin (metres, scaled)."""
         reach = half_extent_m / self.scale
-        spacing = LATTICE.main_road_blocks * LATTICE.block_m
+        spacing = LAND_LATTICE.main_road_blocks * LAND_LATTICE.block_m
         count = int(np.ceil((reach + 100.0) / spacing))
         steps = spacing * np.arange(-count, count + 1)
         crossings = self.from_lattice(np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2))
         island = np.array([680.0, 500.0, 680.0, 560.0, 900.0])
-        outer = make_discs("roundabout", crossings, np.full(len(crossings), LATTICE.roundabout_m), ROAD_GREY)
-        roundabouts = outer.append(make_discs("island", crossings, np.full(len(crossings), LATTICE.island_m), island))
+        outer = make_discs("roundabout", crossings, np.full(len(crossings), LAND_LATTICE.roundabout_m), ROAD_GREY)
+        roundabouts = outer.append(
+            make_discs("island", crossings, np.full(len(crossings), LAND_LATTICE.island_m), island)
+        )
         cells = self._parcels_of("town", reach)
         draw = self._draws(cells, 20, 7)
         cells, draw = cells[draw[:, 0] < 0.8], draw[draw[:, 0] < 0.8]
@@ -214,7 +218,7 @@ class Landscape:
 
     def parcels_within(self, half_extent_m: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels within a square around the chart's origin, ``(n, 2)``."""
-        count = int(np.ceil((half_extent_m / self.scale + 100.0) / LATTICE.parcel_m))
+        count = int(np.ceil((half_extent_m / self.scale + 100.0) / LAND_LATTICE.parcel_m))
         return np.mgrid[-count:count, -count:count].reshape(2, -1).T
 
     def parcel_centres(self, parcels: np.ndarray) -> np.ndarray:
@@ -224,18 +228,18 @@ class Landscape:
     def _parcels_of(self, cover: str, reach: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels of a land cover within reach, ``(n, 2)``."""
         parcels = self.parcels_within(reach * self.scale)
-        return parcels[self.parcel_cover[tuple(parcels.T % LATTICE.parcels)] == COVER_INDEX[cover]]
+        return parcels[self.parcel_cover[tuple(parcels.T % LAND_LATTICE.parcels)] == COVER_INDEX[cover]]
 
     def _draws(self, cells: np.ndarray, stream: int, count: int) -> np.ndarray:
         """Return ``(n, count)`` uniform draws in [0, 1) that belong to each parcel, whatever the scene's extent."""
         table = np.random.default_rng([self.seed, stream]).random(
-            (LATTICE.parcels, LATTICE.parcels, count), dtype=np.float32
+            (LAND_LATTICE.parcels, LAND_LATTICE.parcels, count), dtype=np.float32
         )
-        return table[cells[:, 0] % LATTICE.parcels, cells[:, 1] % LATTICE.parcels].astype(np.float64)
+        return table[cells[:, 0] % LAND_LATTICE.parcels, cells[:, 1] % LAND_LATTICE.parcels].astype(np.float64)
 
     def _centres(self, cells: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Return chart metres of parcel centres moved by ``shift`` (u, v metres)."""
-        return self.from_lattice((cells[:, ::-1] + 0.5) * LATTICE.parcel_m + shift)
+        return self.from_lattice((cells[:, ::-1] + 0.5) * LAND_LATTICE.parcel_m + shift)
 
     def _tanks(self, reach: float) -> Objects:
         cells = self._parcels_of("works", reach)

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from ...foundation.thresholds import threshold, thresholds
 from .acquisitions import YEAR_DAYS, Acquisition, compute_day_of_season
-from .landscape import LATTICE, PER_BLOCK, Landscape, Objects
+from .landscape import LAND_LATTICE, PER_BLOCK, Landscape, Objects
 from .texture import PeriodicField, SensorTexture, Texture
 
 
@@ -69,8 +69,10 @@ class SeasonLandscape(Landscape):
             np.random.default_rng([self.seed, 12]).random(self.block_cover.shape) < 0.5,
             np.ones((PER_BLOCK, PER_BLOCK), dtype=bool),
         )  # the strips of `Landscape.parcel_grey`
-        day = np.where(rng.random((LATTICE.parcels, LATTICE.parcels)) < 0.6, YEAR.winter_crop_day, YEAR.summer_crop_day)
-        day += YEAR.ploughing_spread_d * rng.standard_normal((LATTICE.parcels, LATTICE.parcels))
+        day = np.where(
+            rng.random((LAND_LATTICE.parcels, LAND_LATTICE.parcels)) < 0.6, YEAR.winter_crop_day, YEAR.summer_crop_day
+        )
+        day += YEAR.ploughing_spread_d * rng.standard_normal((LAND_LATTICE.parcels, LAND_LATTICE.parcels))
         rows = np.repeat(day[:, ::PER_BLOCK], PER_BLOCK, axis=1)
         return np.where(by_row, rows, np.repeat(day[::PER_BLOCK], PER_BLOCK, axis=0)) % YEAR_DAYS
 
@@ -170,13 +172,13 @@ def park_cars(landscape: Landscape, half_extent_m: float, taken: Acquisition) ->
     """Return the cars on the roads of a date, on either lane, as painted objects."""
     rng = np.random.default_rng([landscape.seed, 65, taken.number])
     reach = half_extent_m / landscape.scale
-    lines = int(np.ceil((reach + 100.0) / LATTICE.block_m))
+    lines = int(np.ceil((reach + 100.0) / LAND_LATTICE.block_m))
     count = int((2 * lines + 1) * 2 * reach / YEAR.car_spacing_m)
     lattice, ahead = [], []
     for axis in (0, 1):
         place = np.empty((count, 2))
         lane = rng.choice([-1.5, 1.5], count)
-        place[:, axis] = LATTICE.block_m * rng.integers(-lines, lines + 1, count) + lane
+        place[:, axis] = LAND_LATTICE.block_m * rng.integers(-lines, lines + 1, count) + lane
         place[:, 1 - axis] = rng.uniform(-reach, reach, count)
         step = np.zeros(2)
         step[1 - axis] = 1.0

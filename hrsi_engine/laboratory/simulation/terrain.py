@@ -28,7 +28,7 @@ class TerrainParameters:
     cliff_roughness: float = threshold(1.6, "", "H of the relief whose zero line cliffs follow: few and long ones")
 
 
-TERRAIN = TerrainParameters()
+FRACTAL_RELIEF = TerrainParameters()
 
 
 @dataclass(frozen=True)
@@ -152,11 +152,11 @@ def make_fractal_terrain(
     count = 2 * half + 1
     heights = np.zeros((count, count), dtype=np.float32)
     if relief_m > 0.0:
-        hills = make_fractal_relief(count, TERRAIN.roughness, np.random.default_rng([seed, 1]))
+        hills = make_fractal_relief(count, FRACTAL_RELIEF.roughness, np.random.default_rng([seed, 1]))
         heights += relief_m * (hills - hills.min()) / np.ptp(hills)
     if cliff_m > 0.0:
         heights += cliff_m * (
-            make_fractal_relief(count, TERRAIN.cliff_roughness, np.random.default_rng([seed, 2])) > 0.0
+            make_fractal_relief(count, FRACTAL_RELIEF.cliff_roughness, np.random.default_rng([seed, 2])) > 0.0
         )
     heights += mean_height_m - heights.mean()
     return TerrainSurface(chart, heights.astype(np.float32), -half * post_m, half * post_m, post_m)

@@ -18,7 +18,7 @@ from scipy import fft, ndimage
 from scipy.special import ndtr
 
 from ...foundation.thresholds import threshold, thresholds
-from .landscape import LATTICE, ROAD_GREY, Landscape, Objects
+from .landscape import LAND_LATTICE, ROAD_GREY, Landscape, Objects
 
 #: Width of the ramp with the same slope at the middle as a Gaussian edge of unit standard deviation.
 RAMP = np.float32(np.sqrt(2.0 * np.pi))
@@ -192,12 +192,12 @@ class SensorTexture:
         row, y = self._border_mixture(v)
         landscape = self.landscape
         tables = (landscape.parcel_grey[self.band], *landscape.parcel_contrast)
-        grey, contrast, canopy = (_blend_fields(table, row, column, x, y, LATTICE.parcels - 1) for table in tables)
+        grey, contrast, canopy = (_blend_fields(table, row, column, x, y, LAND_LATTICE.parcels - 1) for table in tables)
         fine, broad, crowns, *season = (sample_periodic(*field, e, n) for field in self.fields)
         own, snow = fine, None
         if season and isinstance(landscape, LandscapeOfDate):
             share, hold = (
-                _blend_fields(table, row, column, x, y, LATTICE.parcels - 1) for table in landscape.parcel_season
+                _blend_fields(table, row, column, x, y, LAND_LATTICE.parcels - 1) for table in landscape.parcel_season
             )
             own = np.sqrt(1.0 - share**2) * fine + share * season[0]
             if landscape.snow:
@@ -217,18 +217,18 @@ class SensorTexture:
 
     def _border_mixture(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the parcel before the nearest border and the share of the one behind it."""
-        position = u / np.float32(LATTICE.parcel_m)
+        position = u / np.float32(LAND_LATTICE.parcel_m)
         border = np.rint(position)
-        width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3)) / np.float32(LATTICE.parcel_m)
+        width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3)) / np.float32(LAND_LATTICE.parcel_m)
         share = np.clip((position - border) / width + np.float32(0.5), 0.0, 1.0)
         return border.astype(np.int32) - 1, share
 
     def _roads_along(self, u: np.ndarray) -> np.ndarray:
-        position = u / np.float32(LATTICE.block_m)
+        position = u / np.float32(LAND_LATTICE.block_m)
         border = np.rint(position)
-        main = np.rint(border / LATTICE.main_road_blocks) * LATTICE.main_road_blocks == border
-        half = np.where(main, np.float32(LATTICE.main_road_half_m), np.float32(LATTICE.road_half_m))
-        inside = half - np.abs(position - border) * np.float32(LATTICE.block_m)
+        main = np.rint(border / LAND_LATTICE.main_road_blocks) * LAND_LATTICE.main_road_blocks == border
+        half = np.where(main, np.float32(LAND_LATTICE.main_road_half_m), np.float32(LAND_LATTICE.road_half_m))
+        inside = half - np.abs(position - border) * np.float32(LAND_LATTICE.block_m)
         width = max(RAMP * np.float32(self.sigma_m), np.float32(1e-3))
         return np.clip(inside / width + np.float32(0.5), 0.0, 1.0)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...block.points import ROLE_LABELS, Role
 from .acquisitions import Acquisition
-from .landscape import LATTICE, SPECTRAL_BANDS
+from .landscape import LAND_LATTICE, SPECTRAL_BANDS
 from .pushbroom import PushbroomCamera
 from .seasons import SeasonLandscape, park_cars
 from .sensors import OrientationError
@@ -176,7 +176,7 @@ def _tabulate_changes(simulated: BlockSimulation) -> TruthTable:
     standing, bare = year.standing(-1.0), None
     for taken in simulated.acquisitions:
         season = SeasonLandscape.from_acquisition(scene.landscape, taken, scene.spec.lat_deg)
-        now, ploughed = year.standing(taken.day), season.ploughed[tuple(parcels.T % LATTICE.parcels)]
+        now, ploughed = year.standing(taken.day), season.ploughed[tuple(parcels.T % LAND_LATTICE.parcels)]
         rows.append(("built", taken, objects.position_m[now & ~standing]))
         rows.append(("torn", taken, objects.position_m[standing & ~now]))
         before = ploughed if bare is None else bare

@@ -26,7 +26,7 @@ import numpy as np
 
 from ...foundation import compiled_code
 from .lsm_arrays import match_batches
-from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, PatchMatches, MatchImage, Results
+from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, PatchMatches, Results
 
 
 def match_patches(
